@@ -17,8 +17,8 @@ from granphon.base.threads import count_processors
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say_table
 
-#: names in the registry of the packages whose versions are told: those of the core, of the extras,
-#: and those that are used where they are installed
+#: the packages whose versions are told, by their names in the registry: those of the core, of the
+#: extras, and those that are used where they are installed
 PACKAGES = [
     *("numpy", "scipy", "numba", "rslab", "ase", "phonopy", "spglib"),
     *("PyYAML" if name == "yaml" else name for brought in EXTRAS.values() for name in brought),
@@ -47,9 +47,7 @@ def describe_system() -> None:
         words = (failure or "loaded").replace(str(Path.home()), "")
         rows.append((name, re.sub(r"\S*[\\/]", "", words)))
     rows.append(("cores", f"{os.cpu_count()}, of which {count_processors()} may be used"))
-    variables = os.environ.items()
-    threads = [f"{name}={n}" for name, n in variables if name.endswith("_THREADS") and n.isdigit()]
-    rows.append(("threads", ", ".join(threads) or "as the libraries choose"))
+    rows.append(("threads", ", ".join(_list_thread_counts()) or "as the libraries choose"))
     memory = available_memory()
     rows.append(("memory", write_quantity(memory, "B") if math.isfinite(memory) else "not known"))
     caches = {
@@ -58,3 +56,11 @@ def describe_system() -> None:
     }
     writable = [name for name, folder in caches.items() if os.access(folder, os.W_OK)]
     say_table([*rows, ("writable caches", ", ".join(writable) or "none")])
+
+
+def _list_thread_counts() -> list[str]:
+    """Return the variables of the environment that set numbers of threads, "OMP_NUM_THREADS=1"; a
+    variable whose value is no number is left out.
+    """
+    variables = os.environ.items()
+    return [f"{name}={n}" for name, n in variables if name.endswith("_THREADS") and n.isdigit()]

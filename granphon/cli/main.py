@@ -53,10 +53,12 @@ _USAGE_ERROR = next(
 @contextmanager
 def _take_signals_and_warnings() -> Iterator[None]:
     """Within the with-block, treat SIGTERM (a batch system's time limit, ``kill``) as an
-    interruption, so that the work is cleaned up.
+    interruption, so that the work is cleaned up; in another thread than the main one, which cannot
+    set a handler, signals are left as they are.
 
     A warning about a file that carries no digest or whose numbers contradict each other, or about
-    what numba keeps, is printed as one line, once; others are shown as usual.
+    the folder in which numba keeps compiled loops, is printed as one line, once; other warnings are
+    shown as usual.
     """
     show_as_usual = warnings.showwarning
 
@@ -68,7 +70,9 @@ def _take_signals_and_warnings() -> Iterator[None]:
         file: Any = None,
         line: Any = None,
     ) -> None:
-        """Print a warning; the arguments are those of :func:`warnings.showwarning`."""
+        """Print a warning of files or of numba's folder in one line, and show another one as usual;
+        the arguments are those of :func:`warnings.showwarning`.
+        """
         if issubclass(category, UnverifiedFileWarning | InconsistencyWarning | CacheWarning):
             warn_of_file(str(message))
         else:
@@ -81,8 +85,9 @@ def _take_signals_and_warnings() -> Iterator[None]:
         earlier_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with warnings.catch_warnings():
-            for of_files in (UnverifiedFileWarning, InconsistencyWarning):
-                warnings.simplefilter("always", of_files)
+            # each file is told, also where Python would show warnings of one line of code once
+            for category in (UnverifiedFileWarning, InconsistencyWarning):
+                warnings.simplefilter("always", category)
             warnings.showwarning = show_warning
             forget_warnings()
             yield
@@ -139,7 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _explain_usage(error: Any) -> str:
     """Return the message of a usage ``error`` of typer, and behind it the command that prints the
-    help of the subcommand at fault.
+    help of the subcommand at fault, or of granphon if no subcommand is.
     """
     message = error.format_message().rstrip(".")
     if not message.endswith("?"):

@@ -89,7 +89,7 @@ def draw_mode(
     """
 
     def draw(file: Path, *mode: Any, **options: Any) -> None:
-        """Draw a mode into a ``file``; the arguments are those of :func:`_write_picture`."""
+        """Draw a mode into a ``file``; :func:`_write_picture` says what the arguments are."""
         from granphon.figures.modes import mode_figure
         from granphon.figures.style import save_figure
 
@@ -129,8 +129,8 @@ def animate_scene(
     """
 
     def draw(file: Path, *mode: Any, **options: Any) -> None:
-        """Write the animation of a mode into a ``file``; the arguments are those of
-        :func:`_write_picture`.
+        """Write the animation of a mode into a ``file``; :func:`_write_picture` says what the
+        arguments are.
         """
         from granphon.figures.modes import animate_mode
         from granphon.figures.style import save_animation
@@ -148,9 +148,10 @@ class ModeChoice(NamedTuple):
     ----------
     point : the wave vector, the option --at.
     branch : number of the branch, from 0, in ascending frequency.
-    cells : numbers of cells to draw along the lattice vectors; None for those of the figure.
-    direction : the direction from which a point where branches touch is approached; None for that
-        of the scene.
+    cells : numbers of cells to draw along the lattice vectors, between spaces; None for those of
+        the figure.
+    direction : the direction from which a point where branches touch is approached, components
+        between spaces; None for that of the scene.
     """
 
     point: str
@@ -159,8 +160,9 @@ class ModeChoice(NamedTuple):
     direction: str | None
 
     def read(self, scene: Scene) -> tuple[Any, dict[str, Any]]:
-        """Return the wave vector (3,) in fractions of the reciprocal cell, and the keywords
-        ``direction`` and ``cells`` of the functions that draw modes.
+        """Return the wave vector (3,) in fractions of the reciprocal cell, and keywords of the
+        functions that draw modes: ``direction``, by default the first of the ``scene``, else x; and
+        ``cells``, if they are given.
 
         Raises :class:`~granphon.base.errors.InputError` for an option that the lattice of the
         ``scene`` does not allow.
@@ -197,11 +199,11 @@ def _write_picture(
     force: bool,
 ) -> None:
     """Read the scene in the file ``scene_file``, and draw the mode of the ``choice`` into the file
-    ``out``, whose name has one of the ``endings``; ``force`` allows to replace a file. The file
-    arrives whole or not at all.
+    ``out``, as :func:`~granphon.cli.terminal.write_of_scene` writes: the name has one of the
+    ``endings``, and with ``force`` a file of that name is replaced.
 
     The function ``draw`` draws. It takes the path of a file, the phonons, the wave vector (3,) in
-    fractions of the reciprocal cell, the branch, and the keywords ``direction`` and ``cells``.
+    fractions of the reciprocal cell, the branch, and the keywords of :meth:`ModeChoice.read`.
     """
     why = "A mode is drawn of one state"
     with write_of_scene(scene_file, out, endings, force, why) as (scene, staged_file):

@@ -56,7 +56,7 @@ PRESETS = (
 )
 #: time of a run from which on it is announced, s
 _LONG_SECONDS = 10.0
-#: groups of the options of ``run`` in its help
+#: group of the options of ``run`` that say which files it writes
 _FILES = "Files"
 
 
@@ -122,8 +122,9 @@ def check_scene(scene_file: SceneFile, values: Values = None) -> None:
 
 
 def _read_values(options: list[str] | None) -> dict[str, str]:
-    """Return the values, texts by key, of options --set such as "load.force=18.4 N"; InputError for
-    an option without key or value, and for a key that is given twice.
+    """Return the values, texts by key, of options --set such as "load.force=18.4 N", none if
+    ``options`` is None; InputError for an option without key or value, and for a key that is given
+    twice.
     """
     values = {}
     for option in options or ():

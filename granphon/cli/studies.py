@@ -135,8 +135,12 @@ def fit_measurements(
     table = Table.read(data)
     # whether the table has velocities, or what they are found from
     has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
-    # the response that the scene expects in the table; empty if it expects none
-    quantity = "" if scene.response is None or has_sound else scene.response.quantity
+    has_crystal = bool(scene.packing.kind_names)  # velocities are fitted to a packing only
+    quantity = ""  # of the response that the scene expects in the table; empty if it expects none
+    if not has_sound and scene.response is not None:
+        quantity = scene.response.quantity
+    elif not has_sound and has_crystal:
+        quantity = "displacement"
     if has_transfer(table, columns, quantity):
         options_of_velocities = {
             "--frequency": frequency,
@@ -148,9 +152,10 @@ def fit_measurements(
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
 
-        def find_response_fit(varied_scene: Scene, _: str | None) -> DampingFit:
+        def find_response_fit(varied_scene: Scene, _distance: str | None) -> DampingFit:
             """Return the fit to the transfer function for the values that a scene has.
-            :func:`_fit_with_errors` calls this with the given scene and with shifted scenes.
+            :func:`_fit_with_errors` calls this with the given scene and with shifted scenes; a
+            response has no distance.
             """
             return _fit_response(scene_file, varied_scene, data, columns, parameters)
 
@@ -158,10 +163,9 @@ def fit_measurements(
         rows = [*describe_response_fit(response_fit), *rows_of_inputs]
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
-    expects_transfer = scene.packing.kind_names or scene.response is not None
-    if expects_transfer and not has_sound:
-        # this raises the error that names the column which the transfer function lacks
-        TransferFunction.read(data, columns)
+    if quantity:
+        # the table lacks a column of the transfer function: this raises the error that names it
+        TransferFunction.read(data, columns, quantity)
     options = _VelocityOptions(
         parameters, width, branch or "longitudinal", frequency, distance, sigma, direction
     )
@@ -172,8 +176,8 @@ def fit_measurements(
 
 class _VelocityOptions(NamedTuple):
     """The options of a fit of velocities, see :func:`fit_measurements`: names of the fitted
-    ``parameters`` beside the width, whether the ``width`` is fitted, the ``branch``, and texts or
-    None.
+    ``parameters`` beside the width, whether the ``width`` is fitted, the ``branch``, and the texts
+    of the other options; None in place of an option that is not given.
     """
 
     parameters: tuple[str, ...]
@@ -193,9 +197,10 @@ def _fit_velocities(
     columns: Mapping[str, str],
     options: _VelocityOptions,
 ) -> tuple[WidthFit, list[str], list[tuple[str, str]]]:
-    """Return the fit to the velocities of a ``table``, the file ``data`` with these ``columns``,
-    or to the one velocity of a table of traces; sentences about what the fit takes; and the rows of
-    inputs of :func:`_fit_with_errors`.
+    """Return the fit to the velocities of a ``table``, the file ``data`` with these ``columns``, or
+    to the one velocity of a table of traces; notes on what the fit takes that was not given, and on
+    what it does not use; and the rows of inputs of :func:`_fit_with_errors`. Warnings on traces are
+    printed before the fit.
     """
     from granphon.fits.fit import fit_width
     from granphon.fits.trace_files import has_traces
@@ -269,27 +274,46 @@ def _fit_velocities(
             f"{scene_file} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
         )
-    notes += _list_unused(scene_file, scene, data)
     names_direction = options.direction is not None or scene.direction is not None
+    notes += _list_notes(scene_file, scene, data, fit, names_direction=names_direction)
+    return fit, notes, rows_of_inputs
+
+
+def _list_notes(
+    scene_file: str, scene: Scene, data: str, fit: WidthFit, *, names_direction: bool
+) -> list[str]:
+    """Return a note if the ``scene`` has several loads, which a fit to the table ``data`` does not
+    use, and one if sound depends on its direction and neither the scene nor an option
+    ``names_direction``.
+    """
+    notes = list[str]()
+    n_loads = len(scene.load.values)
+    if n_loads > 1:
+        notes.append(
+            f"the {n_loads} loads of {scene_file} are not used: a fit takes the loads of {data}"
+        )
     if not names_direction and not fit.is_isotropic:
         notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene_file}"
         )
-    return fit, notes, rows_of_inputs
+    return notes
 
 
 def _fit_with_errors(
     find: Callable[[Scene, str | None], FitT], scene: Scene, distance: str | None = None
 ) -> tuple[FitT, list[tuple[str, str]]]:
-    """Return the fit that ``find`` finds for a scene and a text of the option --distance, and rows
-    (name, text) of a table.
+    """Return the fit that ``find`` finds for a ``scene`` and a text of the option --distance, and
+    rows (name, text) of a table. ``distance`` is that text, perhaps with a standard error; None
+    without the option.
 
     The standard errors of the fit contain the part that follows from the standard errors of the
     scene's parameters and of the distance. To find this part, the fit is found again with each of
     these inputs smaller and larger by its error. The rows say for each fitted parameter how large
     the part is and which input gives most of it; there are none if no input has an error.
+
+    InputError if the error of the distance is as large as the distance.
     """
     import numpy as np
 
@@ -313,6 +337,9 @@ def _fit_with_errors(
         for lower_scene, upper_scene in scene.shifted
     ]
     if distance_error:
+        if distance_error >= distance_value:
+            problem = f"--distance is {distance}, whose error is as large as the distance"
+            raise InputError(problem, mend="Give a distance that is known better")
         shorter = f"{distance_value - distance_error!r} m"
         longer = f"{distance_value + distance_error!r} m"
         inputs.append("--distance")
@@ -343,8 +370,9 @@ def _prepare_files(
     """Return the files of the output ``name`` that are to be written into the folder ``out``; None
     without a folder.
 
-    Raises an error, before anything is computed, if a file exists that ``force`` may not replace,
-    or if a file is one of the ``inputs``. Writes nothing.
+    Raises OutputError, before anything is computed, if the folder cannot hold the files, and its
+    subclass FileExistsInRunError if a file exists that ``force`` may not replace, or if a file is
+    one of the ``inputs``. An earlier result that was cut off while its files moved is completed.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.outputs import OUTPUTS
@@ -354,17 +382,6 @@ def _prepare_files(
     files = ResultFiles(out, OUTPUTS[name].files, force, inputs=inputs)
     files.require_free()
     return files
-
-
-def _list_unused(scene_file: str, scene: Scene, data: str) -> list[str]:
-    """Return a note on each thing in the scene that a fit to the table ``data`` does not use."""
-    notes = list[str]()
-    n_loads = len(scene.load.values)
-    if n_loads > 1:
-        notes.append(
-            f"the {n_loads} loads of {scene_file} are not used: a fit takes the loads of {data}"
-        )
-    return notes
 
 
 def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
@@ -394,8 +411,9 @@ def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
 
 
 def _refuse_options(options: Mapping[str, str | None], data: str, content: str) -> None:
-    """Raise InputError if one of the ``options``, values by name, is given. They are for
-    velocities, and the table ``data`` has other ``content``, such as a transfer function.
+    """Raise InputError if one of the ``options`` is given. These are values by name, None of an
+    option that is not given. They are for velocities, and the table ``data`` has other ``content``,
+    such as a transfer function.
     """
     for name, value in options.items():
         if value is not None:
@@ -404,8 +422,9 @@ def _refuse_options(options: Mapping[str, str | None], data: str, content: str) 
 
 
 def _require_fitted(width: bool, parameters: Sequence[str]) -> None:
-    """Raise InputError if nothing is fitted, neither the ``width`` nor any of the ``parameters``,
-    or if the width is both kept and fitted.
+    """Raise InputError if nothing is fitted, neither the width, which --no-width keeps if ``width``
+    is false, nor any of the ``parameters``; or if --no-width keeps the width and the parameters
+    name it.
     """
     if "width" in parameters and not width:
         problem = "--no-width keeps the width, and --parameter width fits it"
@@ -472,8 +491,8 @@ def _place_traced(
     show, with its standard error, and the contact force of the one load of the ``scene``.
 
     A pressure is converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
-    InputError if the scene, of the file ``scene_file``, has several loads, or a load of a kind that
-    gives no contact force.
+    InputError if the scene, of the file ``scene_file``, has several loads, or a load that is no
+    force, pressure or side_force.
     """
     import numpy as np
 
@@ -594,9 +613,9 @@ def _finish_fit(
     notes: Sequence[str],
     table: list[tuple[str, str]],
 ) -> None:
-    """Write the ``files`` of a ``fit`` into the folder ``out``, unless both are None. Then print
-    the ``notes`` as warnings, with the reason if the figure could not be drawn, the rows of the
-    ``table``, and the names of the files.
+    """Write the ``files`` of a ``fit`` into the folder ``out``; both are None without the option
+    --out. Then print the ``notes`` as warnings, with the reason if the figure could not be drawn,
+    the rows of the ``table``, and the names of the files.
     """
     failures: dict[str, str] = {}
     if files is not None:
@@ -752,8 +771,8 @@ def _stage_study(locked: ResultFiles, name: str, value: Any) -> dict[str, str]:
 
 
 def _say_written(out: str | None, name: str, failures: Mapping[str, str]) -> None:
-    """Print the names of the files of the output ``name`` in the folder ``out``, without the
-    figures that failed.
+    """Print the names of the files of the output ``name`` that were written into the folder
+    ``out``: all but those in ``failures``. Print nothing if ``out`` is None.
     """
     from granphon.scene.outputs import OUTPUTS
 

@@ -98,9 +98,9 @@ def fail(text: str, code: int) -> int:
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the ``path`` given for ``option`` is empty
-    or consists of dashes alone: other programs take one dash for a stream, and two dashes for the
-    end of the options, so that neither is meant as a name.
+    """Raise :class:`~granphon.base.errors.InputError` if the ``path`` given for ``option``, None if
+    none is given, is empty or consists of dashes alone: other programs take one dash for a stream,
+    and two dashes for the end of the options, so that neither is meant as a name.
     """
     if path == "":
         mend = "Name a file or folder; perhaps a shell variable is not set"
@@ -121,12 +121,16 @@ class Interrupted(Exception):
 def write_of_scene(
     scene_file: str, out: str, endings: Sequence[str], force: bool, why_single: str = ""
 ) -> Iterator[tuple[Scene, Path]]:
-    """Read the scene in the file ``scene_file``, and yield it with the path at which the with-block
-    writes the file ``out``, which arrives whole or not at all.
+    """Read the scene in the file ``scene_file``, and yield it with the path of a temporary file, at
+    which the with-block writes. At the end of the block that file becomes the file ``out``, and a
+    line says so; if the block raises, ``out`` is as it was before.
+
+    ``why_single`` is the reason for which the with-block takes scenes of one state; empty if it
+    takes others too.
 
     Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if
-    the scene has several states and the with-block takes a single state, as ``why_single`` says;
-    and FileExistsInRunError if there is such a file which ``force`` may not replace.
+    the scene has several states and ``why_single`` is given; and FileExistsInRunError if ``out`` is
+    there and ``force`` may not replace it.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
@@ -231,33 +235,40 @@ def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
     that each serves, and the least and the greatest expected error; no row if no medium is
     automatic.
     """
-    choices = [
+    chosen_media = [
         serving
         for planned in scene.plan.checked_cases
         for serving in planned.serving_media
         if serving.chosen_automatically
     ]
-    if not choices:
+    if not chosen_media:
         return []
     counts: dict[str, int] = {}  # number of states by the label of the medium
-    for serving in choices:
+    for serving in chosen_media:
         label = serving.medium.label
         counts[label] = counts.get(label, 0) + len(serving.loads)
-    names = [*counts]
-    if len(counts) > 1:
-        names = [f"{label} at {counted(count, 'state')}" for label, count in counts.items()]
-        # the states of the media that are not named are counted together
-        n_others = sum([*counts.values()][_MOST_CHOICES:])
-        if n_others:
-            names = [*names[:_MOST_CHOICES], f"others at {counted(n_others, 'state')}"]
-    errors = [error for serving in choices for error in serving.errors.tolist()]
+    errors = [error for serving in chosen_media for error in serving.errors.tolist()]
     words = "exact for equal balls"
     if max(errors):
         # of equal ends one is written
         ends = dict.fromkeys(f"{error:.2g}" for error in (min(errors), max(errors)))
-        truths = dict.fromkeys(str(serving.truth) for serving in choices)
+        truths = dict.fromkeys(str(serving.truth) for serving in chosen_media)
         words = f"expected error {' to '.join(ends)} against {' and '.join(truths)}"
-    return [("chosen", f"{', '.join(names)}, {words}")]
+    return [("chosen", f"{_name_media(counts)}, {words}")]
+
+
+def _name_media(counts: dict[str, int]) -> str:
+    """Return the labels of media with the number of states that each serves, from these ``counts``
+    by label: "ema at 3 states, afa at 2 states"; of one medium the label alone. The states of the
+    media beyond the first few are counted together.
+    """
+    if len(counts) == 1:
+        return next(iter(counts))
+    texts = [f"{label} at {counted(count, 'state')}" for label, count in counts.items()]
+    n_others = sum([*counts.values()][_MOST_CHOICES:])
+    if n_others:
+        texts = [*texts[:_MOST_CHOICES], f"others at {counted(n_others, 'state')}"]
+    return ", ".join(texts)
 
 
 def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
@@ -363,9 +374,9 @@ def _tell_strongest(parameters: dict[str, str]) -> list[tuple[str, str]]:
 
 
 def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, str]:
-    """Return for each number of a ``result``, by its label in lower case, the parameter that causes
-    most of its standard error. ``parameters`` has these by the names of the numbers; numbers that
-    the table of the result does not show are left out.
+    """Return for each number in the table of a ``result``, by its label in lower case, the
+    parameter that causes most of its standard error. ``parameters`` has these parameters by the
+    names of numbers, of which the table does not show all.
     """
     sources = {}
     for name, parameter in parameters.items():
@@ -392,8 +403,11 @@ def _describe_design(numbers: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     """Return the text of a ``value`` in the SI ``unit``, or of the least and the greatest of
-    several values. If the standard ``error``, of the same shape, is not None, it is written too and
-    decides how many digits the value has; without an error the value has so many ``digits``.
+    several values, with so many ``digits``.
+
+    If the standard ``error``, of the same shape, is not None, it is written too. It then decides
+    how many digits a single value has; several values have five, and behind them stand the least
+    and the greatest error.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
@@ -466,7 +480,9 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 
 def _write_valued(value: float, error: float, unit: str) -> str:
-    """Return the text of a fitted value with its standard error, both in the SI ``unit``."""
+    """Return the text of a fitted value with its standard error, both in the SI ``unit``, which is
+    empty for a number; an error that is nan or infinite is not known.
+    """
     if not math.isfinite(error):
         return f"{write_quantity(value, unit)}, error not known"
     if not unit:  # a number takes no prefix
@@ -548,8 +564,8 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
 
 
 def _describe_point(point: MeasuredPoint) -> tuple[str, ...]:
-    """Return the eleven cells of the row of a point in the table of a trade-off; a point that was
-    not run has the reason in the last cell.
+    """Return the eleven cells of the row of a point in the table of a trade-off. A point that was
+    not run has the reason in the last cell, and no numbers; one without errors has "?" for them.
     """
     if point.failure and not point.seconds:
         no_numbers = ("",) * 8

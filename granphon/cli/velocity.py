@@ -78,11 +78,10 @@ def find_velocity(
       granphon velocity traces.csv --method correlation -o velocity.pdf
       granphon velocity near.csv far.csv --distances "0 mm, 152.4 mm"
     """
-    from granphon.base.quantities import FREQUENCY, TIME
+    from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.fits.trace_files import TIMES
-    from granphon.fits.traces import THRESHOLD, Traces
+    from granphon.fits.traces import Traces
 
     require_name("--out", out)
     target = Path(out)
@@ -94,22 +93,7 @@ def find_velocity(
     places, errors = (None, []) if distances is None else _read_distances(distances)
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
     traces = Traces.read(data, places, step)
-    cutoff: float | str | None = lowpass
-    if lowpass == _NO_FILTER:
-        cutoff = None
-    elif lowpass != "auto":
-        cutoff = require("--lowpass", FREQUENCY.read, lowpass)
-    options: dict[str, Any] = {
-        "method": method,
-        "threshold": THRESHOLD if threshold is None else threshold,
-        "frequency": None,
-        "lowpass": cutoff,
-        "quiet": None,
-    }
-    if frequency is not None:
-        options["frequency"] = require("--frequency", FREQUENCY.read, frequency)
-    if quiet_until is not None:
-        options["quiet"] = require("--quiet-until", TIMES.read, quiet_until)
+    options = _read_options(method, threshold, frequency, lowpass, quiet_until)
     velocity = traces.velocity(**options)
     if any(errors):
         # the errors of the distances are independent of each other and of that of the arrivals
@@ -120,6 +104,35 @@ def find_velocity(
     warn(velocity.warnings)
     say_table(_describe(traces, velocity))
     say(f"Wrote {out}")
+
+
+def _read_options(
+    method: str,
+    threshold: float | None,
+    frequency: str | None,
+    lowpass: str,
+    quiet_until: str | None,
+) -> dict[str, Any]:
+    """Return the options of :meth:`Traces.velocity`, SI, from those of :func:`find_velocity`;
+    without the options that are not given.
+    """
+    from granphon.base.quantities import FREQUENCY
+    from granphon.base.validation import require
+    from granphon.fits.trace_files import TIMES
+
+    cutoff: float | str | None = lowpass
+    if lowpass == _NO_FILTER:
+        cutoff = None
+    elif lowpass != "auto":
+        cutoff = require("--lowpass", FREQUENCY.read, lowpass)
+    options: dict[str, Any] = {"method": method, "lowpass": cutoff}
+    if threshold is not None:
+        options["threshold"] = threshold
+    if frequency is not None:
+        options["frequency"] = require("--frequency", FREQUENCY.read, frequency)
+    if quiet_until is not None:
+        options["quiet"] = require("--quiet-until", TIMES.read, quiet_until)
+    return options
 
 
 def _read_distances(option: str) -> tuple[list[float], list[float]]:
@@ -138,9 +151,10 @@ def _read_distances(option: str) -> tuple[list[float], list[float]]:
 
 
 def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:
-    """Return for each sensor by how much the velocity, m/s, changes if the distance of the sensor
-    is larger by its standard error, (n,) m, in ``errors``: half the difference of the velocities
-    for the larger and the smaller distance. The ``options`` are those of :meth:`Traces.velocity`.
+    """Return for each of the m sensors by how much the velocity, m/s, changes if the distance of
+    the sensor is larger by its standard error, in ``errors`` (m,), m: half the difference of the
+    velocities for the larger and the smaller distance. The ``options`` are those of
+    :meth:`Traces.velocity`.
     """
     effects = []
     for sensor, error in enumerate(errors):
@@ -156,7 +170,9 @@ def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> li
 
 
 def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:
-    """Draw the traces and the arrivals of the pulse into the file ``path``."""
+    """Draw the traces and the arrivals of the pulse, as the ``velocity`` has them, into the file
+    ``path``.
+    """
     from granphon.figures.style import save_figure
     from granphon.figures.traces import traces_figure
 

@@ -23,6 +23,7 @@ from granphon.figures.scales import (
     find_axis,
     hide_axes,
     make_error_handle,
+    read_errors,
     styled_figure,
 )
 
@@ -36,11 +37,11 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Flags
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix
-from granphon.base.validation import real_array
+from granphon.base.validation import positive, real_array
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import BLUE, FRAME, VERMILION, print_hertz
+from granphon.figures.style import BLUE, FRAME, VERMILION, write_hertz
 from granphon.figures.views import HALO, Painter, View
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
@@ -116,17 +117,17 @@ def find_reciprocal(bands: Bands) -> Array:
     return np.asarray(np.linalg.inv(bands.cell[: bands.periods, : bands.periods]).T)
 
 
-def print_label(label: str) -> str:
-    """Return the label of a corner as it is printed: Γ for G, and an index as a subscript; the two
-    names at a jump, as "K|M", each for itself.
+def write_corner(label: str) -> str:
+    """Return the ``label`` of a corner as it stands in a figure: Γ for G, and an index as a
+    subscript; of the two names at a jump, as "K|M", each in this way.
     """
-    printed_names = []
+    names_in_figure = []
     for name in label.split("|"):
         if name in ("G", "GAMMA", "Gamma"):
-            printed_names.append("Γ")
+            names_in_figure.append("Γ")
         else:
-            printed_names.append(re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", name))
-    return "|".join(printed_names)
+            names_in_figure.append(re.sub(r"^([A-Z])(\d+)$", r"$\\mathrm{\1}_{\2}$", name))
+    return "|".join(names_in_figure)
 
 
 def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any) -> None:
@@ -135,7 +136,7 @@ def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any
     """
     for corner in corners[1:-1].tolist():
         ax.axvline(corner, color=FRAME, linewidth=0.5, zorder=0.5)
-    ax.set_xticks(corners, [print_label(label) for label in labels], **options)
+    ax.set_xticks(corners, [write_corner(label) for label in labels], **options)
     ax.tick_params(axis="x", length=0)
     ax.set(xlabel="Wave vector", xlim=corners[[0, -1]])
 
@@ -161,9 +162,9 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ends = ends_of_segments[..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
-        shown_view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
-        outline = _draw_zone_in_space(ax, faces, shown_view)
-        paper_ends = shown_view.project(ends)
+        view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
+        outline = _draw_zone_in_space(ax, faces, view)
+        paper_ends = view.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
         style: dict[str, Any] = {"facecolor": "white", "edgecolor": "0.3", "linewidth": 0.7}
@@ -245,13 +246,13 @@ def _name_corners_of_zone(
     """Draw a dot and a name at each corner of a path. On the paper the segments of the path have
     the ``ends`` (n, 2, 2), and the zone has an ``outline`` with the corners (m, 2).
     """
-    corners = {}  # places (2,) by the printed names
+    corners = {}  # places (2,) by the names in the figure
     for segment, (start, end) in enumerate(ends):
         # at a jump "K|M" a segment ends at K, and the next segment starts at M
         name_of_start = labels[segment].split("|")[-1]
         name_of_end = labels[segment + 1].split("|")[0]
-        corners[print_label(name_of_start)] = start
-        corners[print_label(name_of_end)] = end
+        corners[write_corner(name_of_start)] = start
+        corners[write_corner(name_of_end)] = end
     middle = outline.mean(axis=0)
     for name, corner in corners.items():
         ax.plot(*corner, "o", color="black", markersize=2.2, zorder=2.6)
@@ -330,9 +331,9 @@ def plot_bands(
     Each segment of the path has a LineCollection for each branch: piece i runs through point i of
     the segment, and has the colour of the point. Where branches coincide the lower one is drawn
     wider, so that all remain visible. Of more than 30 branches the lines are thinner, but those of
-    waves of ``edges``. Without friction no ball rotates, and the colour is the
-    longitudinal fraction. Bands of balls with a single motion have one colour. Bands without
-    eigenvectors have one colour too, and their branches are not followed where they cross.
+    waves of ``edges``. Without friction no ball rotates, and the colour is the longitudinal
+    fraction. Bands of balls with a single motion have one colour. Bands without eigenvectors have
+    one colour too, and their branches are not followed where they cross.
 
     Parameters
     ----------
@@ -373,7 +374,7 @@ def plot_bands(
     if bulk is not None:
         _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
     if errors is not None:
-        branch_errors = _read_errors(errors, frequencies.shape) / unit.hertz
+        branch_errors = read_errors(errors, frequencies.shape) / unit.hertz
         if is_followed:
             branch_errors = np.take_along_axis(branch_errors, bands.connection, 2)
         _draw_errors(bands, ax, frequencies, branch_errors)
@@ -386,7 +387,7 @@ def plot_bands(
             _draw_branch(ax, x, frequencies[s, :, b], widths[:, b], gid=f"band-{s}-{b}", **shade)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     _name_corners_of_bands(ax, bands)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * top, 1.05 * top))
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", ylim=(-0.02 * top, 1.05 * top))
     if gaps is not None:
         _draw_gaps(ax, real_array("gaps", gaps), unit)
     if asymptotes is not None:
@@ -396,17 +397,6 @@ def plot_bands(
     elif colorbar and has_colours:
         _add_fraction_bar(ax, bands)
     return ax
-
-
-def _read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return standard errors as an array of a ``shape`` (s, p, b); InputError for errors of another
-    shape, from which axes of length 1 may differ.
-    """
-    values = real_array("errors", errors)
-    long_axes = tuple(length for length in values.shape if length > 1)
-    if long_axes != tuple(length for length in shape if length > 1):
-        raise InputError(f"errors have the shape {values.shape}", mend=f"Give {shape}")
-    return values.reshape(shape)
 
 
 def _draw_errors(bands: Bands, ax: Axes, frequencies: Array, errors: Array) -> None:
@@ -543,10 +533,11 @@ def _mix_edge_colours(weight: Array) -> Array:
 
     An edge has its colour in proportion to the energy beyond that of a wave spread evenly.
     """
-    excess = np.maximum(weight - _EVEN, 0.0) / (1.0 - _EVEN)
-    inside = 1.0 - excess.sum(axis=-1, keepdims=True)
-    mixed = np.array([to_rgb(colour) for colour in _EDGES])
-    return np.asarray(np.concatenate([excess, inside], axis=-1) @ mixed)
+    parts_of_edges = np.maximum(weight - _EVEN, 0.0) / (1.0 - _EVEN)
+    part_inside = 1.0 - parts_of_edges.sum(axis=-1, keepdims=True)
+    colours = np.array([to_rgb(colour) for colour in _EDGES])
+    # the colours of both edges and of the inside, each times its part
+    return np.asarray(np.concatenate([parts_of_edges, part_inside], axis=-1) @ colours)
 
 
 def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:
@@ -587,7 +578,9 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
 
 
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
-    """Return the decimal unit of hertz of the highest frequency that has states."""
+    """Return the decimal unit of hertz of the highest frequency of bands, or of the highest
+    frequency at which a density has states.
+    """
     frequencies = result.frequencies
     if isinstance(result, DensityOfStates):
         frequencies = frequencies[result.total > 0.0]
@@ -605,13 +598,22 @@ def plot_asymptotes(
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
     omega_0^2 (1 - c q^2), with the velocity v and the curvature c of each wave.
 
-    ``velocities`` are velocities of sound at one load, found along one direction
-    (:class:`~granphon.base.errors.InputError` for several), that are the same in every direction of
-    a line or a plane; or the lattice (``Phonons.lattice``), which has a velocity for each
-    direction, and a rotational branch with one ball in the cell. ``unit`` is as in
-    :func:`plot_bands`; ``reach`` is the part of each segment from or to Gamma along which the long
-    waves are drawn. Waves without a velocity, such as flexural waves, are left out.
+    ``velocities`` are velocities of sound at one load, found along one direction, that are the same
+    in every direction of a line or a plane; or the lattice (``Phonons.lattice``), which has a
+    velocity for each direction, and a rotational branch with one ball in the cell. ``unit`` is as
+    in :func:`plot_bands`; ``reach`` is the part of each segment from or to Gamma along which the
+    long waves are drawn. Waves without a velocity, such as flexural waves, are left out.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is neither velocities nor a lattice,
+    for velocities at several loads or along several directions, for those of a crystal in space,
+    and for a ``reach`` that is not above zero.
     """
+    if not isinstance(velocities, Asymptotes):
+        raise InputError(
+            f"{brief(velocities)} has no long waves to draw",
+            mend="Give velocities of sound, or Phonons.lattice",
+        )
+    part = positive("reach", reach)
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities):
         _require_single(velocities)
@@ -632,7 +634,7 @@ def plot_asymptotes(
             continue
         fractions = (bands.qpoints[s, far] - gamma)[: len(reciprocal)]
         direction = fractions @ reciprocal  # in units of 2 pi/d
-        q = 2.0 * np.pi * reach * np.linalg.norm(direction) * np.linspace(0.0, 1.0, 101)  # 1/d
+        q = 2.0 * np.pi * part * np.linalg.norm(direction) * np.linspace(0.0, 1.0, 101)  # 1/d
         waves = _find_long_waves(velocities, direction, q, bands.scales.velocity)
         start = bands.distances[s, near]
         x = start + np.sign(bands.distances[s, far] - start) * q / (2.0 * np.pi)
@@ -668,6 +670,7 @@ def _find_long_waves(
     """
     if isinstance(velocities, SoundVelocities):
         in_si = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
+        # None in place of a wave that the lattice does not have
         speeds = {name: speed / scale for name, speed in in_si.items() if speed is not None}
     else:
         speeds_in_order, _ = velocities.sound_velocities(direction)
@@ -704,7 +707,9 @@ def plot_dos(
     ``subplots(1, 2, sharey=True)``, has no label. If peaks of flat branches would hide the rest of
     the density, the axis of the density ends below the peaks, and its label gives their height. The
     standard errors (n,), 1/Hz, of the total under "total" in ``errors``, nan where unknown, are a
-    grey field about it.
+    grey field about the line; ``errors`` of other names are not drawn.
+
+    Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
     """
     unit = _choose_unit(dos) if unit is None else unit
     frequency = dos.frequencies / unit.hertz
@@ -725,7 +730,7 @@ def plot_dos(
         x, y = (density, frequency) if horizontal else (frequency, density)
         ax.plot(x, y, color=colour, linewidth=line_width, label=name)
     if errors and "total" in errors:
-        total_errors = real_array("errors", errors["total"]) * unit.hertz
+        total_errors = read_errors(errors["total"], dos.total.shape) * unit.hertz
         total = dos.total * unit.hertz
         draw_error_band(ax, frequency, total, total_errors, _ERRORS, "errors", upright=horizontal)
         ax.add_line(make_error_handle())
@@ -759,7 +764,7 @@ def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzP
         separator = "\n"  # the axis of the density is short
         ticks = "labelleft"
         most_ticks = "auto"
-    unit_name = print_hertz(unit)
+    unit_name = write_hertz(unit)
     highest_frequency = dos.frequencies[-1] / unit.hertz
     peak = float(dos.total.max()) * unit.hertz
     top = _limit_density(dos.total) * unit.hertz
@@ -849,14 +854,7 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
     for ax in axes[::-1]:
         handles, labels = ax.get_legend_handles_labels()
         handles_by_label.update(zip(labels, handles, strict=True))
-    field = handles_by_label.get(STANDARD_ERROR)
-    sizes = (label for label in handles_by_label if label.startswith(f"{STANDARD_ERROR} "))
-    sized = next(sizes, None)
-    if field is not None and sized is not None:
-        # the entry of the density, whose field can be seen, tells the size of those of the bands
-        del handles_by_label[sized]
-        del handles_by_label[STANDARD_ERROR]
-        handles_by_label[f"{STANDARD_ERROR} (bands{sized.removeprefix(STANDARD_ERROR)})"] = field
+    _join_error_entries(handles_by_label)
     if set(handles_by_label) - {"total"}:
         labels = list(handles_by_label)
         has_one_row = sum(map(len, labels)) <= _LETTERS_OF_ROW
@@ -869,9 +867,26 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
         )
 
 
+def _join_error_entries(handles_by_label: dict[str, Any]) -> None:
+    """Replace, if a legend has both, the entry of the errors of a density and that of the errors of
+    bands by one entry: the field of the density, which can be seen, with the size of the errors of
+    the bands, as "standard error (bands 1 %)". The mapping ``handles_by_label`` is changed.
+    """
+    labels_with_size = [
+        label for label in handles_by_label if label.startswith(f"{STANDARD_ERROR} ")
+    ]
+    if STANDARD_ERROR not in handles_by_label or not labels_with_size:
+        return
+    field = handles_by_label.pop(STANDARD_ERROR)
+    label_of_bands = labels_with_size[0]
+    del handles_by_label[label_of_bands]
+    size = label_of_bands.removeprefix(STANDARD_ERROR)
+    handles_by_label[f"{STANDARD_ERROR} (bands{size})"] = field
+
+
 def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
-    """Return a square clear of every line: x, y, width, height in parts of the axes; extend the
-    axes upwards if no square is clear.
+    """Return a square clear of every line: x, y, width, height in parts of the axes. If no square
+    is clear, the axes are extended upwards until one is.
     """
     points = _list_points(ax)
     square = _find_clear_square(points)
@@ -889,11 +904,10 @@ def _find_clear_square(points: Array) -> tuple[float, float, float, float] | Non
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     for size in _INSETS:
         corners = _MARGIN + (1.0 - 2.0 * _MARGIN - size) * grid  # lower left ones of squares
-        # distance of the nearest point of a line from the square at each corner
-        clearances = [
-            np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0
-            for corner in corners
-        ]
+        clearances = []  # distance of the nearest point of a line from the square at each corner
+        for corner in corners:
+            distances_from_middle = np.abs(points - corner - size / 2.0).max(axis=1)
+            clearances.append(float(distances_from_middle.min()) - size / 2.0)
         if max(clearances) > _LEAST_CLEARANCE:
             best = int(np.argmax(np.minimum(clearances, _ENOUGH_CLEARANCE)))
             x, y = corners[best].tolist()

@@ -87,7 +87,8 @@ def turn_over(dataset: Dataset, x: str | None) -> Dataset:
 
 def find_dimension(dataset: Dataset, name: str) -> str | None:
     """Return the dimension along which the coordinate ``name`` of a data set lies: "load" for the
-    load that was applied, else its own; None if it has no dimension.
+    load that was applied, and ``name`` for a parameter. None if the data set has no such
+    coordinate, or one that does not lie along a single dimension.
     """
     if name not in dataset.coords or dataset[name].ndim != 1:
         return None
@@ -161,8 +162,11 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
 
     ``wishes`` has, by the name of a parameter, of the load or of "medium", the texts of the values
     that are kept: a number with its unit, a range "1 N to 10 N", a label, or the name of a medium,
-    which means the medium with any options. A number means the nearest value. ``run`` names the
-    sweep in messages; :class:`~granphon.base.errors.InputError` if it has no such name or value.
+    which means the medium with any options. A number means the nearest value, if that is the number
+    to half a per cent.
+
+    :class:`~granphon.base.errors.InputError`, which calls the sweep ``run``, if the sweep has no
+    such name or value.
     """
     for name, texts in wishes.items():
         dimension = find_dimension(dataset, name)
@@ -179,7 +183,8 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
 
 def _match_values(dataset: Dataset, name: str, text: str, run: str) -> Flags:
     """Return (n,) whether each of the n values of the coordinate ``name`` is one that the ``text``
-    of a user names; InputError, which calls the sweep ``run``, if none is.
+    of a user names; InputError if none is, which calls the sweep ``run``, and for a text that
+    cannot be a value.
     """
     values = dataset[name].values
     if values.dtype.kind in "fiu":
@@ -208,7 +213,8 @@ def _read_truth(text: str) -> Any:
 def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
     """Return (n,) whether each of the n numbers of the coordinate ``name`` is meant by a ``text``.
     A range "A to B" means the numbers in it, both ends included. A single number means the nearest
-    one, unless that differs by more than the part ``_NEAR``: then none is meant.
+    one, unless that differs by more than the part ``_NEAR``: then none is meant. InputError for a
+    text that is neither.
     """
     values = np.asarray(dataset[name].values, float)
     ends = [_read_number(dataset, name, end.strip()) for end in text.split(" to ")]
@@ -224,7 +230,9 @@ def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
 
 
 def _read_number(dataset: Dataset, name: str, text: str) -> float:
-    """Return the number of a text, in the SI unit of the coordinate ``name``."""
+    """Return the number of a ``text``, in the SI unit of the coordinate ``name``; InputError for
+    what is no number, and for a unit of another quantity.
+    """
     unit = str(dataset[name].attrs.get("units", ""))
     if unit in ("", "1"):
         try:
@@ -240,7 +248,7 @@ def _read_number(dataset: Dataset, name: str, text: str) -> float:
 
 
 def _write_value(dataset: Dataset, name: str, number: int) -> str:
-    """Return the value of a coordinate at the index ``number`` as --where takes it."""
+    """Return the value of the coordinate ``name`` at the index ``number`` as --where takes it."""
     values = dataset[name].values
     if values.dtype.kind == "b":
         return "yes" if values[number] else "no"
@@ -284,8 +292,8 @@ class Layout:
         return list(self.shown.get(name, range(dataset.sizes[dimension])))
 
     def select(self, dataset: Dataset, row: int | None, column: int | None) -> Dataset:
-        """Return the states of a panel, with all dimensions, from the indices of its row and of its
-        column.
+        """Return the states of a panel, with all dimensions, from the index of its ``row`` and that
+        of its ``column``, each as :meth:`list_numbers` lists them.
         """
         indices: dict[Any, list[int]] = {}
         panel = {self.rows: row, self.columns: column}
@@ -298,7 +306,9 @@ class Layout:
         return dataset.isel(indices)
 
     def describe(self, dataset: Dataset) -> str:
-        """Return in words which dimension has which panels, and the options that change it."""
+        """Return in words which dimension has which panels, of which dimensions some values are
+        left out, and the options that change this.
+        """
         places = []
         for name, place in ((self.columns, "columns"), (self.rows, "rows")):
             if name is not None:

@@ -67,7 +67,7 @@ from granphon.figures.style import (
     STYLE,
     VERMILION,
     pick_evenly,
-    print_hertz,
+    write_hertz,
 )
 from granphon.figures.words import (
     describe_medium,
@@ -153,8 +153,8 @@ _LOADS = ("force", "pressure", "overlap", "reduced_force")
 #: ratios of loads that differ by less than this part are the same
 _SAME_RATIO = 1e-9
 
-#: data of the caption of an Axes: entries of the legend, and the facts that all curves share
-_Drawn = tuple[list[Line2D], list[str]]
+#: the caption of an Axes: entries of the legend, and the facts that all curves share
+_Caption = tuple[list[Line2D], list[str]]
 
 
 def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
@@ -258,7 +258,7 @@ class Curve:
     served : for an automatic medium the name of the medium that served each load; else empty.
     units : the units of x and y.
     measured : whether the values are data.
-    path : whether the loads go up and down in the order of the values.
+    path : whether the values are in the order of a path, on which the loads go up and down.
     """
 
     run: str
@@ -407,8 +407,8 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     media = np.array([label.partition("(")[0] for label in curve.served])
     changes = np.flatnonzero(media[1:] != media[:-1])  # the last loads before each change
     step = max(1, math.ceil(n / _MARKS_OF_CURVE))
-    evenly = np.arange(0, n, step)
-    marked_loads = np.concatenate([evenly, changes, changes + 1, [n - 1]])
+    even_loads = np.arange(0, n, step)
+    marked_loads = np.concatenate([even_loads, changes, changes + 1, [n - 1]])
     is_chosen = np.isin(np.arange(n), marked_loads) | curve.simulated
     names = dict.fromkeys(media.tolist())  # each once, in order
     for name, is_valid in itertools.product(names, (True, False)):
@@ -435,8 +435,8 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     ys = np.concatenate([curve.y for curve in curves])
     for letter, values, name, unit in zip("xy", (xs, ys), (x, y), curves[0].units, strict=True):
         scale_axis(ax, letter, values)
-        finite = values[np.isfinite(values)]
-        largest = float(np.max(np.abs(finite), initial=0.0))
+        finite_values = values[np.isfinite(values)]
+        largest = float(np.max(np.abs(finite_values), initial=0.0))
         name_axis(find_axis(ax, letter), largest, axis_label(name, ""), unit)
 
 
@@ -508,9 +508,9 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
         raise InputError(
             f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
         )
-    sizes = np.abs(np.asarray(values, float))
-    is_too_large = np.isfinite(sizes) & (sizes > _LARGEST)
-    is_too_small = (sizes > 0.0) & (sizes < 1.0 / _LARGEST)
+    magnitudes = np.abs(np.asarray(values, float))
+    is_too_large = np.isfinite(magnitudes) & (magnitudes > _LARGEST)
+    is_too_small = (magnitudes > 0.0) & (magnitudes < 1.0 / _LARGEST)
     is_far = is_too_large | is_too_small
     if np.any(is_far):
         problem = f"{name!r} has the value {np.asarray(values)[is_far].flat[0]:g}"
@@ -552,8 +552,8 @@ def read_curve(
 
     x_values = select(read_values(dataset, x, run)).astype(float)
     y_values = select(read_values(dataset, variable, run)).astype(float)
-    not_known = dataset[variable] * np.nan
-    errors = select(dataset.get(f"{variable}_error", not_known)).astype(float)
+    unknown_errors = dataset[variable] * np.nan
+    errors = select(dataset.get(f"{variable}_error", unknown_errors)).astype(float)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
     if medium.startswith(AutoMedium.name) and "choice" in dataset:
@@ -596,12 +596,12 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
     media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
     if "overlap" in facts_of_balls:
-        of_media = list_finite_overlap(dataset)
-        # a medium whose geometry the load decides is not told apart from the others
-        are_finite = all(known is not False for known in of_media) and True in of_media
-        for facts_of_medium, known in zip(media, of_media, strict=True):
-            is_finite = are_finite if known is None else known
-            facts_of_medium["overlap"] = describe_overlap(finite=is_finite)
+        has_finite_overlap = list_finite_overlap(dataset)  # None where the load decides
+        # a medium whose geometry the load decides has the words of the others, if these agree
+        words_of_others = True in has_finite_overlap and False not in has_finite_overlap
+        for facts_of_medium, is_finite in zip(media, has_finite_overlap, strict=True):
+            finite = words_of_others if is_finite is None else is_finite
+            facts_of_medium["overlap"] = describe_overlap(finite=finite)
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
@@ -614,14 +614,15 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
         for name, number in index.items():
             kind, text = describe_value(dataset, name, number)
             facts[kind] = text
-        for m, facts_of_medium in enumerate(media):
-            lines.append((facts | facts_of_medium, index | {"medium": m}))
+        for medium, facts_of_medium in enumerate(media):
+            lines.append((facts | facts_of_medium, index | {"medium": medium}))
     return lines
 
 
 def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
     """Return the facts of the balls of a data set, in words by kind, and the numbers of periods and
-    of balls in a cell of the lattice; 2 where unknown.
+    of balls in a cell of the lattice. Where these are unknown, both are 2: several balls in a cell,
+    so that words count cells.
     """
     description: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
     if "kinds" in description:  # a crystal
@@ -675,10 +676,9 @@ def plot_sweep(
     thin and dashed elsewhere. Each line is thinner than the one before, so that all remain visible
     where they coincide. A simulation has points in place of a line, open where it is not valid;
     points of several samples are means, with bars of their standard errors; the standard errors of
-    lines are bands. On an ordered path a
-    line joins the points in the order of the path, and triangles mark the points that are reached
-    by a fall of ``x``. Marks on the line of an automatic medium name the medium that served. The
-    slow transverse wave in space has a dash-dotted line.
+    lines are bands. On an ordered path a line joins the points in the order of the path, and
+    triangles mark the points that are reached by a fall of ``x``. Marks on the line of an automatic
+    medium name the medium that served. The slow transverse wave in space has a dash-dotted line.
 
     Raises
     ------
@@ -783,13 +783,13 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
     are_points = all(_are_points(group) for group in groups)
     kinds, _ = find_differing([curve.facts for curve in curves])
     shades = _make_shades(colour, len(curves))
-    named = pick_evenly(len(curves), _MOST_NAMED)
+    numbers = pick_evenly(len(curves), _MOST_NAMED)
     handles = []
-    for n in named:
-        label = ", ".join(curves[n].facts[kind] for kind in kinds)
-        handles.append(_make_handle(Look(shades[n], 1.5), label, is_points=are_points))
-    if len(named) < len(curves):
-        remark = f"{len(named)} of {len(curves)} are named"
+    for number in numbers:
+        label = ", ".join(curves[number].facts[kind] for kind in kinds)
+        handles.append(_make_handle(Look(shades[number], 1.5), label, is_points=are_points))
+    if len(numbers) < len(curves):
+        remark = f"{len(numbers)} of {len(curves)} are named"
         handles.append(Line2D([], [], linestyle="none", label=remark))
     return handles
 
@@ -879,9 +879,9 @@ def sweep_figure(
     ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises, and
     InputError for ``rows`` and ``columns`` that are not swept, or take too many panels.
     """
-    velocities, shown = _choose_shown(dataset, variable)
+    velocities, variables = _choose_variables(dataset, variable)
     x_name = choose_x(dataset, x)
-    main = _choose_main(velocities, shown)
+    main = _choose_main(velocities, variables)
     read_values(turn_over(dataset, x_name), main)  # refuses a variable that cannot be drawn
     layout = arrange(dataset, main, x_name, rows, columns)
     if layout.is_chosen and tell is not None:
@@ -890,12 +890,28 @@ def sweep_figure(
         draw = partial(_draw_panel, variable=main, x=x_name)
         return draw_panels(dataset, layout, draw, partial(label_axes, x=x_name, y=main))
     has_exponent = variable is None and bool(velocities) and "exponent" in dataset
+    return _draw_large_panels(dataset, velocities, variables, x_name, has_exponent=has_exponent)
+
+
+def _draw_large_panels(
+    dataset: Dataset,
+    velocities: Sequence[str],
+    variables: Sequence[str],
+    x: str,
+    *,
+    has_exponent: bool,
+) -> Figure:
+    """Return a figure of a sweep whose curves have room in one panel: the ``variables`` over ``x``,
+    of which the ``velocities`` share a scale and have their symbols beside them, and if
+    ``has_exponent`` a lower panel with the exponent. Below is the legend, and above the values of
+    parameters that do not vary.
+    """
     with styled_figure(4.0 if has_exponent else 2.6) as figure:
         ratios = [1.6, 1.0] if has_exponent else [1.0]
         axes = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
         curves: dict[str, list[Curve]] = {}
         legends: dict[str, list[Line2D]] = {}
-        for name in shown:
+        for name in variables:
             curves[name], legends[name] = _draw_sweep(dataset, axes[0], name, x)
         if velocities:
             # one scale for all velocities
@@ -909,7 +925,7 @@ def sweep_figure(
         for ax in axes:
             ax.margins(x=0.08)
         # a velocity that is the same in all directions has a shorter legend than the others
-        longest = max(shown, key=lambda name: len(legends[name]))
+        longest = max(variables, key=lambda name: len(legends[name]))
         are_points = _are_points(curves[longest])
         handles = legends[longest] + _name_velocities(velocities, are_points=are_points)
         medium = curves[longest][0].facts["medium"]
@@ -919,28 +935,30 @@ def sweep_figure(
         for handle in handles:
             handle.set_label(_break_label(str(handle.get_label())))
         add_legend(figure, handles, 4, heading)
-        _name_single_values(figure, dataset, curves[longest][0], x_name)
+        _name_single_values(figure, dataset, curves[longest][0], x)
     return figure
 
 
-def _choose_shown(dataset: Dataset, variable: str | None) -> tuple[list[str], list[str]]:
+def _choose_variables(dataset: Dataset, variable: str | None) -> tuple[list[str], list[str]]:
     """Return the velocities that the figure of a sweep shows, and all variables in it: the one
     ``variable`` that is requested, the velocities, or what stands for them.
     """
     # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
-    single = variable
+    single_variable = variable
     if variable is None and "motion" in observed and "velocities" not in observed:
-        single = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    if single is not None:
-        return [], [single]
+        single_variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
+    if single_variable is not None:
+        return [], [single_variable]
     velocities = [name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)]
     return velocities, velocities or ["normal_stiffness"]
 
 
-def _choose_main(velocities: Sequence[str], shown: Sequence[str]) -> str:
-    """Return the one variable of small panels, of those that a larger panel shows."""
-    return "longitudinal" if "longitudinal" in velocities else shown[0]
+def _choose_main(velocities: Sequence[str], variables: Sequence[str]) -> str:
+    """Return the one variable of small panels, of the ``variables`` that a larger panel shows: the
+    longitudinal velocity if it is among the ``velocities``, else the first variable.
+    """
+    return "longitudinal" if "longitudinal" in velocities else variables[0]
 
 
 def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
@@ -984,7 +1002,9 @@ def _name_velocities(velocities: Sequence[str], *, are_points: bool) -> list[Lin
 
 
 def _break_label(label: str) -> str:
-    """Return a label in lines for which a column has room."""
+    """Return a ``label`` as it is, or, if it is longer than a line of a legend, in lines for which
+    a column has room.
+    """
     return label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
 
 
@@ -992,7 +1012,7 @@ def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
     """Write the symbols of velocities beside the right ends of their ``curves``, by the names of
     the velocities; in one text where the ends are close. Of neighbouring curves of one velocity the
     fastest has the symbol; curves of another velocity between them divide them, and each part has
-    it.
+    the symbol.
 
     Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
     """
@@ -1000,9 +1020,9 @@ def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
     for name, curves_of_velocity in curves.items():
         # the right end is at the greatest x: a path may turn, and end anywhere
         velocities = [float(curve.y[np.argmax(curve.x)]) for curve in curves_of_velocity]
-        finite = [velocity for velocity in velocities if np.isfinite(velocity)]
+        finite_velocities = [velocity for velocity in velocities if np.isfinite(velocity)]
         if name != _PULSE:
-            all_ends += [(velocity, _VELOCITIES[name]) for velocity in finite]
+            all_ends += [(velocity, _VELOCITIES[name]) for velocity in finite_velocities]
     parts = itertools.groupby(sorted(all_ends), key=lambda end: end[1])
     ends = [max(part) for _symbol, part in parts]
     to_axes = ax.transData - ax.transAxes
@@ -1157,18 +1177,18 @@ def _draw_run_in_panels(
     of :func:`comparison_figure`, and the other arguments those of :func:`plot_together`.
     """
     dataset: Any = run.dataset
-    turned_dataset = turn_over(dataset, x and x.strip())
-    turned = replace(run, dataset=turned_dataset)
-    x_name, y_name = choose_axes([turned], x, y)
+    dataset_over_x = turn_over(dataset, x and x.strip())
+    run_over_x = replace(run, dataset=dataset_over_x)
+    x_name, y_name = choose_axes([run_over_x], x, y)
     layout = arrange(dataset, y_name, x_name, rows, columns)
-    n_curves = len(describe_lines(turned_dataset, y_name))
+    n_curves = len(describe_lines(dataset_over_x, y_name))
     is_plain = not layout.has_panels and not layout.shown
     if is_plain and n_curves <= len(COLOURS):
         return None
     if layout.is_chosen and tell is not None:
         tell(f"too many curves of {y_name} for one panel: {layout.describe(dataset)}")
     measured = [
-        _read_points(points, [turned], x_name, y_name, balls_per_side, distance)
+        _read_points(points, [run_over_x], x_name, y_name, balls_per_side, distance)
         for points in _list_data(data)
     ]
 
@@ -1192,7 +1212,7 @@ def _draw_together(
     data: Any = (),
     balls_per_side: int | None = None,
     distance: float | tuple[float, float] | None = None,
-) -> _Drawn:
+) -> _Caption:
     """Draw the curves of ``runs``; return the entries of the legend, and the facts that all curves
     share. The other arguments are those of :func:`plot_together`.
     """
@@ -1205,18 +1225,18 @@ def _draw_together(
         densities = [run.dos for run in runs if run.dos is not None]
         if len(densities) == len(runs):
             return _draw_densities_together(runs, densities, ax)
-    turned_runs = []  # over the parameter x, if it is one
+    runs_over_x = []  # over the parameter x, if it is one
     for run in runs:
         if x and run.dataset is not None:
-            turned_runs.append(replace(run, dataset=turn_over(run.dataset, x.strip())))
+            runs_over_x.append(replace(run, dataset=turn_over(run.dataset, x.strip())))
         else:
-            turned_runs.append(run)
-    x_name, y_name = choose_axes(turned_runs, x, y)
+            runs_over_x.append(run)
+    x_name, y_name = choose_axes(runs_over_x, x, y)
     curves = list[Curve]()
-    for run in turned_runs:
+    for run in runs_over_x:
         curves += _read_curves_of_run(run, x_name, y_name)
     measured = [
-        _read_points(points, turned_runs, x_name, y_name, balls_per_side, distance)
+        _read_points(points, runs_over_x, x_name, y_name, balls_per_side, distance)
         for points in data_sets
     ]
     _require_shared_axes(curves, x_name, y_name)
@@ -1241,7 +1261,7 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
     return curves
 
 
-def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Drawn:
+def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Caption:
     """Draw the bands of each run, ``all_bands``, over those of the others; return the entries of
     the legend, and the facts that all runs share. InputError if the paths of the bands differ.
     """
@@ -1253,11 +1273,11 @@ def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Ax
     for bands in all_bands:
         frequencies = bands.connected_frequencies / unit.hertz
         lines.append(list(zip(bands.distances, frequencies, strict=True)))
-    drawn = _draw_spectra(runs, ax, "bands", lines)
+    caption = _draw_spectra(runs, ax, "bands", lines)
     corners = np.append(first.distances[:, 0], first.distances[-1, -1])
     name_corners(ax, corners, first.labels)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
-    return drawn
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", ylim=(0.0, None))
+    return caption
 
 
 def _require_same_path(first: Bands, second: Bands, names: str) -> None:
@@ -1282,17 +1302,17 @@ def _require_same_path(first: Bands, second: Bands, names: str) -> None:
 
 def _draw_densities_together(
     runs: Sequence[Run], densities: Sequence[DensityOfStates], ax: Axes
-) -> _Drawn:
+) -> _Caption:
     """Draw the density of states of each run over those of the others; return the entries of the
     legend, and the facts that all runs share.
     """
     unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in densities))
     lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in densities]
-    drawn = _draw_spectra(runs, ax, "dos", lines)
-    unit_name = print_hertz(unit)
+    caption = _draw_spectra(runs, ax, "dos", lines)
+    unit_name = write_hertz(unit)
     ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")
     ax.set(xlim=(0.0, None), ylim=(0.0, None))
-    return drawn
+    return caption
 
 
 def _require_shared_axes(curves: Sequence[Curve], x: str, y: str) -> None:
@@ -1457,17 +1477,17 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
     if y is None:
         return load, _choose_velocity(runs, common)
     name = y.strip().lower().replace(" ", "_")
-    without = [run for run in runs if name not in run.quantities]
-    if without:
+    failing_runs = [run for run in runs if name not in run.quantities]
+    if failing_runs:
         closest_name = closest(name, common)
         if name not in CATALOGUE and closest_name:
             raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {closest_name}?")
-        raise _explain_without(runs, without, name)
+        raise _explain_no_curve(runs, failing_runs, name)
     return load, name
 
 
-def _explain_without(runs: Sequence[Run], without: Sequence[Run], name: str) -> InputError:
-    """Return the error for a quantity ``name`` that the runs ``without``, some or all of the
+def _explain_no_curve(runs: Sequence[Run], failing_runs: Sequence[Run], name: str) -> InputError:
+    """Return the error for a quantity ``name`` that the ``failing_runs``, some or all of the
     ``runs``, do not have as a curve: they do not hold it, or not as one number at each load.
     """
     drawable = [
@@ -1475,22 +1495,19 @@ def _explain_without(runs: Sequence[Run], without: Sequence[Run], name: str) -> 
         for quantity in runs[0].quantities
         if quantity in CATALOGUE and all(quantity in run.quantities for run in runs)
     ]
-    lacking = list[Run]()
-    holding = list[Run]()
-    for run in without:
-        holds = run.dataset is not None and name in run.dataset
-        (holding if holds else lacking).append(run)
+    runs_without = [run for run in failing_runs if run.dataset is None or name not in run.dataset]
+    runs_with_table = [run for run in failing_runs if run not in runs_without]
     problems = []
-    if lacking:
-        problems.append(f"{_join_names(lacking, 'holds', 'hold')} no {name}")
-    if holding:
-        problems.append(f"{name} of {_join_names(holding)} is no curve over the load")
+    if runs_without:
+        problems.append(f"{_join_names(runs_without, 'holds', 'hold')} no {name}")
+    if runs_with_table:
+        problems.append(f"{name} of {_join_names(runs_with_table)} is no curve over the load")
     holder = "All runs hold" if len(runs) > 1 else "It has"
     why = f"{holder} {', '.join(drawable)}" if drawable else "No quantity is in all runs"
     mends = []
     if drawable:
         mends.append("draw another quantity")
-    if len(without) < len(runs):
+    if len(failing_runs) < len(runs):
         mends.append("leave these runs out")
     return InputError("; ".join(problems), why, ", or ".join(mends).capitalize())
 
@@ -1515,11 +1532,12 @@ def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> s
                 if dataset[parameter].dtype.kind in "fiu":
                     parameters.append(parameter)
         raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *parameters)))
-    without = [run for run in runs if load not in run.quantities]
-    if without:
-        problem = f"{_join_names(without, 'has', 'have')} no {load}"
-        shared = ", ".join(name for name in _LOADS if name in common) or "figures of their own"
-        raise InputError(problem, "The runs cannot share that axis", f"Use {shared}")
+    runs_without = [run for run in runs if load not in run.quantities]
+    if runs_without:
+        problem = f"{_join_names(runs_without, 'has', 'have')} no {load}"
+        shared_loads = ", ".join(name for name in _LOADS if name in common)
+        mend = f"Use {shared_loads or 'figures of their own'}"
+        raise InputError(problem, "The runs cannot share that axis", mend)
     return load
 
 
@@ -1603,15 +1621,15 @@ def _read_points(
             facts["waves"] = f"pulses of {write_value(float(frequencies[0]), 'Hz')}"
     loads = _find_load_ratio(runs, x) * measurements.force
     sigma = np.nan if measurements.sigma is None else measurements.sigma
-    everywhere = np.ones(loads.shape, bool)
+    all_true = np.ones(loads.shape, bool)
     curve = Curve(
         run=name,
         facts=facts,
         x=loads,
         y=measurements.velocity,
         error=np.broadcast_to(np.asarray(sigma, float), loads.shape),
-        valid=everywhere,
-        simulated=everywhere,
+        valid=all_true,
+        simulated=all_true,
         measured=True,
     )
     return curve.sorted()
@@ -1739,15 +1757,15 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
     for of_dashes in ([], of_runs):
         kinds = [kind for kind in differing if kind not in of_dashes]
         tables += [_tabulate_by(kind, kinds, of_dashes, curves) for kind in kinds]
-    most = (len(COLOURS), _MOST_NAMED, len(_DASHES))
-    possible = []
+    limits = (len(COLOURS), _MOST_NAMED, len(_DASHES))
+    possible_tables = []
     for table in tables:
         counts = [len(labels) for labels in table.labels]
-        is_within = all(count <= limit for count, limit in zip(counts, most, strict=True))
-        is_whole = len(set(table.places)) == len(curves)
-        if is_within and is_whole and table.size < len(curves):
-            possible.append(table)
-    return min(possible, key=lambda table: table.size, default=None)
+        is_within_limits = all(count <= limit for count, limit in zip(counts, limits, strict=True))
+        tells_all_apart = len(set(table.places)) == len(curves)
+        if is_within_limits and tells_all_apart and table.size < len(curves):
+            possible_tables.append(table)
+    return min(possible_tables, key=lambda table: table.size, default=None)
 
 
 def _list_constant(
@@ -1783,14 +1801,14 @@ def _tabulate_by(
     numbers: list[list[int]] = []
     for of_look in (of_colours, of_shades, of_dashes):
         # the name of a run stands for all facts that the curves of the run share
-        told = ["name"] if "name" in of_look else of_look
+        kinds_of_label = ["name"] if "name" in of_look else of_look
         texts = []
         for curve in curves:
-            facts = [curve.facts[one] for one in told if one in curve.facts]
+            facts = [curve.facts[label] for label in kinds_of_label if label in curve.facts]
             texts.append(join_facts(facts, _LETTERS))
-        distinct = list(dict.fromkeys(texts))
-        labels.append(distinct)
-        numbers.append([distinct.index(text) for text in texts])
+        distinct_texts = list(dict.fromkeys(texts))
+        labels.append(distinct_texts)
+        numbers.append([distinct_texts.index(text) for text in texts])
     colours, shades, dashes = labels
     return _CurveTable((colours, shades, dashes), list(zip(*numbers, strict=True)))
 
@@ -1803,10 +1821,10 @@ def _draw_table(
     """
     colours, shades, dashes = table.labels
     looks = []
-    widths = np.linspace(2.2, 1.0, len(curves) + 1)[1:].tolist()
+    widths = choose_widths(len(curves))
     for (colour, shade, dash), width in zip(table.places, widths, strict=True):
-        shaded = _make_shades(COLOURS[colour], len(shades))[shade]
-        looks.append(Look(shaded, width, _DASHES[dash], _MARKERS[dash]))
+        colour_of_curve = _make_shades(COLOURS[colour], len(shades))[shade]
+        looks.append(Look(colour_of_curve, width, _DASHES[dash], _MARKERS[dash]))
     for curve, look in zip(curves, looks, strict=True):
         draw_curve(ax, curve, look, variable)
     looks_of_legend = [Look(COLOURS[number], 1.5) for number in range(len(colours))]
@@ -1815,13 +1833,13 @@ def _draw_table(
         greys = [Look(grey, 1.5) for grey in _make_shades("0.5", len(shades))]
         entries += zip(greys, shades, strict=True)
     if len(dashes) > 1:
-        dashed = [Look("0.3", 1.5, _DASHES[n], _MARKERS[n]) for n in range(len(dashes))]
-        entries += zip(dashed, dashes, strict=True)
+        dashed_looks = [Look("0.3", 1.5, _DASHES[n], _MARKERS[n]) for n in range(len(dashes))]
+        entries += zip(dashed_looks, dashes, strict=True)
     are_points = _are_points(curves)
     return [_make_handle(look, label, is_points=are_points) for look, label in entries]
 
 
-def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
+def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Caption:
     """Draw ``curves`` of runs, of which those of fits have measured points too, and other
     ``measured`` points, ``y`` over ``x``; return the entries of the legend, and the facts that all
     curves share.
@@ -1863,14 +1881,14 @@ def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
     """Return the curves of measured points without those whose points equal the points of an
     earlier curve: several fits of one table have the same data.
     """
-    distinct = list[Curve]()
+    distinct_curves = list[Curve]()
     tables = list[Array]()
     for curve in curves:
         table = np.array([curve.x, curve.y, curve.error])
         if not any(np.array_equal(table, earlier, equal_nan=True) for earlier in tables):
-            distinct.append(curve)
+            distinct_curves.append(curve)
             tables.append(table)
-    return distinct
+    return distinct_curves
 
 
 def _draw_measured(ax: Axes, curve: Curve, number: int, *, is_alone: bool) -> Line2D:
@@ -1899,19 +1917,19 @@ def _join_states(curves: Sequence[Curve]) -> list[Curve]:
     """Return the curves, with single states that differ in their load alone joined to one curve,
     in the place of the first.
     """
-    joined = list[Curve]()
+    joined_curves = list[Curve]()
     indices: dict[Any, int] = {}  # of the joined curves of states, by facts and units
     for curve in curves:
         is_state = curve.x.size == 1
         key = (frozenset(curve.facts.items()), curve.units)
         if is_state and key in indices:
             index = indices[key]
-            joined[index] = joined[index].join(curve)
+            joined_curves[index] = joined_curves[index].join(curve)
         else:
             if is_state:
-                indices[key] = len(joined)
-            joined.append(curve)
-    return joined
+                indices[key] = len(joined_curves)
+            joined_curves.append(curve)
+    return joined_curves
 
 
 def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
@@ -1932,7 +1950,7 @@ def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
 
 def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
-) -> _Drawn:
+) -> _Caption:
     """Draw the lines of each run in one look; return the entries of the legend, and the facts that
     all runs share, which are the title. For a single run no facts are returned.
 

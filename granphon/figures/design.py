@@ -43,13 +43,14 @@ def design_figure(design: Design) -> Figure:
             return figure
         left, *panels = figure.subplots(1, 3)
         _draw_history(design, left)
-        pairs = [(network, Phonons(network)) for network in (design.start, design.network)]
-        found: list[tuple[Bands, Any]] = [
-            (phonons.bands(npoints=_POINTS), phonons.gaps()) for _network, phonons in pairs
-        ]
-        top = max(float(bands.frequencies.max()) for bands, _ in found)
+        # bands and gaps at the start and at the end
+        pairs: list[tuple[Bands, Any]] = []
+        for network in (design.start, design.network):
+            phonons = Phonons(network)
+            pairs.append((phonons.bands(npoints=_POINTS), phonons.gaps()))
+        top = max(float(bands.frequencies.max()) for bands, _gaps in pairs)
         unit = HertzPrefix.for_top(top)
-        for ax, (bands, gaps), title in zip(panels, found, ("Start", "Best"), strict=True):
+        for ax, (bands, gaps), title in zip(panels, pairs, ("Start", "Best"), strict=True):
             plot_bands(bands, ax, gaps=gaps, unit=unit, colorbar=False)
             ax.set(title=title, ylim=(-0.02 * top / unit.hertz, 1.05 * top / unit.hertz))
         panels[1].set_ylabel("")
@@ -63,8 +64,8 @@ def _has_bands(network: ContactNetwork) -> bool:
 
 
 def _draw_history(design: Design, ax: Axes) -> None:
-    """Draw the goal at each evaluation. Of a gap, a dashed line shows its certified value; goals
-    without a unit have a logarithmic axis if all are above zero.
+    """Draw the goal at each evaluation. Of a gap, which is the goal in Hz, a dashed line shows the
+    certified value; goals without a unit have a logarithmic axis if all are above zero.
     """
     history = design.history
     ax.plot(np.arange(1, history.size + 1), history, color=BLUE, linewidth=1.0, marker=".")
@@ -75,8 +76,8 @@ def _draw_history(design: Design, ax: Axes) -> None:
     if design.unit == "1" and np.all(history > 0.0):
         ax.set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    kept = f"random start {design.best_start}" if design.best_start else "the given network"
-    ax.set(xlabel="Evaluation", title=f"Search from {kept}")
+    start = f"random start {design.best_start}" if design.best_start else "the given network"
+    ax.set(xlabel="Evaluation", title=f"Search from {start}")
     most = float(np.max(np.abs([*history, design.value]), initial=0.0))
     label = "Gap" if is_gap else "Goal"
     name_axis(ax.yaxis, most, label, design.unit, short=is_gap)
@@ -92,8 +93,8 @@ def _draw_variables(design: Design, ax: Axes) -> None:
         (design.start_variables, GUIDE, "none", "start"),
         (design.variables, VERMILION, "full", "best"),
     ):
-        parts = (values - low) / (high - low)
-        ax.plot(numbers, parts, "o", color=colour, fillstyle=fill, markersize=3.0, label=label)
+        places = (values - low) / (high - low)  # 0 at the lower bound, 1 at the upper one
+        ax.plot(numbers, places, "o", color=colour, fillstyle=fill, markersize=3.0, label=label)
     ax.set(xlabel="Variable", ylabel="Place between the bounds", title="Variables")
     ax.set_yticks(_ENDS, ["least", "greatest"])
     ax.margins(y=0.08)

@@ -168,19 +168,19 @@ def plot_forces(
         if isinstance(sample, Sample):
             mend = "Give its network: plot(sample.network, color=...)"
             raise InputError("the balls of a sample have no colours", mend=mend)
-        values = _BallValues.of(sample, color).take(layer.shown)
+        values = _BallValues.of(sample, color).take(layer.indices)
         layer = replace(layer, colours=values.find_colours(), kinds={})
-    shown = _choose_show(layer, window) if show == "auto" else show
-    edges = _choose_window(layer, window) if shown == "window" else layer.edges
+    view = _choose_view(layer, window) if show == "auto" else show
+    edges = _choose_window(layer, window) if view == "window" else layer.edges
     if ax is None:
-        is_default_window = shown == "window" and window is None
+        is_default_window = view == "window" and window is None
         with styled_figure(_find_height(layer, is_default_window=is_default_window)) as new_figure:
             # the same call with Axes: its style is set by now
             axes = new_figure.subplots()
-            return plot_forces(sample, axes, show=shown, window=window, color=color)
+            return plot_forces(sample, axes, show=view, window=window, color=color)
     remark = ""  # the end of the label of the colours
     artist: LineCollection | QuadMesh
-    if shown == "density":
+    if view == "density":
         artist, sides = _draw_density(layer, ax, edges)
         remark = f",\nmeans over {_write_sides(layer, sides)}"
     else:
@@ -240,11 +240,11 @@ class _BallValues:
         numbers = sums if color == "contacts" else sums / np.maximum(counts, 1)
         return cls(numbers, name, unit)
 
-    def take(self, shown: NDArray[np.intp]) -> _BallValues:
-        """Return the numbers (m,) of the balls with the indices ``shown`` (m,), by which alone the
+    def take(self, indices: NDArray[np.intp]) -> _BallValues:
+        """Return the numbers (m,) of the balls with these ``indices`` (m,), by which alone the
         scale of the colours is chosen: a flat wall has many contacts, and is not coloured.
         """
-        return replace(self, numbers=self.numbers[shown])
+        return replace(self, numbers=self.numbers[indices])
 
     @property
     def mapping(self) -> ScalarMappable:
@@ -258,7 +258,7 @@ class _BallValues:
         return ScalarMappable(Normalize(low, high if high > low else low + 1.0), "cividis_r")
 
     def find_colours(self) -> Any:
-        """Return the colours (n,) of the balls."""
+        """Return the colours (n,) of the balls, each a tuple of red, green, blue and opacity."""
         colours = np.empty(len(self.numbers), object)
         colours[:] = [tuple(colour) for colour in self.mapping.to_rgba(self.numbers)]
         return colours
@@ -313,8 +313,10 @@ def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: s
         name_axis(bar.xaxis, greatest_force, "Contact force", "N", short=True, more=remark)
 
 
-def _choose_show(layer: _Map, window: Sequence[float] | None) -> Show:
-    """Return which view of the contacts is shown for "auto"."""
+def _choose_view(layer: _Map, window: Sequence[float] | None) -> Show:
+    """Return what of the contacts is shown for "auto": a ``window`` if one is given, else all
+    contacts of a small array, or the density of a large one.
+    """
     if window is not None:
         return "window"
     is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
@@ -480,7 +482,7 @@ class _Map:
     find_lines : returns the lines (m, 2, 2) of the contacts, and their forces (m,).
     network : the network; None for a sample.
     kinds : the colours of kinds of balls, by their names.
-    shown : (n,) indices of the balls of a network.
+    indices : (n,) of these balls among all balls and walls of a network.
     """
 
     places: Array
@@ -496,7 +498,7 @@ class _Map:
     find_lines: Callable[[], tuple[Array, Array]]
     network: ContactNetwork | None = None
     kinds: Mapping[str, str] = field(default_factory=dict)
-    shown: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    indices: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
     @property
     def size(self) -> Array:
@@ -506,7 +508,8 @@ class _Map:
 
 def _find_map_of_sample(sample: Sample) -> _Map:
     """Return balls and contacts of the layer of a sample along a1 and a2 through the first ball,
-    with L1 cells along a1 and L2 along a2.
+    with L1 cells along a1 and L2 along a2, as they are drawn: in a rectangle whose x axis is along
+    a1, lengths in diameters and forces over their mean.
     """
     structure = sample.packing.structure
     p = len(sample.shape)
@@ -617,6 +620,7 @@ def _find_lines_of_layer(
     """
     images_of_first = second - arms  # where the first ball would be beside the second
     is_loaded = forces > 0.0
+    # the image of a ball is the ball itself, or whole periods away from it
     is_across = is_loaded & (np.linalg.norm(images_of_first - first, axis=1) > 0.5)
     starts = np.concatenate([first[is_loaded], images_of_first[is_across]])
     arms_of_lines = np.concatenate([arms[is_loaded], arms[is_across]])
@@ -642,24 +646,24 @@ def _sum_forces(
 def _find_map_of_network(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
-    shown = list_balls(network)
-    places = network.positions[shown, :2]
-    radii = network.radii[shown]
+    indices = list_balls(network)
+    places = network.positions[indices, :2]
+    radii = network.radii[indices]
     low = np.min(places - radii[:, None], axis=0)
     high = np.max(places + radii[:, None], axis=0)
     diameter = float(2.0 * np.mean(radii))
     margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
     width, height = (high - low + 2.0 * margin).tolist()
-    kinds, colours = _colour_balls(network, shown)
-    title = f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}"
+    kinds, colours = _colour_balls(network, indices)
+    title = f"{counted(len(indices), 'ball')}, {counted(network.n_contacts, 'contact')}"
     if network.dimension == 3:
         title += ", seen along $z$"
     return _Map(
         places=places,
         radii=radii,
         colours=colours,
-        sums=sums[shown],
-        counts=counts[shown],
+        sums=sums[indices],
+        counts=counts[indices],
         edges=(*(low - margin).tolist(), *(high + margin).tolist()),
         diameter=diameter,
         height=1.3 + float(np.clip(2.75 * height / width, 0.35, 6.0)),
@@ -668,24 +672,24 @@ def _find_map_of_network(network: ContactNetwork) -> _Map:
         find_lines=partial(_find_lines_of_network, network),
         network=network,
         kinds=kinds,
-        shown=shown,
+        indices=indices,
     )
 
 
-def _colour_balls(network: ContactNetwork, shown: NDArray[np.intp]) -> tuple[dict[str, str], Any]:
+def _colour_balls(network: ContactNetwork, indices: NDArray[np.intp]) -> tuple[dict[str, str], Any]:
     """Return the colours of the kinds of balls that move, by name, and the colours (n,) of the
-    balls with the indices ``shown`` (n,). Without kinds, balls of several masses have a tint for
+    balls with these ``indices`` (n,). Without kinds, balls of several masses have a tint for
     each mass, by which the colours are named, unless there are more masses than tints.
     """
-    is_moving = network.moving[shown]
-    colours = np.full(len(shown), _STILL, dtype=object)
+    is_moving = network.moving[indices]
+    colours = np.full(len(indices), _STILL, dtype=object)
     names = np.array(network.kinds or [""] * network.n_balls, object)
     colours_of_kinds = colour_kinds(names[network.moving])
     if colours_of_kinds:
-        names_of_moving = names[shown][is_moving]
+        names_of_moving = names[indices][is_moving]
         colours[is_moving] = [colours_of_kinds[name] for name in names_of_moving]
         return colours_of_kinds, colours
-    masses = network.masses[shown][is_moving]
+    masses = network.masses[indices][is_moving]
     numbers = number_kinds(masses)
     n_masses = len(set(numbers))
     if not 1 < n_masses <= len(_TINTS):
@@ -807,12 +811,13 @@ def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:
     directions = np.linspace(0.0, 180.0, 181)
     units = np.stack([np.cos(np.radians(directions)), np.sin(np.radians(directions))], axis=1)
     weights = (np.ones(network.n_contacts), network.normal_force)
-    named = zip(("contacts", "forces"), (BLUE, VERMILION), weights, tensors, strict=True)
-    for name, colour, weight, tensor in named:
+    curves = zip(("contacts", "forces"), (BLUE, VERMILION), weights, tensors, strict=True)
+    for name, colour, weight, tensor in curves:
         sums, _edges = np.histogram(angles, edges, weights=weight)
         density = sums * _BINS_OF_DIRECTIONS / np.sum(weight)
         ax.stairs(density, edges, baseline=None, color=colour, label=name)
-        # the density 1 + a cos 2(theta - theta_0), over its mean, whose mean <nn> is the tensor
+        # the density 1 + a cos 2(theta - theta_0), over its mean, whose mean <nn> is the tensor T:
+        # it is 4 u.T u - 1 in the direction of each unit vector u
         second_order = 4.0 * np.einsum("da,ab,db->d", units, tensor, units) - 1.0
         ax.plot(directions, second_order, color=colour, linestyle="--", linewidth=0.8)
     ax.set(xlim=(0.0, 180.0), xlabel="Direction of contacts (°)", ylabel="Density over its mean")

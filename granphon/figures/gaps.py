@@ -24,7 +24,7 @@ from granphon.base.scales import HertzPrefix
 from granphon.figures.choices import arrange, turn_over
 from granphon.figures.curves import choose_x, describe_lines, read_values
 from granphon.figures.multiples import Panel, draw_panels
-from granphon.figures.style import BLUE, ORANGE, print_hertz
+from granphon.figures.style import BLUE, ORANGE, write_hertz
 from granphon.observables.catalogue import axis_label
 from granphon.runs.dataset import Dataset
 
@@ -76,11 +76,11 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
             x_values = _find_span(states, "gap")
             top, errors = np.repeat(top, 2), np.repeat(errors, 2)
         draw_error_band(ax, x_values, top, errors, _TOP["color"], "top-errors")
-        alone = np.flatnonzero(_find_alone(np.isfinite(top))).tolist()
-        ax.plot(x_values, top, gid="top", markevery=alone, **_TOP)
+        lonely_points = np.flatnonzero(_find_lonely(np.isfinite(top))).tolist()
+        ax.plot(x_values, top, gid="top", markevery=lonely_points, **_TOP)
 
-    top_of_legend = {**_TOP, "marker": ""}
-    handles: list[Any] = [Line2D([], [], label="top frequency", **top_of_legend)]
+    look_in_legend = {**_TOP, "marker": ""}
+    handles: list[Any] = [Line2D([], [], label="top frequency", **look_in_legend)]
     if np.any(np.isfinite(dataset["gap_lower"].values)):
         handles.insert(0, Patch(label="gap", **_FIELD))
     return _draw_panels(dataset, "top_frequency", "gap", draw, handles, **options)
@@ -144,16 +144,16 @@ def _find_span(states: Dataset, dimension: str) -> Array:
 
 
 def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
-    """Return the standard errors of the variable ``name``, nan if the data set has none. ``dims``
-    is the order of the dimensions; without it they stay as they are.
+    """Return the standard errors of the variable ``name``, in its unit; nan if the data set has
+    none. ``dims`` is the order of the dimensions; without it they stay as they are.
     """
     errors = states.get(f"{name}_error", states[name] * np.nan)
     return np.asarray(errors.transpose(*dims) if dims else errors, float)
 
 
-def _find_alone(is_known: Flags) -> Flags:
-    """Return (n,) whether each of n points of a curve is known while its neighbours are not: no
-    line leads to it.
+def _find_lonely(is_known: Flags) -> Flags:
+    """Return (n,) whether each of n points of a curve is known, ``is_known`` (n,), while its
+    neighbours are not, so that no line leads to the point.
     """
     has_neighbour = np.zeros(is_known.size, bool)
     has_neighbour[1:] |= is_known[:-1]
@@ -170,11 +170,12 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
     names of its edges.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
-    ends = np.flatnonzero(_find_alone(np.isfinite(lower))).tolist()
-    if ends:
-        ax.vlines(x[ends], lower[ends], upper[ends], color=BLUE, alpha=0.3, linewidth=_BAR)
+    lonely_points = np.flatnonzero(_find_lonely(np.isfinite(lower))).tolist()
+    if lonely_points:
+        ends = lower[lonely_points], upper[lonely_points]
+        ax.vlines(x[lonely_points], *ends, color=BLUE, alpha=0.3, linewidth=_BAR)
     for edge in (lower, upper):
-        ax.plot(x, edge, markevery=ends, gid=f"{gid}-edge", **_EDGE)
+        ax.plot(x, edge, markevery=lonely_points, gid=f"{gid}-edge", **_EDGE)
 
 
 def sweep_surface_figure(dataset: Dataset, **options: Any) -> Figure:
@@ -255,10 +256,11 @@ def _draw_panels(
     tell: Callable[[str], object] | None = None,
 ) -> Figure:
     """Return a figure with a panel for each medium and combination of parameters of a sweep, which
-    ``draw`` draws, with shared axes, of which that of y reaches to the greatest value of the
-    ``variable``, Hz, and with a legend of the ``handles``. Where one state alone is on the axis of
-    x, this axis counts the indices along the ``dimension``. The other arguments are those of
-    :func:`sweep_gaps_figure`.
+    ``draw`` draws, and with a legend of the ``handles``.
+
+    The panels share their axes. That of y reaches to the greatest value of the ``variable``, Hz.
+    That of x has ``x``, or, where one state alone would be on it, counts the indices along the
+    ``dimension``. The other arguments are those of :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
     layout = arrange(dataset, variable, x_name, rows, columns, alone=True)
@@ -272,27 +274,28 @@ def _draw_panels(
         handles = [*handles, make_error_handle(values, dataset[f"{variable}_error"].values)]
     all_x = np.asarray(read_values(turn_over(dataset, x_name), x_name), float)
     x_unit = str(dataset[x_name].attrs.get("units", ""))
-    is_alone = np.unique(all_x).size == 1
+    is_single_state = np.unique(all_x).size == 1  # over the axis of x
 
     def draw_panel(states: Dataset, ax: Axes) -> Panel:
         """Draw the states of one combination."""
-        turned = turn_over(states, x_name)
-        ((facts, index),) = describe_lines(turned, variable)
-        states_of_line = turned.isel(index, missing_dims="ignore")
+        states_over_x = turn_over(states, x_name)
+        ((facts, index),) = describe_lines(states_over_x, variable)  # a panel has one line
+        states_of_line = states_over_x.isel(index, missing_dims="ignore")
         x_values = np.asarray(states_of_line[x_name].values, float)
         order = np.argsort(x_values, kind="stable")
-        draw(states_of_line.isel(load=order), ax, None if is_alone else x_values[order], unit)
+        x_of_line = None if is_single_state else x_values[order]
+        draw(states_of_line.isel(load=order), ax, x_of_line, unit)
         return Panel((), handles, facts)
 
     def label(ax: Axes, _curves: Sequence[Any]) -> None:
         """Scale and name the axes of a panel."""
-        if is_alone:
+        if is_single_state:
             ax.set(xlim=_find_span(dataset, dimension), xlabel=_COUNTED[dimension][0])
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
             ax.xaxis.set_minor_locator(NullLocator())
         else:
             scale_axis(ax, "x", all_x)
             name_axis(ax.xaxis, float(np.max(np.abs(all_x))), axis_label(x_name, ""), x_unit)
-        ax.set(ylim=(0.0, 1.06 * greatest / unit.hertz), ylabel=f"Frequency ({print_hertz(unit)})")
+        ax.set(ylim=(0.0, 1.06 * greatest / unit.hertz), ylabel=f"Frequency ({write_hertz(unit)})")
 
     return draw_panels(dataset, layout, draw_panel, label)

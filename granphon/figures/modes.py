@@ -1,11 +1,12 @@
 """Figures of single modes: balls with their displacements and rotations.
 
-As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns it.
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -27,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.motions import Motions
 from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import (
     is_whole,
@@ -35,11 +36,12 @@ from granphon.base.validation import (
     one_of,
     positive,
     real_array,
+    real_number,
     require,
     whole_number,
 )
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, print_hertz
+from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, write_hertz
 from granphon.figures.views import Painter, View
 
 if TYPE_CHECKING:
@@ -95,6 +97,8 @@ _THICK = 3.0
 _MARGIN = 0.5
 #: rounding of places, in diameters
 _ROUNDING = 1e-6
+#: sine of the angle between an axis and the line of sight below which the two count as one
+_ALONG_SIGHT = 1e-3
 #: spins and displacements below this part of a diameter are not drawn
 _LEAST = 0.01
 
@@ -109,7 +113,7 @@ class _Motion:
     shift: NDArray[Any]  # (m, 3) displacements at phase 0, complex
     turn: NDArray[Any]  # (m, 3) angles at phase 0, complex, rad
     gyration: Array  # (m,) radii of gyration
-    rotate: bool
+    rotate: bool  # whether the balls turn
     planar: bool  # whether balls of a plane or a line stay in their plane
     seen: NDArray[np.bool_]  # (m,) which balls are drawn, the others as points
     title: str
@@ -174,7 +178,7 @@ def plot_mode(
     branch : number of the branch from 0, in ascending frequency.
     cells : number of cells to draw along each lattice vector: by default 8 on a line and 4 by 4 in
         a plane, and in space all balls in a cube of 2.4 d.
-    phase : phase of the motion, rad; at time t it is -omega t.
+    phase : phase of the motion, rad, which at the time t is -omega t.
     direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch,
         and (required) at Gamma.
     view : direction from which spheres are seen.
@@ -183,12 +187,20 @@ def plot_mode(
     Raises
     ------
     InputError : a ``q`` without p or three components, no such branch, ``cells`` that are not p
-        whole numbers from 1 to 1000, a ``size`` that is not above zero, or at a point where
-        branches touch, Gamma among them, no ``direction``.
+        whole numbers from 1 to 1000, a ``phase`` that is not finite, a ``size`` that is not above
+        zero, or at a point where branches touch, Gamma among them, no ``direction``.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
-    motion.draw(ax, phase, view or motion.view, positive("size", size))
+    motion.draw(ax, _read_phase(phase), view or motion.view, positive("size", size))
     return ax
+
+
+def _read_phase(phase: float) -> float:
+    """Return the ``phase`` of a motion, rad; InputError for what is no finite number."""
+    value = real_number(phase)  # nan for what is no number
+    if not math.isfinite(value):
+        raise InputError(f"phase is {brief(phase)}", mend="Give a finite number, rad")
+    return value
 
 
 def mode_figure(phonons: Phonons, q: ArrayLike, branch: int, **options: Any) -> Figure:
@@ -218,12 +230,15 @@ def plot_network_mode(
     of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
     energy are drawn, and the title gives their number. In space balls whose amplitude is below 5 %
     of the greatest are points, so that those that move are seen.
+
+    Raises :class:`~granphon.base.errors.InputError` if there is no such mode, for another word of
+    ``show``, and for a ``phase`` or ``size`` that :func:`plot_mode` refuses.
     """
-    number = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
+    index = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
     if one_of("show", show, ("motion", "sensitivity")) == "sensitivity":
-        return _draw_shares(modes, number, ax)
-    motion = _find_network_motion(modes, number)
-    motion.draw(ax, phase, view or motion.view, positive("size", size))
+        return _draw_shares(modes, index, ax)
+    motion = _find_network_motion(modes, index)
+    motion.draw(ax, _read_phase(phase), view or motion.view, positive("size", size))
     return ax
 
 
@@ -272,7 +287,7 @@ def plot_participation(modes: NetworkModes, ax: Axes | None = None) -> Axes:
             return plot_participation(modes, figure.subplots())
     unit = HertzPrefix.for_top(float(np.max(modes.frequencies)))
     ax.plot(modes.frequencies / unit.hertz, modes.participation_ratio, ".", color=BLUE)
-    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Participation ratio")
+    ax.set(xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Participation ratio")
     ax.set_ylim(bottom=0.0)
     return ax
 
@@ -345,9 +360,9 @@ def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.
     """Return the contacts (m_c, 2) between the ``balls`` (m,) that are drawn, by the places of both
     balls in ``balls``, without contacts across the edge of a period.
     """
-    drawn_index = np.full(network.n_balls, -1)
-    drawn_index[balls] = np.arange(balls.size)
-    pairs = np.stack([drawn_index[network.i], drawn_index[network.j]], axis=1)
+    place_of_ball = np.full(network.n_balls, -1)  # -1 for balls that are not drawn
+    place_of_ball[balls] = np.arange(balls.size)
+    pairs = np.stack([place_of_ball[network.i], place_of_ball[network.j]], axis=1)
     is_drawn = np.all(pairs >= 0, axis=1)
     is_across = np.any(network.shift, axis=1)
     return np.asarray(pairs[is_drawn & ~is_across])
@@ -370,7 +385,7 @@ def _write_network_title(modes: NetworkModes, mode: int, n_drawn: int) -> str:
     network = modes.network
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
-    title = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    title = f"{hertz / unit.hertz:.1f} {write_hertz(unit)}"
     if network.ball_motions.rotate:
         title += f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
     title += f"\nparticipation {modes.participation_ratio[mode]:.2g}"
@@ -395,7 +410,8 @@ def animate_mode(
 
     Spheres move, and great circles on them turn; balls that stay in their plane are drawn as by
     :func:`plot_mode`, of which the arguments are the same. ``frames`` is the number of pictures in
-    a period.
+    a period, 2 to 1000. Raises what :func:`plot_mode` raises, and
+    :class:`~granphon.base.errors.InputError` for another number of frames.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
     n_frames = whole_number("frames", frames, 2, 1000)
@@ -472,13 +488,13 @@ def _find_motion(
 
 
 def _fix_phase(motion: NDArray[Any]) -> NDArray[Any]:
-    """Return a complex motion, u components of n balls, (n, u), with the phase at which its largest
-    component is real and positive; of components that are equal but for rounding, the first counts
-    as the largest.
+    """Return a complex ``motion``, u components of n balls, (n, u), with the phase at which its
+    largest component is real and positive; of components that are equal but for rounding, to a
+    millionth of the largest, the first counts as the largest.
     """
-    sizes = np.abs(motion).ravel() / np.abs(motion).max()
-    index = np.argmax(np.round(sizes, 6))
-    largest = motion.ravel()[index]
+    components = motion.ravel()
+    relative_magnitudes = np.abs(components) / np.abs(components).max()
+    largest = components[np.argmax(np.round(relative_magnitudes, 6))]
     return np.asarray(motion * (abs(largest) / largest))
 
 
@@ -488,7 +504,7 @@ def _write_title(modes: PhononModes, q: Array, branch: int, rotate: bool) -> str
     """
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)
-    frequency = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    frequency = f"{hertz / unit.hertz:.1f} {write_hertz(unit)}"
     # a frequency of zero has rounding errors of this size
     n_branches = modes.frequencies.shape[1]
     rounding = n_branches * np.finfo(float).eps * float(modes.frequencies.max())
@@ -547,19 +563,19 @@ def _find_pairs(
     (m,), which holds their indices in the cell; ``cell_steps`` (m, p) are the numbers of cells from
     the first cell to theirs.
     """
-    drawn_index = {}  # places in the arrays, by index in the cell and steps
+    index_of_ball = {}  # places in the arrays, by index in the cell and steps
     for index, (ball, steps) in enumerate(zip(balls.tolist(), cell_steps.tolist(), strict=True)):
-        drawn_index[ball, tuple(steps)] = index
+        index_of_ball[ball, tuple(steps)] = index
     table = lattice.contacts
     pairs = []
     for i, j, shift in zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True):
-        for (ball, steps), index in drawn_index.items():
+        for (ball, steps), index in index_of_ball.items():
             if ball != i:
                 continue
             neighbour_steps = tuple(n + m for n, m in zip(steps, shift, strict=True))
             neighbour = (j, neighbour_steps)
-            if neighbour in drawn_index:
-                pairs.append((index, drawn_index[neighbour]))
+            if neighbour in index_of_ball:
+                pairs.append((index, index_of_ball[neighbour]))
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
@@ -736,7 +752,7 @@ def _add_arc(painter: Painter, centre: Array, radius: float, phi: Array) -> None
     axis = phi / angle
     # the middle of the arc, as near to the viewer as the axis allows
     across_axis = to_viewer - (to_viewer @ axis) * axis
-    if np.linalg.norm(across_axis) < 1e-3:  # the ball turns about the line of sight
+    if np.linalg.norm(across_axis) < _ALONG_SIGHT:  # the ball turns about the line of sight
         across_axis = upwards - (upwards @ axis) * axis
     front = across_axis / np.linalg.norm(across_axis)
     side = np.cross(axis, front)
@@ -763,7 +779,7 @@ def _find_amplitudes(motion: NDArray[Any]) -> Array:
     """Return the largest length (n,) that each of the complex vectors ``motion`` (n, 3) reaches in
     a period: the longer half axis of its elliptic path.
     """
-    # sum and difference of the squares of both half axes of each path
-    total = np.sum(np.abs(motion) ** 2, axis=1)
-    difference = np.abs(np.sum(motion * motion, axis=1))
-    return np.asarray(np.sqrt(0.5 * (total + difference)))
+    # of the squares of both half axes of each path
+    sum_of_squares = np.sum(np.abs(motion) ** 2, axis=1)
+    difference_of_squares = np.abs(np.sum(motion * motion, axis=1))
+    return np.asarray(np.sqrt(0.5 * (sum_of_squares + difference_of_squares)))

@@ -15,6 +15,7 @@ from granphon.figures.scales import (
     draw_balls,
     draw_error_band,
     make_error_handle,
+    read_errors,
     styled_figure,
 )
 
@@ -24,15 +25,25 @@ from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed
-from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
-from granphon.figures.waves import choose_states
+from granphon.base.validation import one_of, positive, whole_number
+from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, write_hertz
+from granphon.figures.waves import pick_states
 from granphon.figures.words import write_unit
 from granphon.runs.dataset import Dataset
 from granphon.waves.motion import Motion
 
+#: what a map may show
 Show = Literal["velocities", "forces"]
+_SHOWS = ("velocities", "forces")
+#: the energies that are drawn, by the names of the attributes of a motion: label and colour
+_ENERGIES = {
+    "translation": ("translation", COLOURS[0]),
+    "rotation": ("rotation", COLOURS[1]),
+    "stored": ("contacts", COLOURS[2]),
+    "lost": ("lost", "0.4"),
+}
 #: part of the greatest amplitude of a spectrum at which its axis ends
 _LEAST = 1e-6
 #: the length of this number of radii chooses the unit of positions
@@ -52,19 +63,16 @@ def plot_motion(
     forces of contacts.
 
     Positions are along ``axis``, 0 to 2, by default the first axis along which the array does not
-    repeat. Positions and values are means over a layer of balls, or over the contacts from one
-    layer to the next. An oblique cell is drawn as a rectangle. Raises
+    repeat, or 0 if there is none. Positions and values are means over a layer of balls, or over the
+    contacts from one layer to the next. An oblique cell is drawn as a rectangle. Raises
     :class:`~granphon.base.errors.InputError` for another word of ``show``, and another ``axis``.
     """
     network = motion.network
-    if show not in ("velocities", "forces") or axis not in (None, 0, 1, 2):
-        raise InputError(
-            f"show is {brief(show)}, axis {brief(axis)}",
-            mend="Give velocities or forces, 0, 1 or 2",
-        )
-    # the first axis without a period, or 0 if all have one
-    default_axis = int(np.argmin(network.pbc)) % network.dimension
-    drawn_axis = default_axis if axis is None else axis
+    one_of("show", show, _SHOWS)
+    if axis is None:  # argmin finds the first axis without a period
+        drawn_axis = int(np.argmin(network.pbc)) % network.dimension
+    else:
+        drawn_axis = whole_number("axis", axis, 0, 2)
     letter = "xyz"[drawn_axis]
     is_ball = np.isfinite(network.radii)
     radius = float(np.mean(network.radii[is_ball]))
@@ -103,8 +111,9 @@ def plot_motion(
 
 
 def _find_positions(motion: Motion, axis: int, radius: float) -> tuple[Array, Array]:
-    """Return the positions (n,) of the balls and (n_c,) of the contacts along an ``axis``, m, in
-    one period; ``radius`` is the mean radius of the balls, m.
+    """Return the positions of the balls, without flat walls, (n,), and of the contacts, (n_c,),
+    along an ``axis``, m, in one period if the array repeats along the axis; ``radius`` is the mean
+    radius of the balls, m.
     """
     network = motion.network
     # a ball at the edge of a period stays there when its position is rounded
@@ -138,9 +147,9 @@ def _find_layers(positions: Array, radius: float) -> Array:
 
 
 def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[Array, Array]:
-    """Return, for each layer, the mean of the ``coordinates`` (n,), m, of what lies in it, and the
-    means of the ``values`` (n_times, n): arrays (m,) and (n_times, m) for the m layers that hold
-    any.
+    """Return for each layer the mean of the ``coordinates`` (n,), m, of the balls or contacts in
+    the layer, and the means of their ``values`` (n_times, n): arrays (m,) and (n_times, m) for the
+    m layers that are not empty.
 
     ``layers`` (n_layers,), m, are the coordinates at which layers begin.
     """
@@ -159,29 +168,27 @@ def plot_energies(motion: Motion, ax: Axes, errors: Mapping[str, Array] | None =
     of the axis.
 
     ``errors`` are standard errors (n,), J, by the names of the attributes of the motion,
-    "translation", "rotation", "stored" and "lost"; each that is given is drawn as a band.
+    "translation", "rotation", "stored" and "lost"; each that is given is drawn as a band. Raises
+    :class:`~granphon.base.errors.InputError` for errors of another name or shape.
     """
-    known = errors or {}
+    energy_errors = {}
+    for name, values in (errors or {}).items():
+        one_of("name of errors", name, _ENERGIES)
+        energy_errors[name] = read_errors(values, motion.times.shape)
     greatest = max(float((motion.energy + motion.lost).max()), _TINY)
     scale, unit = prefixed(greatest, "J")
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
-    for name, label, colour in (
-        ("translation", "translation", COLOURS[0]),
-        ("rotation", "rotation", COLOURS[1]),
-        ("stored", "contacts", COLOURS[2]),
-        ("lost", "lost", "0.4"),
-    ):
+    for name, (label, colour) in _ENERGIES.items():
         values = getattr(motion, name)
         is_always_drawn = name in ("translation", "stored")
         if not (is_always_drawn or np.any(values > _NO_ENERGY * scale)):
             continue
         times = motion.times / seconds
-        if name in known:
-            draw_error_band(
-                ax, times, values / scale, known[name] / scale, colour, f"{name}-errors"
-            )
+        if name in energy_errors:
+            heights = energy_errors[name] / scale
+            draw_error_band(ax, times, values / scale, heights, colour, f"{name}-errors")
         ax.plot(times, values / scale, color=colour, label=label)
-    if known:
+    if energy_errors:
         ax.add_line(make_error_handle())
     ax.set(
         xlabel=f"Time ({write_unit(unit_of_time)})",
@@ -199,15 +206,16 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
 
     ``frame`` is counted from 0, or from the end below 0, and ``most`` is the speed, m/s, of the
     darkest colour, by default the greatest speed of the frame. Raises
-    :class:`~granphon.base.errors.InputError` if the motion has no such frame.
+    :class:`~granphon.base.errors.InputError` if the motion has no such frame, and for a ``most``
+    that is not above zero.
     """
-    if not -len(motion.times) <= frame < len(motion.times):
-        raise InputError(
-            f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}"
-        )
-    greatest = float(np.linalg.norm(motion.velocities[frame], axis=1).max())
-    limit = greatest if most is None else most
-    balls, label = _draw_speeds(motion, ax, frame, max(limit, _TINY))
+    n_frames = len(motion.times)
+    number = whole_number("frame", frame, -n_frames, n_frames - 1)
+    if most is None:
+        limit = float(np.linalg.norm(motion.velocities[number], axis=1).max())
+    else:
+        limit = positive("most", most, "m/s")
+    balls, label = _draw_speeds(motion, ax, number, max(limit, _TINY))
     add_bar(ax, balls, label)
     return ax
 
@@ -240,10 +248,10 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     prefix = HertzPrefix.for_top(top)
     scale, unit = prefixed(greatest, "m")
     # a logarithmic axis has no zero: smaller amplitudes are drawn far below the axes
-    shown = np.maximum(amplitudes, 1e-3 * _LEAST * greatest)
-    ax.plot(frequencies / prefix.hertz, shown / scale, color=BLUE, linewidth=0.9)
+    heights = np.maximum(amplitudes, 1e-3 * _LEAST * greatest)
+    ax.plot(frequencies / prefix.hertz, heights / scale, color=BLUE, linewidth=0.9)
     ax.set(
-        xlabel=f"Frequency ({print_hertz(prefix)})",
+        xlabel=f"Frequency ({write_hertz(prefix)})",
         ylabel=f"Displacement of ball {ball} ({write_unit(unit)})",
         yscale="log",
     )
@@ -258,9 +266,12 @@ def plot_harmonics(
     """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the
     position along an axis.
 
-    Options are those of :meth:`granphon.Motion.harmonics`.
+    Options, and what is raised, are those of :meth:`granphon.Motion.harmonics`;
+    :class:`~granphon.base.errors.InputError` too if no ball moves along the axis.
     """
     amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))  # (count, n), m
+    if not np.any(amplitudes):
+        raise InputError(f"no ball moves along {'xyz'[axis]}", mend="Give another axis")
     positions = motion.network.positions[:, axis]
     median_radius = float(np.median(motion.network.radii))
     metres, unit_of_length = prefixed(_RADII * median_radius, "m")
@@ -299,11 +310,11 @@ def motion_figure(
     """Draw a figure across the page: the motion, and its energies over time, with the ``errors`` of
     :func:`plot_energies`.
 
-    Of a chain, and with ``show``, the motion is a map over time and the position along ``axis``,
-    see :func:`plot_motion`. Of any other array the balls are drawn at three frames after the first,
-    at all of them if the motion has fewer than four frames, and ``axis`` is ignored.
+    Of a chain, and with ``show`` or ``axis``, the motion is a map over time and the position along
+    the axis, see :func:`plot_motion`. Of any other array the balls are drawn at three frames after
+    the first, or at all of these if the motion has fewer than four frames.
     """
-    is_map = motion.network.dimension == 1 or show is not None
+    is_map = motion.network.dimension == 1 or show is not None or axis is not None
     if is_map:
         with styled_figure(2.7, PAGE_WIDTH) as figure:
             left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
@@ -335,7 +346,7 @@ def motions_figure(dataset: Dataset) -> Figure:
     States are chosen as by :func:`granphon.figures.waves.sweep_dos_figure`. Raises
     :class:`~granphon.base.errors.InputError` for a data set without motions.
     """
-    states, handles = choose_states(dataset, "motion_force", "motions")
+    states, handles = pick_states(dataset, "motion_force", "motions")
     times = dataset["motion_time"].values  # s
     seconds, unit_of_time = prefixed(float(times[-1]), "s")
     with styled_figure(3.6) as figure:

@@ -6,8 +6,9 @@ panels, and writes what they share once.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from granphon.figures.scales import add_legend, find_axis, styled_figure, thin_ticks
@@ -29,8 +30,7 @@ _HEIGHT_ALONE = 1.75
 _MARGINS = 0.55
 #: height of the title of a panel that stands in a line with others, inches
 _TITLE_HEIGHT = 0.12
-#: rows of the legend for which the margins have room
-_ROOM = 0
+
 #: greatest number of letters of a line of the title, and of one beside a row of panels
 _LETTERS_OF_TITLE = 60
 _LETTERS_OF_ROW = 14
@@ -57,9 +57,9 @@ def draw_panels(
 ) -> Figure:
     """Draw a figure of the panels of a ``layout``, with shared axes and one legend.
 
-    ``draw`` draws the states of a panel on its Axes; ``label`` scales and names the axes of an Axes
-    for all curves. With columns alone the panels stand in lines. The figure is one column wide, or
-    as wide as a page if it has many columns.
+    ``draw`` draws the states of a panel on its Axes, and returns what was drawn; ``label`` scales
+    and names the axes of an Axes for the list of all curves. With columns alone the panels stand in
+    lines. The figure is one column wide, or as wide as a page if it has more than three columns.
     """
     has_lines = layout.rows is None
     numbers_of_rows = layout.list_numbers(dataset, layout.rows)
@@ -75,36 +75,27 @@ def draw_panels(
     with styled_figure(height + _MARGINS, width) as figure:
         axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
         cells = iter(axes.flat)
-        drawn: list[tuple[Axes, Panel]] = []
-        for row, column in _list_panels(numbers_of_rows, numbers_of_columns):
+        drawn_panels: list[tuple[Axes, Panel]] = []
+        for row, column in itertools.product(numbers_of_rows, numbers_of_columns):
             ax = next(cells)
-            drawn.append((ax, draw(layout.select(dataset, row, column), ax)))
+            drawn_panels.append((ax, draw(layout.select(dataset, row, column), ax)))
         for ax in cells:
             ax.set_axis_off()
-        _label_shared(axes, drawn, label)
-        _name_panels(drawn, dataset, layout, n_columns, width / n_columns)
-        _write_shared(figure, drawn, dataset, layout)
+        _label_shared(axes, drawn_panels, label)
+        _name_panels(drawn_panels, dataset, layout, n_columns, width / n_columns)
+        _write_shared(figure, drawn_panels, dataset, layout)
     return figure
 
 
-def _list_panels(
-    rows: Sequence[int | None], columns: Sequence[int | None]
-) -> Iterator[tuple[int | None, int | None]]:
-    """Yield the indices of the row and of the column of each panel, row by row."""
-    for row in rows:
-        for column in columns:
-            yield row, column
-
-
 def _label_shared(
-    axes: Any, drawn: Sequence[tuple[Axes, Panel]], label: Callable[[Axes, list[Any]], None]
+    axes: Any, drawn_panels: Sequence[tuple[Axes, Panel]], label: Callable[[Axes, list[Any]], None]
 ) -> None:
     """Scale all panels of the grid ``axes`` (rows, columns) alike, and write the names of the
-    shared axes once. ``drawn`` are the Axes that have a panel, each with what was drawn there, and
-    ``label`` is that of :func:`draw_panels`.
+    shared axes once. ``drawn_panels`` are the Axes that have a panel, each with what was drawn
+    there, and ``label`` is that of :func:`draw_panels`.
     """
-    all_curves = [curve for _, panel in drawn for curve in panel.curves]
-    panels = [ax for ax, _ in drawn]
+    all_curves = [curve for _, panel in drawn_panels for curve in panel.curves]
+    panels = [ax for ax, _ in drawn_panels]
     for ax in panels:
         label(ax, all_curves)
         ax.margins(x=0.08)
@@ -129,6 +120,7 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
     is_between = len(panels) % 2 == 0
     axis = find_axis(middle, which)
     axis.set_label_text(label)
+    # between two panels, half of the gap beyond the end of the first, in lengths of a panel
     axis.label.set(**{which: 1.06 if is_between else 0.5})
     if len(panels) > 1:
         # the label may be longer than its panel, which it must not push from the others; the empty
@@ -139,18 +131,18 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
 
 
 def _name_panels(
-    drawn: Sequence[tuple[Axes, Panel]],
+    drawn_panels: Sequence[tuple[Axes, Panel]],
     dataset: Dataset,
     layout: Layout,
     n_columns: int,
     width: float,
 ) -> None:
-    """Write the values of columns and rows beside the panels ``drawn``, of which ``n_columns``
-    stand in a line, each ``width`` inches wide. The value of a column stands above the panel of the
-    first row, or above each panel if panels stand in lines; the value of a row stands at the right
-    of the last panel of the row.
+    """Write the values of columns and rows beside the panels ``drawn_panels``, of which
+    ``n_columns`` stand in a line, each ``width`` inches wide. The value of a column stands above
+    the panel of the first row, or above each panel if panels stand in lines; the value of a row
+    stands at the right of the last panel of the row.
     """
-    for number, (ax, panel) in enumerate(drawn):
+    for number, (ax, panel) in enumerate(drawn_panels):
         row, column = divmod(number, n_columns)
         if layout.columns is not None and (row == 0 or layout.rows is None):
             text = panel.facts[_find_kind(dataset, layout.columns)]
@@ -177,19 +169,20 @@ def _find_kind(dataset: Dataset, name: str) -> str:
 
 
 def _write_shared(
-    figure: Figure, drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout
+    figure: Figure, drawn_panels: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout
 ) -> None:
-    """Write the legend of all panels, and above them the facts of parameters that have one value in
-    the figure.
+    """Write below the panels ``drawn_panels`` one legend of the entries of all, each label once,
+    and above the panels the facts of parameters that have one value in the figure.
     """
     handles: dict[str, Line2D] = {}
-    for _, panel in drawn:
+    for _, panel in drawn_panels:
         for handle in panel.handles:
             handles.setdefault(str(handle.get_label()), handle)
-    add_legend(figure, list(handles.values()), _ROOM)
-    held = [name for name, numbers in layout.shown.items() if len(numbers) == 1]
-    single = [name for name in list_parameters(dataset) if dataset[name].size == 1]
-    _, panel = drawn[0]
-    facts = [panel.facts[_find_kind(dataset, name)] for name in (*single, *held)]
+    add_legend(figure, list(handles.values()))
+    # parameters with a single value, and those of which a single value is drawn
+    names = [name for name in list_parameters(dataset) if dataset[name].size == 1]
+    names += [name for name, numbers in layout.shown.items() if len(numbers) == 1]
+    _, panel = drawn_panels[0]
+    facts = [panel.facts[_find_kind(dataset, name)] for name in names]
     if facts:
         figure.suptitle(join_facts(facts, _LETTERS_OF_TITLE), fontsize=STYLE["axes.titlesize"])

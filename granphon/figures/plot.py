@@ -23,7 +23,8 @@ class Picture:
 
     Attributes
     ----------
-    figure : the function that draws it, "bands.bands_figure" in the module ``bands`` of figures.
+    figure : the function that draws the picture, "bands.bands_figure" in the module ``bands`` of
+        figures.
     keyword : the keyword under which the function takes the result.
     height : where the function draws on an Axes, the height of a figure of the Axes, inches; else
         0.
@@ -38,7 +39,7 @@ class Picture:
     of_state: str = ""
 
     def load(self) -> Callable[..., Any]:
-        """Import the function."""
+        """Import the module of the function, and return the function."""
         module, _, name = self.figure.partition(".")
         function: Callable[..., Any] = getattr(import_module(f"granphon.figures.{module}"), name)
         return function
@@ -81,7 +82,7 @@ OF_DATASETS = {
     "modes": Picture("gaps.modes_figure"),
     "sensitivities": Picture("sensitivities.sensitivities_figure"),
 }
-#: the names of those whose figure draws each state by itself
+#: the names of the outputs whose figure draws each state by itself
 OF_STATES = tuple(name for name, picture in OF_DATASETS.items() if picture.of_state)
 #: cells along each period in the picture of a small network, for one, two and three periods
 _CELLS = (8, 4, 2)
@@ -124,7 +125,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         results = result if are_several else [result]
         _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
         if axes is None:
-            return _show(comparison_figure(results, **options))
+            return _make_showable(comparison_figure(results, **options))
         figure: Any = plot_together(results, axes, **options).get_figure()
         return figure  # type: ignore[no-any-return]
     dataset = find_dataset(result)
@@ -137,10 +138,12 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     if picture.height:
         from granphon.figures.scales import draw_alone
 
-        return _show(draw_alone(lambda ax: draw(**arguments, ax=ax, **options), picture.height))
+        return _make_showable(
+            draw_alone(lambda ax: draw(**arguments, ax=ax, **options), picture.height)
+        )
     figure_or_axes = draw(**arguments, **options)
     makes_axes = "ax" in signature(draw).parameters
-    return _show(figure_or_axes.get_figure() if makes_axes else figure_or_axes)
+    return _make_showable(figure_or_axes.get_figure() if makes_axes else figure_or_axes)
 
 
 def draw_dataset(dataset: Any, name: str, **options: Any) -> Figure:
@@ -165,8 +168,8 @@ def _find_picture(result: Any) -> Picture | None:
 def _choose_of_object(result: Any) -> tuple[Picture, dict[str, Any]]:
     """Return the picture of an object without a data set, and the arguments of its function.
 
-    An object that has none is drawn by its network, or by some cells of a small network. InputError
-    if there is no network.
+    An object of a class that has no picture is drawn by its network, or by some cells of a small
+    network. InputError if there is no network.
     """
     picture = _find_picture(result)
     if picture is not None:
@@ -224,15 +227,19 @@ def choose_figure(dataset: Any, names: Iterable[str]) -> str:
     """Return the first of the ``names`` of outputs whose figure draws each state of a data set by
     itself; "sweep", the curves over the load, if there is none, or if there are several states.
     """
-    drawn = [name for name in names if name in OF_STATES and OF_DATASETS[name].of_state in dataset]
-    return "sweep" if dataset["valid"].size > 1 or not drawn else drawn[0]
+    if dataset["valid"].size > 1:
+        return "sweep"
+    for name in names:
+        if name in OF_STATES and OF_DATASETS[name].of_state in dataset:
+            return name
+    return "sweep"
 
 
-def _show(figure: Any) -> Figure:
-    """Return a plain figure as a picture that shows itself in a notebook."""
-    from granphon.figures.scales import Picture
+def _make_showable(figure: Any) -> Figure:
+    """Change a plain figure into one that a notebook shows, and return the figure."""
+    from granphon.figures.scales import NotebookFigure
 
-    figure.__class__ = Picture
+    figure.__class__ = NotebookFigure
     return figure  # type: ignore[no-any-return]
 
 

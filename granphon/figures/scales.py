@@ -23,15 +23,17 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
 from granphon.base.scales import HertzPrefix, prefixed
+from granphon.base.validation import real_array
 from granphon.figures.style import (
     COLUMN_WIDTH,
     DPI,
     FRAME,
     LONGITUDINAL_COLOUR,
+    POINTS_PER_INCH,
     STYLE,
     TRANSVERSE_COLOUR,
-    print_hertz,
     shorten_error,
+    write_hertz,
 )
 
 if TYPE_CHECKING:
@@ -147,18 +149,19 @@ def find_axis(ax: Axes, which: str) -> Axis:
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
-    """Make the ``which`` axis, "x" or "y", logarithmic if all finite ``values`` are above zero.
+    """Make the ``which`` axis, "x" or "y", logarithmic if all finite ``values`` are above zero, and
+    leave the axis as it is otherwise, also if no value is finite.
 
-    Its ticks are plain numbers if the ratio of the largest value to the smallest is below
-    ``plain``.
+    Ticks of a logarithmic axis are plain numbers if the ratio of the largest value to the smallest
+    is below ``plain``.
 
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
-    finite = values[np.isfinite(values)]
-    lowest = finite.min()
-    largest = finite.max()
-    if lowest <= 0.0:
+    finite_values = values[np.isfinite(values)]
+    if not finite_values.size or np.any(finite_values <= 0.0):
         return
+    lowest = finite_values.min()
+    largest = finite_values.max()
     if lowest < _LEAST or largest > _LARGEST:
         problem = f"the {which} axis cannot reach from {lowest:.4g} to {largest:.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
@@ -187,8 +190,8 @@ def thin_ticks(ax: Axes) -> None:
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
-    """Widen the ``which`` axis, "x" or "y", if its ``values`` differ by rounding at most: it then
-    reaches a twentieth beyond them to either side at least.
+    """Widen the ``which`` axis, "x" or "y", if its ``values``, all above zero, differ by rounding
+    at most: the axis then reaches a twentieth beyond the values to either side at least.
 
     The ticks of an axis as narrow as rounding would have no meaning.
     """
@@ -219,8 +222,8 @@ def name_axis(
     name_of_unit = unit
     if takes_prefix and (short or not is_handy):
         size_of_unit, name_of_unit = prefixed(most, unit)
-    printed = name_of_unit.replace("u", "µ").replace("^2", "²").replace("^3", "³")
-    ending = "" if name_of_unit in ("", "1") else f" ({printed})"
+    unit_in_print = name_of_unit.replace("u", "µ").replace("^2", "²").replace("^3", "³")
+    ending = "" if name_of_unit in ("", "1") else f" ({unit_in_print})"
     axis.set_label_text(f"{label}{ending}{more}")
     if size_of_unit == 1.0 and not short:
         return
@@ -238,7 +241,7 @@ def name_axis(
     axis.set_major_formatter(write_power if has_powers else write_number)
 
 
-class Picture(Figure):
+class NotebookFigure(Figure):
     """A figure with a PNG for notebooks; if pyplot's inline backend is loaded, the backend shows
     the figure instead.
     """
@@ -265,18 +268,20 @@ def styled_figure(height: float, width: float = COLUMN_WIDTH, dpi: float = DPI) 
 
 
 def draw_alone(plot: Callable[[Axes], Any], height: float) -> Figure:
-    """Return a figure of one panel, one column wide and ``height`` inches high, on which ``plot``
-    has drawn.
+    """Return a figure of one panel, one column wide and ``height`` inches high, on whose Axes the
+    function ``plot`` has drawn.
     """
     with styled_figure(height) as figure:
         plot(figure.subplots())
     return figure
 
 
-def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
-    """Draw the colour bar of ``drawn`` above its Axes, and return the bar."""
+def add_bar(ax: Axes, mappable: Any, label: str) -> Any:
+    """Draw above an Axes the bar that says what the colours of ``mappable`` mean, an artist with a
+    map of colours, and return the bar.
+    """
     figure: Any = ax.get_figure()
-    bar = figure.colorbar(drawn, ax=ax, location="top", aspect=40, pad=0.02)
+    bar = figure.colorbar(mappable, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(label)
     return bar
 
@@ -318,23 +323,42 @@ def draw_error_band(
         fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
 
 
-def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = "") -> Line2D:
-    """Return the entry of a legend for the bands of :func:`draw_error_band`. Of ``values`` with
-    ``errors``, arrays of one shape, it tells the least and the greatest relative error, and has no
-    mark where the bands are hidden behind lines.
+def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return standard ``errors``, an argument of that name, as an array of a ``shape``, nan where
+    unknown; :class:`~granphon.base.errors.InputError` for errors of another shape, from which axes
+    of length 1 may differ.
     """
-    sizes = np.nan_to_num(np.abs(np.ravel(values)))
-    errors_known = np.nan_to_num(np.ravel(errors))
-    relative = np.divide(errors_known, sizes, out=np.zeros(sizes.shape), where=sizes > 0.0)
-    is_told = (relative > 0.0) & (sizes > _LEAST_TOLD * np.max(sizes, initial=0.0))
+    values = real_array("errors", errors)
+    long_axes = tuple(length for length in values.shape if length > 1)
+    if long_axes != tuple(length for length in shape if length > 1):
+        raise InputError(f"errors have the shape {values.shape}", mend=f"Give {shape}")
+    return values.reshape(shape)
+
+
+def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = "") -> Line2D:
+    """Return the entry of a legend for the bands of :func:`draw_error_band`.
+
+    Of ``values`` with ``errors``, arrays of one shape, the entry tells the least and the greatest
+    relative error, without the values that are near zero beside the greatest and without errors
+    that are zero or nan; its mark is empty where the bands are hidden behind lines.
+    """
+    magnitudes = np.nan_to_num(np.abs(np.ravel(values)))
+    relative_errors = np.divide(
+        np.nan_to_num(np.ravel(errors)),
+        magnitudes,
+        out=np.zeros(magnitudes.shape),
+        where=magnitudes > 0.0,
+    )
+    is_told = (relative_errors > 0.0) & (magnitudes > _LEAST_TOLD * np.max(magnitudes, initial=0.0))
     style: dict[str, Any] = {"color": "0.3", "alpha": 0.3, "linewidth": 5.0}
     label = STANDARD_ERROR
     if np.any(is_told):
-        told = relative[is_told]
+        least = float(np.min(relative_errors[is_told]))
+        greatest = float(np.max(relative_errors[is_told]))
         # of equal ends one is written
-        ends = dict.fromkeys(f"{100.0 * end:.2g}" for end in (np.min(told), np.max(told)))
+        ends = dict.fromkeys(f"{100.0 * end:.2g}" for end in (least, greatest))
         label = f"{label} {' to '.join(ends)} %"
-        if np.max(told) < _HIDDEN:
+        if greatest < _HIDDEN:
             style = {"linestyle": "none"}
     return Line2D([], [], label=label, **style)
 
@@ -348,19 +372,20 @@ def draw_densities(
     errors (n,) in 1/Hz, nan where unknown). The axis ends a little above the highest
     frequency at which a density is above the part ``least`` of its greatest value.
     """
-    listed = list(curves)
-    tops = []  # the highest frequency of each curve with a density; of one without any, the last
-    for _, _, frequencies, densities, _ in listed:
-        seen = frequencies[densities > least * densities.max()]
-        tops.append(float(seen[-1] if seen.size else frequencies[-1]))
+    all_curves = list(curves)
+    # the highest frequency of each curve with a density; of a curve without any, its last frequency
+    tops = []
+    for _, _, frequencies, densities, _ in all_curves:
+        occupied = np.flatnonzero(densities > least * densities.max())
+        tops.append(float(frequencies[occupied[-1] if occupied.size else -1]))
     top = max(tops)
     unit = HertzPrefix.for_top(top)
-    for colour, label, frequencies, densities, errors in listed:
+    for colour, label, frequencies, densities, errors in all_curves:
         x = frequencies / unit.hertz
         y = densities * unit.hertz
         draw_error_band(ax, x, y, errors * unit.hertz, colour, "errors")
         ax.plot(x, y, color=colour, linewidth=0.9, label=label)
-    unit_name = print_hertz(unit)
+    unit_name = write_hertz(unit)
     ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
 
@@ -378,13 +403,13 @@ def list_balls(network: ContactNetwork) -> Index:
 def draw_balls(
     network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize
 ) -> EllipseCollection:
-    """Draw the balls of a network, seen along z, in the ``colours`` of their ``values`` (n,), one
-    for each ball and wall; axes are in mm. Return the drawn balls, in the order of
-    :func:`list_balls`.
+    """Draw the balls of a network, seen along z, coloured by their ``values`` (n,), one for each
+    ball and wall, through a map of ``colours`` and its ``norm``; axes are in mm. Return the drawn
+    balls, in the order of :func:`list_balls`.
     """
-    shown = list_balls(network)
-    diameters = 2.0 * _MM_PER_M * network.radii[shown]
-    centres = _MM_PER_M * network.positions[shown, :2]
+    numbers = list_balls(network)
+    diameters = 2.0 * _MM_PER_M * network.radii[numbers]
+    centres = _MM_PER_M * network.positions[numbers, :2]
     repeats_along_x = network.pbc[0] and not np.any(network.cell[0, 1:])
     if repeats_along_x:
         # an oblique cell is drawn as a rectangle
@@ -396,7 +421,7 @@ def draw_balls(
         units="xy",
         offsets=centres,
         offset_transform=ax.transData,
-        array=values[shown],
+        array=values[numbers],
         cmap=colours,
         norm=norm,
         gid="balls",
@@ -496,8 +521,8 @@ def hide_axes(ax: Axes, low: Array, high: Array) -> None:
 
 
 def _keep_inside(ticks: Array, low: float, high: float) -> Array:
-    """Return those of the ``ticks`` (n,) that lie between ``low`` and ``high``, or beyond them by
-    no more than rounding.
+    """Return those of the ``ticks`` (n,) that lie between ``low`` and ``high``, both above zero, or
+    beyond them by no more than rounding.
     """
     is_inside = (ticks >= low * (1.0 - _ROUNDING)) & (ticks <= high * (1.0 + _ROUNDING))
     return ticks[is_inside]
@@ -510,7 +535,7 @@ def _keep_apart(ticks: Array, axis: Any, letter: float) -> Array:
     """
     format_tick = axis.get_major_formatter()
     longest = max((len(format_tick(tick, None)) for tick in ticks), default=0)
-    pixels_per_point = axis.axes.get_figure().dpi / 72.0
+    pixels_per_point = axis.axes.get_figure().dpi / POINTS_PER_INCH
     width = (longest + 1) * letter * pixels_per_point
     pixels = axis.axes.transData.transform(np.stack([ticks, ticks], axis=-1))[:, 0]
     stride = 1
@@ -526,8 +551,8 @@ class _PlainTicks(Locator):
 
     def __init__(self, minor: bool = False, least: int = _LEAST_TICKS, letter: float = 0.0) -> None:
         """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more; fewer if
-        their texts, whose letters are ``letter`` points wide, would overlap. Zero stands for texts
-        above each other, which do not.
+        their texts, whose letters are ``letter`` points wide, would overlap. A ``letter`` of zero
+        is for axes of y, whose texts stand above each other and never overlap.
         """
         self._minor = minor
         self._least = least

@@ -27,9 +27,11 @@ from granphon.runs.sensitivities import EDGE_WAVE, spell_quantity
 #: greatest number of panels, and of columns of panels
 _MOST_PANELS = 12
 _MOST_COLUMNS = 2
-#: height of a bar, and of a panel without its bars, inches
+#: heights, inches: of a bar, of a panel without its bars, and of the name of the axis that panels
+#: share
 _BAR = 0.13
 _MARGINS = 0.5
+_SHARED_MARGIN = 0.2
 #: letters in a line of the title of a panel
 _LETTERS = 16
 #: most intervals between ticks of a panel
@@ -42,8 +44,8 @@ _WIDTH = 0.7
 
 def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None = None) -> Figure:
     """Draw a figure of the logarithmic derivatives of a data set, one column wide: a panel for each
-    quantity, in which each parameter has a bar, blue above zero and red below. Of many states a bar
-    is the mean, and a line reaches from the least to the greatest.
+    quantity, in which each parameter has a bar, blue above zero and vermilion below. Of many states
+    a bar is the mean, and a line reaches from the least to the greatest.
 
     Of more than twelve quantities, twelve are drawn: velocities and moduli, then the lowest waves
     of an edge, then the ends of the lowest branches. The title says so, and ``tell`` is told what
@@ -58,39 +60,49 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
     table = dataset["sensitivity"].transpose(..., "sensitivity_of", "sensitivity_to").values
     by_state = table.reshape(-1, len(quantities), len(parameters))
     order = sorted(range(len(quantities)), key=lambda number: _find_rank(quantities[number]))
-    chosen = order[:_MOST_PANELS]
-    n_columns = min(_MOST_COLUMNS, len(chosen))
-    n_rows = math.ceil(len(chosen) / n_columns)
-    with styled_figure(n_rows * (_MARGINS + _BAR * len(parameters)) + 0.2) as figure:
+    names = [_name_quantity(quantities[number]) for number in order]
+    n_panels = min(_MOST_PANELS, len(order))
+    n_columns = min(_MOST_COLUMNS, n_panels)
+    n_rows = math.ceil(n_panels / n_columns)
+    height = n_rows * (_MARGINS + _BAR * len(parameters)) + _SHARED_MARGIN
+    with styled_figure(height) as figure:
         axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
-        for ax, number in zip(axes.flat, chosen, strict=False):
+        panels = axes.flat[:n_panels]
+        for ax, number, name in zip(panels, order, names, strict=False):
             _draw_bars(ax, by_state[:, number])
             ax.grid(visible=True, axis="x", color=FRAME, linewidth=0.4)
             ax.set_axisbelow(True)
-            ax.set_title(fill(_name_quantity(quantities[number]), _LETTERS), pad=3.0)
+            ax.set_title(fill(name, _LETTERS), pad=3.0)
         axes[0, 0].set_yticks(range(len(parameters)), [axis_label(name, "") for name in parameters])
         axes[0, 0].invert_yaxis()
-        for ax in axes.flat[len(chosen) :]:
+        for ax in axes.flat[n_panels:]:
             ax.set_axis_off()
-        for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
+        for ax in panels[-n_columns:]:  # the lowest panel of each column
             ax.tick_params(labelbottom=True)
-        low, high = axes[0, 0].get_xlim()
-        ticks = MaxNLocator(_MOST_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
-        room = _ROOM * (high - low)
-        axes[0, 0].set_xticks(ticks[(ticks > low + room) & (ticks < high - room)])
-        axes[0, 0].xaxis.set_major_formatter("{x:g}")
+        _set_ticks(axes[0, 0])
         words = "Logarithmic derivative"
         if len(by_state) > 1:
             words += "\nbars: mean of the states; lines: least to greatest"
         figure.supxlabel(words, fontsize=STYLE["axes.labelsize"])
-        if len(chosen) < len(quantities):
-            remark = f"The first {len(chosen)} of {len(quantities)} quantities"
+        if n_panels < len(names):
+            remark = f"The first {n_panels} of {len(names)} quantities"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
-    if tell is not None and len(chosen) < len(quantities):
-        left_out = [_name_quantity(quantities[number]) for number in order[_MOST_PANELS:]]
+    if tell is not None and n_panels < len(names):
+        left_out = names[n_panels:]
         words = f"from {left_out[0]!r} to {left_out[-1]!r}" if left_out[1:] else left_out[0]
         tell(f"{counted(len(left_out), 'quantity', 'quantities')} left out, {words}")
     return figure
+
+
+def _set_ticks(ax: Axes) -> None:
+    """Set a few ticks at round numbers on the axis of x, which all panels share, without ticks so
+    near to its ends that their numbers would reach into the next panel.
+    """
+    low, high = ax.get_xlim()
+    ticks = np.asarray(MaxNLocator(_MOST_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high))
+    room = _ROOM * (high - low)
+    ax.set_xticks(ticks[(ticks > low + room) & (ticks < high - room)])
+    ax.xaxis.set_major_formatter("{x:g}")
 
 
 def _find_rank(name: str) -> tuple[int, int]:
@@ -104,15 +116,17 @@ def _find_rank(name: str) -> tuple[int, int]:
 
 
 def _draw_bars(ax: Axes, derivatives: Array) -> None:
-    """Draw a bar for each parameter, from ``derivatives`` (states, parameters)."""
-    known = np.ma.masked_invalid(derivatives)
-    means = known.mean(axis=0).filled(np.nan)
+    """Draw a bar for each parameter, from ``derivatives`` (states, parameters): the mean over the
+    states, and for several states a line from the least to the greatest; nan does not count.
+    """
+    finite_derivatives = np.ma.masked_invalid(derivatives)
+    means = finite_derivatives.mean(axis=0).filled(np.nan)
     places = np.arange(len(means))
     colours = np.where(np.nan_to_num(means) < 0.0, VERMILION, BLUE).tolist()
     ax.barh(places, means, _WIDTH, color=colours, gid="bars")
     if len(derivatives) > 1:
-        smallest = known.min(axis=0).filled(np.nan)
-        largest = known.max(axis=0).filled(np.nan)
+        smallest = finite_derivatives.min(axis=0).filled(np.nan)
+        largest = finite_derivatives.max(axis=0).filled(np.nan)
         ax.hlines(places, smallest, largest, color="black", linewidth=0.8, gid="extents")
     ax.axvline(0.0, color="black", linewidth=0.6)
 

@@ -73,10 +73,15 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
     slowness = 1.0 / (1e-3 * velocities[:, :n_waves])
     polarisations = polarisations[:, :, :n_waves]
     translation_axes = state.reference_lattice.motions.translations
-    # displacements along the periods: those across a plane have no part along a direction in it
-    in_periods = [component for component, axis in enumerate(translation_axes) if axis < periods]
-    direction_components = directions[:, [translation_axes[component] for component in in_periods]]
-    cosines = np.einsum("nu,nub->nb", direction_components, polarisations[:, in_periods])
+    # the components of displacements along the periods, and their axes: displacements across a
+    # plane have no part along a direction in the plane
+    axes_of_components = {
+        component: axis for component, axis in enumerate(translation_axes) if axis < periods
+    }
+    along_periods = polarisations[:, list(axes_of_components)]
+    direction_components = directions[:, list(axes_of_components.values())]
+    # the product of direction and polarisation of each wave, summed over the components u
+    cosines = np.einsum("nu,nub->nb", direction_components, along_periods)
     return slowness, cosines**2, polarisations
 
 
@@ -115,6 +120,7 @@ def plot_slowness(
     slowness, longitudinal, polarisations = _find_slowness(contact_state, directions)
     out_of_plane = np.zeros_like(longitudinal)
     if periods == 3:
+        # the component of each polarisation along the normal of the cut
         out_of_plane = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
     # waves are sorted by velocity in each direction; a curve follows one polarisation instead
     order = connect_branches(polarisations)
@@ -191,10 +197,11 @@ def _set_slowness_axes(ax: Axes, most: float, names: list[str]) -> None:
 
 
 def _write_direction(direction: Array) -> str:
-    """Return a Cartesian direction (3,) as a sum of unit vectors: "x", "x+y", "−x+2z",
-    "0.6x+0.8z".
+    """Return a Cartesian ``direction`` (3,) in words, as a sum of unit vectors: "x", "x+y",
+    "−x+2z", "0.6x+0.8z".
 
-    Where all components are multiples of the smallest, whole numbers are written.
+    Where all components are multiples of the smallest, whole numbers are written, else two
+    decimals.
     """
     smallest = np.abs(direction[np.abs(direction) > _ROUNDING]).min()
     multiples = np.rint(direction / smallest)
@@ -294,7 +301,8 @@ def _add_surface(
     middles = faces.mean(axis=1)
     normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    outwards = np.sign(np.einsum("fi,fi->f", normals, middles))[:, None] * normals
+    # the surface is about the origin: a normal points outwards if it points to its face
+    outwards = np.sign(np.sum(normals * middles, axis=1))[:, None] * normals
     cosines_to_viewer = view.nearness(outwards)
     is_outside_octant = np.any(middles * octant < 0.0, axis=1)
     is_near_side = cosines_to_viewer > -0.1  # and a few faces beyond, so that no gap is left

@@ -72,18 +72,20 @@ OTHER_KINDS = "#9A9A9A"
 
 
 def shorten_error(error: Exception) -> str:
-    """Return the message of an error of matplotlib, shortened and on one line."""
+    """Return the message of an error of matplotlib on one line, of 300 letters at most; of an error
+    without a message the name of its class.
+    """
     return textwrap.shorten(str(error) or type(error).__name__, 300, placeholder=" ...")
 
 
-def print_hertz(unit: HertzPrefix) -> str:
-    """Return the name of a decimal unit of hertz as it is printed."""
+def write_hertz(unit: HertzPrefix) -> str:
+    """Return the name of a decimal unit of hertz as it stands in figures, "µHz" for "uHz"."""
     return unit.name.replace("uHz", "µHz")
 
 
 def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
-    """Return the colour of each kind of balls by its name, from the names of balls; empty for a
-    single kind.
+    """Return the colour of each kind of balls by its name, from ``kinds``, the name of the kind of
+    each ball; an empty mapping if there is one kind only.
     """
     names = list(dict.fromkeys(kinds))  # each once, in order
     if len(names) < 2:
@@ -94,7 +96,7 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
 
 def pick_evenly(count: int, most: int) -> list[int]:
     """Return at most ``most`` of the numbers 0 to ``count`` - 1, at even distances, the first and
-    the last among them (of one number, the first).
+    the last among them; if ``most`` is 1, the first alone.
     """
     numbers = np.linspace(0, count - 1, min(count, most)).round().astype(int)
     indices: list[int] = np.unique(numbers).tolist()
@@ -152,8 +154,10 @@ def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
         ) from error
 
 
-def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:
-    """Save the figures of the files ``names``, each made by ``figure`` from its name, in
+def draw(
+    make_figure: Callable[[str], Figure], names: Sequence[str], folder: Path
+) -> dict[str, str]:
+    """Save the figures of the files ``names``, each made by ``make_figure`` from its name, in
     ``folder``; a figure that cannot be drawn does not stop the others.
 
     Returns a sentence for each figure that could not be drawn, by name. Raises OSError if a file
@@ -162,7 +166,7 @@ def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) ->
     failures = {}
     for name in names:
         try:
-            save_figure(figure(name), folder / name)
+            save_figure(make_figure(name), folder / name)
         except OSError:
             raise
         except GranphonError as error:

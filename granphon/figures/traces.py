@@ -86,12 +86,14 @@ def _reduce_samples(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, 
     """Return the ``times`` (n,) and ``values`` (n,) of a trace; if there are more than can be seen,
     the least and the greatest value of each group of samples, at the time of its first sample.
 
-    The last samples, fewer than those of a group, are left out.
+    Of a trace in groups the last samples, if they do not fill a group, are left out.
     """
     if times.size <= _MOST_DRAWN:
         return times, values
-    size = math.ceil(2 * times.size / _MOST_DRAWN)  # samples of a group, which leaves two points
-    n_groups = times.size // size
-    groups = values[: n_groups * size].reshape(n_groups, size)
+    # each group leaves two points
+    group_size = math.ceil(2 * times.size / _MOST_DRAWN)
+    n_groups = times.size // group_size
+    groups = values[: n_groups * group_size].reshape(n_groups, group_size)
     extremes = np.stack([groups.min(axis=1), groups.max(axis=1)], axis=1)
-    return np.repeat(times[: n_groups * size : size], 2), extremes.ravel()
+    first_times = times[: n_groups * group_size : group_size]
+    return np.repeat(first_times, 2), extremes.ravel()

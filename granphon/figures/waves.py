@@ -22,6 +22,7 @@ from granphon.figures.scales import (
     draw_error_band,
     list_balls,
     make_error_handle,
+    read_errors,
     scale_axis,
     styled_figure,
 )
@@ -37,7 +38,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed, write_quantity
-from granphon.base.validation import real_array, whole_number
+from granphon.base.validation import positive, whole_number
 from granphon.figures.bands import name_corners
 from granphon.figures.choices import choose_held, describe_value, list_parameters
 from granphon.figures.curves import describe_lines
@@ -50,7 +51,7 @@ from granphon.figures.style import (
     PURPLE,
     VERMILION,
     pick_evenly,
-    print_hertz,
+    write_hertz,
 )
 from granphon.figures.words import find_differing, write_unit, write_value
 from granphon.fits.transfer import DampingFit
@@ -148,7 +149,7 @@ def plot_spectrum(
     if peaks:
         _draw_peaks(ax, spectra.distances, spectrum, unit)
     name_corners(ax, corners, spectra.labels)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
 
 
@@ -178,14 +179,14 @@ def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
     has several. The edge between two rows is half way from the last frequency of the one to the
     first of the other; the outer edges are the lowest and the highest frequency.
 
-    The highest frequencies, fewer than those of a row, are left out.
+    If the last frequencies do not fill a row, they are left out.
     """
-    size = max(1, frequencies.size // _ROWS)  # frequencies of a row
-    n_rows = frequencies.size // size
-    rows = values[:, : n_rows * size].reshape(len(values), n_rows, size)
-    of_rows = frequencies[: n_rows * size].reshape(n_rows, size)
-    between = 0.5 * (of_rows[:-1, -1] + of_rows[1:, 0])
-    edges = np.concatenate([of_rows[0, :1], between, of_rows[-1, -1:]])
+    n_per_row = max(1, frequencies.size // _ROWS)
+    n_rows = frequencies.size // n_per_row
+    rows = values[:, : n_rows * n_per_row].reshape(len(values), n_rows, n_per_row)
+    row_frequencies = frequencies[: n_rows * n_per_row].reshape(n_rows, n_per_row)
+    inner_edges = 0.5 * (row_frequencies[:-1, -1] + row_frequencies[1:, 0])
+    edges = np.concatenate([row_frequencies[0, :1], inner_edges, row_frequencies[-1, -1:]])
     return edges, rows.max(axis=2)
 
 
@@ -259,7 +260,7 @@ def _draw_map(
         rasterized=True,
         **options,
     )
-    add_bar(ax, mesh, f"{label} (1/{print_hertz(unit)})")
+    add_bar(ax, mesh, f"{label} (1/{write_hertz(unit)})")
 
 
 def plot_surface(
@@ -287,21 +288,20 @@ def plot_surface(
     q = spectrum.qpoints
     drawn_branches = branches or spectrum.waves
     n_waves = 0 if drawn_branches is None else len(drawn_branches.frequencies)
-    wave_errors = np.zeros(n_waves) if errors is None else real_array("errors", errors)
-    if wave_errors.shape != (n_waves,):
-        problem = f"errors have the shape {wave_errors.shape}, and there are {n_waves} waves"
-        raise InputError(problem, mend="Give one of each wave")
-    wave_errors = np.nan_to_num(wave_errors) / unit.hertz
+    wave_errors = np.zeros(n_waves)
+    if errors is not None:
+        wave_errors = np.nan_to_num(read_errors(errors, (n_waves,))) / unit.hertz
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
         raise InputError("a map needs several frequencies", mend="Give more of them")
     if len(q) == 1:
         _draw_surface_curves(ax, spectrum, drawn_branches, unit, wave_errors)
         return ax
-    changing = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
-    if not changing.size:
+    varying_components = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
+    if not varying_components.size:
         raise InputError("a map needs several wave vectors", mend="Give more of them")
-    x = spectrum.distances if spectrum.labels else q[:, changing[0]]
+    component = int(varying_components[0])
+    x = spectrum.distances if spectrum.labels else q[:, component]
     _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
     edges = spectrum.edges / unit.hertz
     # each lower and each upper edge of a band is a curve over the wave vectors
@@ -313,8 +313,8 @@ def plot_surface(
     if spectrum.labels:
         name_corners(ax, spectrum.corners, spectrum.labels)
     else:
-        ax.set(xlabel=f"Wave vector $q_{changing[0] + 1}$ (reciprocal cell)")
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
+        ax.set(xlabel=f"Wave vector $q_{component + 1}$ (reciprocal cell)")
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
 
@@ -346,9 +346,9 @@ def _draw_surface_curves(
     ax.set(
         xlim=(frequencies[0], frequencies[-1]),
         ylim=(0.0, None),
-        xlabel=f"Frequency ({print_hertz(unit)})",
+        xlabel=f"Frequency ({write_hertz(unit)})",
     )
-    ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
+    ax.set(ylabel=f"Outer layer (1/{write_hertz(unit)})")
     ax.legend()
 
 
@@ -384,30 +384,33 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
 
     The attenuation is left out if fewer than two lines are resolved. The standard ``errors`` of the
     numbers of all lines, by the names of :attr:`~granphon.waves.path_spectra.PathSpectra.numbers`,
-    are bars about the attenuations.
+    each for all polarisations in turn, are bars about the attenuations. Raises
+    :class:`~granphon.base.errors.InputError` for errors of another number than that of the lines.
     """
     count = len(spectra.spectra)
-    resolved = [
+    # (number of the polarisation, spectral functions) of those with an attenuation to draw
+    attenuated = [
         (number, spectrum)
         for number, spectrum in enumerate(spectra.spectra)
         if np.sum(spectrum.resolved & (spectrum.width > 0.0)) > 1
     ]
+    n_lines = len(spectra.distances)
     tables = {
-        name: real_array("errors", table).reshape(count, -1)
+        name: read_errors(np.ravel(table), (count * n_lines,)).reshape(count, n_lines)
         for name, table in (errors or {}).items()
     }
     height = 0.3 + 2.8 * count  # inches
     ratios = [1.4] * count
-    if resolved:
+    if attenuated:
         height += 2.0
         ratios.append(1.0)
     with styled_figure(height) as figure:
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
-        for (number, spectrum), colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
-            of_lines = {name: table[number] for name, table in tables.items()}
-            plot_attenuation(spectrum, panels[-1], colour=colour, errors=of_lines)
+        for (number, spectrum), colour in zip(attenuated, (BLUE, VERMILION, PURPLE), strict=False):
+            line_errors = {name: table[number] for name, table in tables.items()}
+            plot_attenuation(spectrum, panels[-1], colour=colour, errors=line_errors)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -428,6 +431,8 @@ def plot_attenuation(
     have no law by default. Points and law have one ``colour``. The standard errors (n,) of
     frequencies, Hz, and of attenuations, 1/m, under "peak" and "attenuation" in ``errors``, nan
     where unknown, are bars.
+
+    Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
     """
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
@@ -437,16 +442,16 @@ def plot_attenuation(
         frequencies, attenuations, "o", markersize=3.0, color=colour, label=spectrum.polarisation
     )
     if errors:
-        unknown = np.zeros(is_drawn.shape)
-        bars = [
-            np.nan_to_num(real_array("errors", errors.get(name, unknown)))[is_drawn]
+        zeros = np.zeros(is_drawn.shape)
+        frequency_errors, attenuation_errors = (
+            np.nan_to_num(read_errors(errors.get(name, zeros), is_drawn.shape))[is_drawn]
             for name in ("peak", "attenuation")
-        ]
+        )
         ax.errorbar(
             frequencies,
             attenuations,
-            _limit_bars(attenuations, bars[1]),
-            _limit_bars(frequencies, bars[0] / unit.hertz),
+            _limit_bars(attenuations, attenuation_errors),
+            _limit_bars(frequencies, frequency_errors / unit.hertz),
             fmt="none",
             ecolor=colour,
             elinewidth=0.7,
@@ -468,7 +473,7 @@ def plot_attenuation(
         ax.plot(ends, attenuations[lowest] * (ends / frequencies[lowest]) ** exponent, **style)
         ax.set(yscale="log")
         scale_axis(ax, "x", frequencies)
-    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
+    ax.set(xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
 
@@ -493,10 +498,10 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
             label=f"|q| = {spectrum.wavenumber[wave_vector]:.4g} /m",
         )
     ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})",
+        xlabel=f"Frequency ({write_hertz(unit)})",
         xlim=(0.0, 1.05 * top / unit.hertz),
         ylim=(0.0, None),
-        ylabel=f"Spectral function, {spectrum.polarisation} (1/{print_hertz(unit)})",
+        ylabel=f"Spectral function, {spectrum.polarisation} (1/{write_hertz(unit)})",
     )
     ax.legend()
     return ax
@@ -509,7 +514,8 @@ def plot_sample_dos(
     rotation, with their standard errors as bands.
 
     ``errors`` are further standard errors (n,), 1/Hz, nan where unknown, by the names of the
-    densities: those that errors of parameters cause, which add up with the density's own.
+    densities: those that errors of parameters cause, which add up in squares with the density's
+    own. Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
     """
     frequencies = dos.frequencies
     densities = [("black", "total", dos.total, dos.error)]
@@ -520,8 +526,10 @@ def plot_sample_dos(
     labels = {"translational": "translation", "rotational": "rotation"}
     curves = []
     for colour, name, density, own_error in densities:
-        further = real_array("errors", (errors or {}).get(name, 0.0 * density))
-        error = np.hypot(own_error, np.nan_to_num(further))
+        error = own_error
+        if errors and name in errors:
+            error_of_parameters = np.nan_to_num(read_errors(errors[name], density.shape))
+            error = np.hypot(own_error, error_of_parameters)
         curves.append((colour, labels.get(name, name), frequencies, density, error))
     draw_densities(ax, curves)
     if any(np.any(error > 0.0) for *_, error in curves):
@@ -539,7 +547,7 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     values of the others, and the number of all states. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no densities of states.
     """
-    states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
+    states, handles = pick_states(dataset, "dos_total", "densities of states of arrays")
     curves: list[tuple[Any, str, Array, Array, Array]] = []
     for colour, read_variable in states:
         frequencies = read_variable("dos_frequency")
@@ -567,7 +575,7 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     logarithmic, with bars of its standard error. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no spectra.
     """
-    states, handles = choose_states(dataset, "line_frequency", "spectra of arrays")
+    states, handles = pick_states(dataset, "line_frequency", "spectra of arrays")
     count = dataset.sizes["polarisation"]
     unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     labels = [str(label) for label in dataset["labels_of_path"].values]
@@ -591,10 +599,10 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
                     )
                 )
             name_corners(above, relative_corners, labels)
-            above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
+            above.set(ylabel=f"Frequency, {name} ({write_hertz(unit)})", ylim=(0.0, None))
             _scale_attenuation(below, np.concatenate(frequencies))
             below.set(
-                xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
+                xlabel=f"Frequency ({write_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
             )
         add_legend(figure, handles, room=1)
     return figure
@@ -669,7 +677,7 @@ def _limit_bars(values: Array, errors: Array) -> Array:
     return np.array([np.minimum(errors, 0.9 * values), errors])
 
 
-def choose_states(
+def pick_states(
     dataset: Dataset, name: str, words: str
 ) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
     """Return the states that are drawn, in order of load, and their legend; InputError, with the
@@ -684,9 +692,9 @@ def choose_states(
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")
     dimensions = ("load", "medium", *list_parameters(dataset))
     counts = {dim: dataset.sizes[dim] for dim in dimensions if dim in dataset[name].dims}
-    held = choose_held(counts, _STATES)
-    states_of_held = dataset.isel({dim: [0] for dim in held})
-    labels, indices = _list_states(states_of_held, name)
+    held_dimensions = choose_held(counts, _STATES)
+    remaining_states = dataset.isel({dim: [0] for dim in held_dimensions})
+    labels, indices = _list_states(remaining_states, name)
     drawn_numbers = pick_evenly(len(labels), _STATES)
     # the light end of the colours is too pale; a single state has a colour of its dark end
     positions = np.linspace(0.0, 0.85, len(drawn_numbers)) if len(drawn_numbers) > 1 else [0.3]
@@ -696,7 +704,7 @@ def choose_states(
         """Return the values of a variable in the state with this ``index``."""
         # variables without polarisations have no such dimension
         state_index = index | {"polarisation": polarisation}
-        values = states_of_held[variable].isel(state_index, missing_dims="ignore")
+        values = remaining_states[variable].isel(state_index, missing_dims="ignore")
         return np.asarray(values, float)
 
     states = list[tuple[Any, Callable[..., Array]]]()
@@ -706,19 +714,19 @@ def choose_states(
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
     n_states = math.prod(counts.values())
     if n_states > len(drawn_numbers):
-        values = _describe_held(states_of_held, name, held)
+        values = _describe_held(remaining_states, name, held_dimensions)
         note = ", ".join([*values, f"{len(drawn_numbers)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
 
 
-def _describe_held(dataset: Dataset, name: str, held: Sequence[str]) -> list[str]:
-    """Return in words the only value that each of the dimensions ``held`` has in a data set with
-    the variable ``name``.
+def _describe_held(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
+    """Return in words the only value that each of these ``dimensions`` has in a data set with the
+    variable ``name``.
     """
     facts, _index = describe_lines(dataset, name)[0]
     texts = []
-    for dimension in held:
+    for dimension in dimensions:
         if dimension == "load":
             _kind, text = describe_value(dataset, find_load(dataset), 0)
         else:
@@ -759,15 +767,19 @@ def plot_seismogram(
     """Draw the burst of the source, the coherent signal, and the signals of some single balls, one
     above the other.
 
-    Means over further planes are drawn too, if the pulse has such planes. Each trace is over time;
-    traces of balls and of means are over the greatest signal. A mark shows the time of flight by
-    the envelope, if the time of flight is known. The standard errors (n,), m/s, under "coherent" in
-    ``errors``, nan where unknown, are a band about the mean.
+    ``balls`` is the number of single balls, of which fewer are drawn if the pulse has fewer
+    receivers. Means over further planes are drawn too, if the pulse has such planes. Each trace is
+    over time; traces of balls and of means are over the greatest signal. A mark shows the time of
+    flight by the envelope, if the time of flight is known. The standard errors (n,), m/s, under
+    "coherent" in ``errors``, nan where unknown, are a band about the mean.
+
+    Raises :class:`~granphon.base.errors.InputError` for a number of balls below zero, and for
+    errors of another shape.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     times = pulse.times / seconds
     greatest_signal = float(np.max(np.abs(pulse.signals)))
-    drawn_balls = pick_evenly(len(pulse.signals), balls)
+    drawn_balls = pick_evenly(len(pulse.signals), whole_number("balls", balls, 0))
     curves = [
         ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
         ("mean", pulse.coherent / greatest_signal, BLUE),
@@ -783,7 +795,8 @@ def plot_seismogram(
     for row, (_, trace, colour) in enumerate(curves):
         ax.plot(times, _HEIGHT * trace - row, color=colour, linewidth=0.7)
     if errors and "coherent" in errors:
-        heights = _HEIGHT * real_array("errors", errors["coherent"]) / greatest_signal
+        mean_errors = read_errors(errors["coherent"], pulse.times.shape)
+        heights = _HEIGHT * mean_errors / greatest_signal
         mean = ax.lines[1].get_ydata()
         draw_error_band(ax, times, np.asarray(mean), heights, BLUE, "errors")
     ax.set_yticks(-np.arange(len(curves)), [name for name, _, _ in curves])
@@ -803,23 +816,24 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
     """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle.
 
     The standard ``errors`` (n,), m/s, of the signals "coherent", "envelope" and "speckle" over
-    time, nan where unknown, are bands.
+    time, nan where unknown, are bands; :class:`~granphon.base.errors.InputError` for errors of
+    another shape.
     """
     with styled_figure(4.2) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above, errors=errors)
         above.tick_params(axis="x", labelbottom=True)  # a shared axis would hide them
         highest = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
-        size, unit = prefixed(highest, "m/s")
-        t = np.asarray(above.lines[0].get_xdata())
+        scale, unit = prefixed(highest, "m/s")
+        times = np.asarray(above.lines[0].get_xdata())  # in the unit of the axis
         for name, values, colour, label in (
             ("envelope", pulse.envelope, BLUE, "coherent, envelope"),
             ("speckle", pulse.speckle_amplitude, VERMILION, "speckle, rms"),
         ):
-            below.plot(t, values / size, color=colour, linewidth=1.0, label=label)
+            below.plot(times, values / scale, color=colour, linewidth=1.0, label=label)
             if errors and name in errors:
-                heights = real_array("errors", errors[name]) / size
-                draw_error_band(below, t, values / size, heights, colour, f"{name}-errors")
+                heights = read_errors(errors[name], values.shape) / scale
+                draw_error_band(below, times, values / scale, heights, colour, f"{name}-errors")
         if errors:
             below.add_line(make_error_handle())
         below.set(
@@ -836,17 +850,25 @@ def plot_frame(
     """Draw the balls of a network, seen along z, coloured by their velocity along the polarisation
     at one of the frames.
 
-    ``most`` is the velocity, m/s, of the strongest colour; by default the greatest velocity of the
-    frame. Raises :class:`~granphon.base.errors.InputError` if the pulse has no such frame.
+    ``frame`` is counted from 0, and ``most`` is the velocity, m/s, of the strongest colour; by
+    default the greatest velocity of the frame. Raises
+    :class:`~granphon.base.errors.InputError` if the pulse has no such frame, and for a ``most``
+    that is not above zero.
     """
-    if not 0 <= frame < len(pulse.frames):
-        problem = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
-        raise InputError(problem, mend="Give transmit the times of frames")
-    along = pulse.velocities[frame] @ pulse.polarisation
-    limit = float(np.max(np.abs(along))) if most is None else most
-    draw_balls(network, along, ax, MOTION, Normalize(-limit, limit))
-    ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
+    _require_frames(pulse)
+    number = whole_number("frame", frame, 0, len(pulse.frames) - 1)
+    velocities = pulse.velocities[number] @ pulse.polarisation
+    greatest = float(np.max(np.abs(velocities)))
+    limit = greatest if most is None else positive("most", most, "m/s")
+    draw_balls(network, velocities, ax, MOTION, Normalize(-limit, limit))
+    ax.set_title(f"{1e3 * pulse.frames[number]:.3f} ms")
     return ax
+
+
+def _require_frames(pulse: Pulse) -> None:
+    """Raise InputError for a pulse that has no frames."""
+    if not len(pulse.frames):
+        raise InputError("the pulse has no frames", mend="Give transmit the times of frames")
 
 
 def animate_pulse(
@@ -856,42 +878,41 @@ def animate_pulse(
     picture for each frame.
 
     ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new figure.
-    Raises :class:`~granphon.base.errors.InputError` for a pulse without frames.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse without frames, and for an
+    ``interval`` that is not above zero.
     """
     from matplotlib.animation import FuncAnimation
 
-    if not len(pulse.frames):
-        raise InputError("the pulse has no frames", mend="Give transmit the times of frames")
+    _require_frames(pulse)
+    milliseconds = positive("interval", interval, "ms")
+    velocities = pulse.velocities @ pulse.polarisation  # (frames, n)
     with styled_figure(COLUMN_WIDTH, dpi=150) as new_figure:
         figure = new_figure if figure is None else figure
         ax = figure.subplots()
         # half of the greatest velocity has the strongest colour, so that weak waves are seen too
-        speed_limit = 0.5 * float(
-            np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0)
-        )
-        plot_frame(network, pulse, 0, ax, speed_limit)
+        plot_frame(network, pulse, 0, ax, 0.5 * float(np.max(np.abs(velocities))) or None)
     (balls,) = ax.collections
     order = list_balls(network)
 
     def show(frame: int) -> Any:
         """Colour the balls by their velocities in a frame; return what has changed."""
-        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[order])
+        balls.set_array(velocities[frame][order])
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
 
     draw: Callable[..., Any] = show
-    return FuncAnimation(figure, draw, frames=len(pulse.frames), interval=interval, blit=False)
+    return FuncAnimation(figure, draw, frames=len(pulse.frames), interval=milliseconds, blit=False)
 
 
 def _label_decibels(name: str) -> str:
-    """Return the label of an axis of a variable in decibels over one SI unit."""
+    """Return the label of an axis of the variable ``name`` in decibels over one SI unit."""
     entry = CATALOGUE[name]
     reference = "" if entry.unit == "1" else f" re 1 {entry.unit}"
     return f"{entry.label} (dB{reference})"
 
 
 def _find_decibels(magnitude: Array) -> Array:
-    """Return magnitudes in decibels, nan for zero."""
+    """Return a ``magnitude`` (...), SI, in decibels over one SI unit, nan for zero."""
     return 20.0 * np.log10(np.where(magnitude > 0.0, magnitude, np.nan))
 
 
@@ -921,17 +942,17 @@ def _draw_lines(
         below.plot(shown_frequencies, phase / math.pi, color=colour, linewidth=width)
     above.set(ylabel=_label_decibels(name))
     below.set(
-        xlabel=f"Frequency ({print_hertz(prefix)})",
+        xlabel=f"Frequency ({write_hertz(prefix)})",
         ylabel="Phase (π)",
         xlim=(shown_frequencies[0], shown_frequencies[-1] if len(shown_frequencies) > 1 else None),
     )
 
 
-def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, drawn: Array, colour: Any) -> None:
+def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, top: float, colour: Any) -> None:
     """Draw dots at peaks, at ``frequencies`` (m,), Hz, and of ``heights`` (m,), SI, of responses
-    that are drawn over the frequencies ``drawn`` (n,), Hz.
+    over frequencies up to ``top``, Hz, which decides the unit of the axis.
     """
-    prefix = HertzPrefix.for_top(float(drawn[-1]))
+    prefix = HertzPrefix.for_top(top)
     ax.scatter(frequencies / prefix.hertz, _find_decibels(heights), s=4.0, color=colour, zorder=3)
 
 
@@ -979,7 +1000,7 @@ def responses_figure(dataset: Dataset) -> Figure:
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """
     name = next((quantity for quantity in RESPONSES.values() if quantity in dataset), "receptance")
-    states, handles = choose_states(dataset, name, "responses")
+    states, handles = pick_states(dataset, name, "responses")
     if dataset.sizes["load"] >= _LOADS_OF_MAP:
         return _map_figure(dataset, name)
     receivers = dataset["receiver"].values.astype(str).tolist()
@@ -1074,7 +1095,7 @@ def _draw_states(
     for read_variable, receiver, colour in curves:
         peaks = read_variable("peaks_frequency")[receiver]
         heights = read_variable(f"peaks_{name}")[receiver]
-        _mark_peaks(above, peaks, heights, frequencies, colour)
+        _mark_peaks(above, peaks, heights, float(frequencies[-1]), colour)
 
 
 def _map_figure(dataset: Dataset, name: str) -> Figure:
@@ -1100,7 +1121,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
         for ax, (facts, index, receiver) in zip(axes, chosen_panels, strict=True):
             responses = dataset[name].isel(index | {"receiver": receiver}, missing_dims="ignore")
             _draw_decibel_map(ax, x, y, _find_decibels(responses.values[order]), name)
-            ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
+            ax.set(ylabel=f"Frequency ({write_hertz(prefix)})", ylim=(y[0], y[-1]))
             words = [facts[kind] for kind in kinds]
             if len(receivers) > 1:
                 words.append(receivers[receiver])
@@ -1166,11 +1187,9 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
             axes.plot(frequencies, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
         label = "Magnitude" if unit == "1" else f"Magnitude ({unit})"
         above.set(yscale="log", ylabel=label)
-        below.set(
-            xlabel=f"Frequency ({print_hertz(prefix)})",
-            ylabel="Phase (π)",
-            xlim=(frequencies[0], frequencies[-1]),
-        )
+        below.set(xlabel=f"Frequency ({write_hertz(prefix)})", ylabel="Phase (π)")
+        if len(frequencies) > 1:  # one frequency has room to both sides
+            below.set_xlim(frequencies[0], frequencies[-1])
         above.legend()
     return figure
 
@@ -1198,7 +1217,7 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
         # room for the dots at the border
         left.set(
             xlabel="Re $k$ ($\\pi/h$)",
-            ylabel=f"Frequency ({print_hertz(unit)})",
+            ylabel=f"Frequency ({write_hertz(unit)})",
             xlim=(-1.0 - _BORDER, 1.0 + _BORDER),
         )
         height = max(float(np.ptp(f)), _LEAST_HEIGHT * float(f.max()))
@@ -1232,7 +1251,7 @@ def plot_transmission(result: Transmission, ax: Axes) -> Axes:
             label=label,
         )
     ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02)
+        xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02)
     )
     ax.set_xlim(float(frequencies[0]), float(frequencies[-1]))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)

@@ -75,14 +75,16 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
         default_shape = " ".join(map(str, DEFAULT_SHAPES[periods]))
         shape = options.pop("shape", default_shape).replace(" ", " x ")
         samples = int(options.pop("samples", 1))
-        several = f"{samples} samples" if samples > 1 else "a sample"
-        words.append(f"{several} of {shape} {'balls' if balls == 1 else 'cells'}")
+        samples_in_words = f"{samples} samples" if samples > 1 else "a sample"
+        words.append(f"{samples_in_words} of {shape} {'balls' if balls == 1 else 'cells'}")
     words += [_describe_option(option, value, periods) for option, value in options.items()]
     return ", ".join(words)
 
 
 def _describe_option(option: str, value: str, periods: int) -> str:
-    """Return an option of a medium in words, from its name and its ``value`` in a label."""
+    """Return an option of a medium in words, from its name and its ``value`` in a label; the number
+    of ``periods`` decides the unit of a load.
+    """
     if f"{option}={value}" in _OPTIONS:
         return _OPTIONS[f"{option}={value}"]
     default_template = option.replace("_", " ") + " {}"
@@ -90,7 +92,9 @@ def _describe_option(option: str, value: str, periods: int) -> str:
 
 
 def _write_setting(option: str, value: str, periods: int) -> str:
-    """Return the ``value`` of an option in a label as it stands in words."""
+    """Return the ``value`` of an option in a label as it stands in words: tolerances in per cent,
+    loads with units, and other values as in the label.
+    """
     if option == "tolerance":
         return f"{100.0 * float(value):g} %"
     if option == "start":
@@ -139,7 +143,7 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
         if name == "width":
             return "spread", text if value else "equal balls"
         return name, text
-    if name == "friction":
+    if name == "friction":  # a truth value, of Python or NumPy, or its text
         return name, "with friction" if str(value) == "True" else "without friction"
     if name == "lattice":
         return name, f"{value} lattice"
@@ -160,15 +164,15 @@ def list_facts(packing: Packing) -> dict[str, str]:
     Two packings with the same value have the same words. The overlap counts as small beside the
     diameter.
     """
-    ball = packing.material
+    material = packing.material
     spread = packing.spread
     facts = dict(
         describe_parameter(name, value)
         for name, value in (
             ("lattice", packing.structure.name),
-            ("young_modulus", ball.young_modulus),
-            ("poisson_ratio", ball.poisson_ratio),
-            ("density", ball.density),
+            ("young_modulus", material.young_modulus),
+            ("poisson_ratio", material.poisson_ratio),
+            ("density", material.density),
             ("diameter", packing.diameter),
             ("width", packing.width),
             ("friction", packing.friction),
@@ -196,22 +200,22 @@ def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[
     values_of_kind = {
         kind: {facts_of_packing.get(kind) for facts_of_packing in facts} for kind in kinds
     }
-    differing = [kind for kind in kinds if len(values_of_kind[kind]) > 1]
-    common = [facts[0][kind] for kind in kinds if kind not in differing]
-    return differing, [text for text in common if text not in DEFAULTS]
+    differing_kinds = [kind for kind in kinds if len(values_of_kind[kind]) > 1]
+    shared_facts = [facts[0][kind] for kind in kinds if kind not in differing_kinds]
+    return differing_kinds, [text for text in shared_facts if text not in DEFAULTS]
 
 
 def join_facts(facts: Iterable[str], letters: int) -> str:
     """Return facts in one text, in lines of ``letters`` at most, which end between facts or at
-    commas in facts.
+    commas in facts; a line is longer only where a piece between commas is.
     """
     text = ", ".join(facts).replace(" ", _NO_BREAK).replace(f",{_NO_BREAK}", ", ")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)
 
 
 def wrap_fact(fact: str, letters: int) -> str:
-    """Return a fact in lines of ``letters``, or of a longer word; the name of a kind of balls stays
-    beside its "of".
+    """Return a fact in lines of ``letters`` at most, longer only where a single word is; the name
+    of a kind of balls stays beside its "of".
     """
     text = fact.replace(" of ", f" of{_NO_BREAK}")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)

@@ -36,8 +36,10 @@ _SLOW = 0.3
 _BAR = 0.9
 #: the floor of rounding is drawn if it is above this part of the least error
 _LEAST_FLOOR = 1e-4
-#: letters of a line above the axes
+#: letters of a line above the axes, and distance of the title from the axes that has room for the
+#: line, points
 _LETTERS = 54
+_PAD_OVER_LINE = 13.5
 #: limits of the axis of times without a point that was run, s
 _TIMES = 1e-3, 1e1
 #: limits of the axis of relative errors without a point with an error
@@ -87,17 +89,17 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
             bbox_to_anchor=(0.5, -0.17),
             borderaxespad=0.0,
         )
-    missing = {
+    counts_not_run = {
         method: sum(not point.ran for point in points if point.method == method)
         for method in methods
     }
-    _count_missing(ax, missing, len(points))
+    _write_not_run(ax, counts_not_run, len(points))
     return ax
 
 
 def _explain_markers(points_run: Sequence[MeasuredPoint]) -> list[Line2D]:
-    """Return the entries of the legend for full and open markers, if some of the points that were
-    run are open.
+    """Return the entries of the legend for full and open markers; none if no marker of the points
+    that were run is open, and none for full markers if all are open.
     """
     is_open = [point.error > 0.0 and not point.resolved for point in points_run]
     if not any(is_open):
@@ -122,16 +124,16 @@ def _draw_method(
 
     ``look`` has matplotlib's colour and marker of the method.
     """
-    with_error = [point for point in points if point.error > 0.0]
+    points_with_error = [point for point in points if point.error > 0.0]
     # an error that is not known is nan, which is not above zero
-    without_error = [point for point in points if not point.error > 0.0]
+    points_without_error = [point for point in points if not point.error > 0.0]
     label = method
-    if with_error:
+    if points_with_error:
         bars = ax.errorbar(
-            [point.seconds for point in with_error],
-            [point.error for point in with_error],
-            [min(point.stderr, _BAR * point.error) for point in with_error],
-            [_limit_spread(point) for point in with_error],
+            [point.seconds for point in points_with_error],
+            [point.error for point in points_with_error],
+            [min(point.stderr, _BAR * point.error) for point in points_with_error],
+            [_limit_spread(point) for point in points_with_error],
             label=label,
             ms=_MARKER,
             lw=0.9,
@@ -140,10 +142,10 @@ def _draw_method(
         )
         bars[0].set_zorder(2.5)
         label = "_"  # the legend has one entry for the method
-    if without_error:
+    if points_without_error:
         ax.plot(
-            [point.seconds for point in without_error],
-            [0.0] * len(without_error),
+            [point.seconds for point in points_without_error],
+            [0.0] * len(points_without_error),
             linestyle="none",
             ms=_MARKER,
             label=label,
@@ -152,7 +154,7 @@ def _draw_method(
             gid="without-error",
             **look,
         )
-    for point in with_error:
+    for point in points_with_error:
         if not point.resolved:
             ax.plot(
                 point.seconds,
@@ -173,7 +175,9 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
     ``slowest`` is the longest time of all methods, s, and ``colour`` that of the method.
     """
     labelled: list[MeasuredPoint] = []
-    for point in points if len(points) > 1 else ():
+    if len(points) < 2:  # a method without a setting to choose
+        return
+    for point in points:
         is_close = any(
             abs(math.log10(point.seconds / neighbour.seconds)) <= _CLOSE_TIMES
             and abs(math.log10(point.error / neighbour.error)) <= _CLOSE_ERRORS
@@ -235,20 +239,19 @@ def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
         ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), fontsize=7.0, **style)
 
 
-def _count_missing(ax: Axes, missing: dict[str, int], n_points: int) -> None:
-    """Write above the axes how many of ``n_points`` points were not run, ``missing`` by method.
-
-    Where that takes several lines, the sum alone is written.
+def _write_not_run(ax: Axes, counts: dict[str, int], n_points: int) -> None:
+    """Write above the axes how many of ``n_points`` points were not run: the ``counts`` by method,
+    or their sum alone if these take more than a line. Nothing is written if all were run.
     """
-    counts = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
-    if not counts:
+    words = ", ".join(f"{count} of {method}" for method, count in counts.items() if count)
+    if not words:
         return
-    lines = textwrap.wrap(f"not run: {counts}", _LETTERS)
-    if len(lines) > 1:
-        lines = [f"not run: {sum(missing.values())} of {n_points} points"]
-    ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
+    text = f"not run: {words}"
+    if len(textwrap.wrap(text, _LETTERS)) > 1:
+        text = f"not run: {sum(counts.values())} of {n_points} points"
+    ax.set_title(ax.get_title(), pad=_PAD_OVER_LINE)
     ax.annotate(
-        "\n".join(lines),
+        text,
         (0.5, 1.0),
         (0.0, 3.0),
         "axes fraction",

@@ -82,6 +82,14 @@ _MOST_SIMULATED = 12
 #: largest effect of the width on a velocity, d log v / d log W, and largest relative excess of a
 #: velocity over that of equal balls, that count as zero
 _NO_EFFECT = 1e-9
+#: what stands for 1 - leverage, and for a chi-squared, where these vanish but for rounding and are
+#: divided by
+_LEAST_DIVISOR = 1e-12
+#: what stands for the norm of a derivative that is zero, where the norm is divided by
+_LEAST_NORM = 1e-300
+#: a minimum is reached if the step that is left is below the first number times the standard error
+#: of the parameter, plus the second, the relative precision of the search
+_REMAINING_STEP = (1e-3, 1e-9)
 #: advice where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
 
@@ -129,8 +137,8 @@ def compute_leverages(matrix: Array) -> Array:
 
 
 def find_rounding(values: Array) -> float:
-    """Return the unit of the last decimal of ``values``: the largest power of ten of which all are
-    multiples; 1e-11 of the largest value if they have more decimals.
+    """Return the unit of the last decimal of ``values`` (n,), all above zero: the largest power of
+    ten of which all values are multiples; 1e-11 of the largest value if they have more decimals.
     """
     largest = float(np.max(values))
     highest = math.floor(math.log10(largest))
@@ -195,12 +203,12 @@ def _judge_waves(problem: FitProblem) -> list[str]:
     if frequency is None:
         return []
     wavelength = problem.velocity / frequency
-    balls = wavelength / problem.model.packing.diameter
-    longest = int(np.argmax(balls))
-    if balls[longest] <= _LONGEST_WAVE:
+    diameters = wavelength / problem.model.packing.diameter  # length of each wave in diameters
+    longest = int(np.argmax(diameters))
+    if diameters[longest] <= _LONGEST_WAVE:
         return []
     hertz = np.broadcast_to(frequency, problem.velocity.shape)[longest]
-    length = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
+    length = f"{wavelength[longest]:.3g} m long, {diameters[longest]:.3g} diameters"
     fault = f"the wave of a pulse at {hertz:.4g} Hz is {length}"
     return [f"{fault}: its velocity is that of long waves. Is the frequency in Hz?"]
 
@@ -226,8 +234,8 @@ def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> lis
     velocity = problem.velocity
     equal_balls, _ = problem.model.equal_balls(logs)  # velocities (n,), m/s
     excess = velocity / equal_balls - 1.0
-    # the scatter about a fit that such data bend is no measure of their noise, and a given sigma
-    # may be too small
+    # Data above equal balls bend the fit, so that the scatter about the fit does not measure their
+    # noise; and a given sigma may be too small. The noise of neighbours has neither fault.
     noise = _find_noise(problem.model.force, velocity)
     if sigma_given:
         chances = ndtr(-excess / np.maximum(problem.sigma / equal_balls, noise))
@@ -287,11 +295,11 @@ def _judge_farthest(
     dof = problem.dof
     # the distance of each datum from the fit of the others, over the standard error of the
     # distance: residual/(1 - leverage)^1/2
-    distances = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
+    distances = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, _LEAST_DIVISOR))
     farthest = int(np.argmax(distances))
     distance = float(distances[farthest])
     # what chi-squared of the others is about their own fit, which the datum does not bend
-    chi2_of_others = max(chi2 - distance**2, 1e-12)
+    chi2_of_others = max(chi2 - distance**2, _LEAST_DIVISOR)
     others_agree = compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT
     if sigma_given and others_agree:
         tail = float(ndtr(-distance))
@@ -360,11 +368,12 @@ class FitProblem:
     def __call__(self, logs: Array) -> tuple[Array, Array]:
         """Return residuals (n,), measured less fitted, and derivatives (n, p) of the fitted
         velocities by the logarithms ``logs`` (p,) of the parameters, both in units of sigma;
-        InputError if there are none.
+        InputError if the packing, or the medium at one of the forces, does not exist there.
         """
         velocities, slopes = self.model(logs)
-        relative = velocities / self.sigma
-        return (self.velocity - velocities) / self.sigma, slopes * relative[:, None]
+        # derivatives of logarithms, times the velocities in units of sigma
+        derivatives = slopes * (velocities / self.sigma)[:, None]
+        return (self.velocity - velocities) / self.sigma, derivatives
 
     def simulate_at(self, logs: Array) -> FitProblem:
         """Return the problem whose samples are those at ``logs``: itself if they serve there.
@@ -383,13 +392,14 @@ class FitProblem:
 
 
 def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
-    """Find the logarithms (p,) of the parameters with the least sum of squares; the problem has the
-    samples found there.
+    """Return the problem, of a simulation with the samples at the minimum, and the logarithms (p,)
+    of the parameters with the least sum of squares.
 
-    For a simulation, the search starts from those of the effective medium; for another medium, if
-    the width is not fitted, from those of the packing. Else it starts from each width whose sum of
-    squares is not above that of its neighbours; at each, one linear step brings the other
-    parameters to their best. Widths so large that the medium refuses them are left out.
+    For a simulation, the search starts from the best parameters in the effective medium; for
+    another medium, if the width is not fitted, from those of the packing. Otherwise the search
+    starts from each width whose sum of squares is not above that of its neighbours, where one
+    linear step has brought the other parameters to their best. Widths so large that the medium
+    refuses them are left out.
 
     Raises :class:`~granphon.base.errors.InputError` as :func:`_find_best_of_samples` and
     :func:`_try_widths` do, and where the medium refuses the start.
@@ -497,7 +507,9 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     # scipy asks for residuals and derivatives one after the other: both are found at once
     @lru_cache(maxsize=2)
     def evaluate(move: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return the residuals (n,), and the derivatives (n, p) of the model over sigma."""
+        """Return the residuals (n,), and the derivatives (n, p) of the model over sigma, at a
+        ``move`` (p,) from the start; a tuple can be the key of a cache.
+        """
         return problem(start + np.array(move))
 
     def residuals(move: Array) -> Array:
@@ -579,8 +591,8 @@ def _explain_excess(problem: FitProblem, logs: Array) -> InputError | None:
 
 
 def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputError:
-    """Return the error of a best ``width``, m, that cannot be told from zero; ``error`` is the
-    relative standard error.
+    """Return the error that says that the best ``width``, m, cannot be told from zero; ``error`` is
+    its relative standard error.
     """
     fault = "the width cannot be told from zero"
     if width > problem.widths[0]:
@@ -597,8 +609,8 @@ def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputE
 
 
 def _explain_widest(problem: FitProblem, logs: Array, width: float) -> InputError:
-    """Return the error of a sum of squares that still falls at the widest ``width``, m, that can be
-    computed; ``logs`` are the logarithms (p,) of the parameters there.
+    """Return the error that says that the sum of squares still falls at the widest ``width``, m,
+    that can be computed; ``logs`` are the logarithms (p,) of the parameters there.
     """
     model = problem.model
     fault_start = (
@@ -673,8 +685,8 @@ class Fitted(Result):
 
     #: the SI unit of each parameter that may be fitted; None of a number
     _units_of_parameters: ClassVar[Mapping[str, str | None]]
-    #: names of the quantities in fit.yaml before the fields of the fit, besides versions; they are
-    #: ignored when a fit is read
+    #: attributes that fit.yaml has before the fields of the fit, besides versions, by name: they
+    #: follow from the fields, and are ignored when a fit is read
     _head: ClassVar[tuple[str, ...]] = ("p",)
 
     parameters: tuple[str, ...]
@@ -695,7 +707,9 @@ class Fitted(Result):
 
     @property
     def correlation(self) -> Array:
-        """Correlations (p, p) of the errors of the parameters, from -1 to 1."""
+        """Correlations (p, p) of the errors of the parameters, from -1 to 1; nan where the errors
+        are not known.
+        """
         return np.asarray(self.covariance / np.outer(self.stderrs, self.stderrs))
 
     def with_input_errors(self, changes: ArrayLike, correlation: ArrayLike) -> Self:
@@ -704,9 +718,9 @@ class Fitted(Result):
         ``changes`` (inputs, p) are by how much the values change when each of the inputs is larger
         by its standard error, and ``correlation`` (inputs, inputs) the correlations of the inputs.
         """
-        changed = np.asarray(changes, float)
-        of_inputs = changed.T @ np.asarray(correlation, float) @ changed
-        fields: dict[str, Any] = {"covariance": self.covariance + of_inputs}
+        changes_of_values = np.asarray(changes, float)
+        from_inputs = changes_of_values.T @ np.asarray(correlation, float) @ changes_of_values
+        fields: dict[str, Any] = {"covariance": self.covariance + from_inputs}
         return replace(self, **fields)
 
     @property
@@ -975,6 +989,15 @@ def fit_width(
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
+    return _make_fit(problem, logs, data)
+
+
+def _make_fit(problem: FitProblem, logs: Array, data: Measurements) -> WidthFit:
+    """Return the fit of a ``problem`` to the ``data`` from the logarithms (p,) of the parameters at
+    the minimum; a sigma that is not given is found from the scatter.
+
+    Raises :class:`~granphon.base.errors.InputError` as :func:`_find_covariance` does.
+    """
     sigma_given = data.sigma is not None
     if not sigma_given:
         problem = _set_sigma_to_scatter(problem, logs)
@@ -987,7 +1010,7 @@ def fit_width(
     warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
     if not errors_known:
         covariance = np.full(covariance.shape, np.nan)
-    fitted = problem.model.fit_packing(logs)
+    fitted_packing = problem.model.fit_packing(logs)
     values = np.exp(logs)
     # the validity of a simulation is decided at the least and the greatest force
     loads = data.force
@@ -995,12 +1018,13 @@ def fit_width(
         loads = loads[[np.argmin(loads), np.argmax(loads)]]
     # the geometry of samples is settled now, and with it whether overlap is finite
     waves = problem.model.waves
-    state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
+    medium_of_fit = problem.model.choice.of(fitted_packing)
+    state = medium_of_fit.at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
-        packing=fitted,
+        packing=fitted_packing,
         choice=problem.model.choice,
         waves=waves,
-        parameters=names,
+        parameters=problem.model.names,
         values=values,
         covariance=covariance * np.outer(values, values),  # from that of the logarithms
         force=data.force,
@@ -1040,7 +1064,7 @@ def _require_effects(
     # if the other parameters were known, the standard error of a parameter would be 1/norm
     is_undetermined = np.any(norms < 1.0) or width_vanishes
     if is_undetermined and not (have_same_effect and are_all_fitted):
-        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
+        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, _LEAST_NORM))
     if have_same_effect:
         why = ""
         if are_all_fitted:
@@ -1058,7 +1082,7 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
     residuals, matrix = problem(logs)
     norms = np.linalg.norm(matrix, axis=0)
     directions, singular, right = np.linalg.svd(
-        matrix / np.maximum(norms, 1e-300), full_matrices=False
+        matrix / np.maximum(norms, _LEAST_NORM), full_matrices=False
     )
     have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
     _require_effects(problem, logs, norms, have_same_effect=have_same_effect)
@@ -1071,7 +1095,8 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
     step = root @ (directions.T @ residuals)
     chi2 = float(residuals @ residuals)
     scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
-    is_off = np.abs(step) > 1e-3 * scatter * errors + 1e-9
+    of_error, of_value = _REMAINING_STEP
+    is_off = np.abs(step) > of_error * scatter * errors + of_value
     if np.any(errors > 1.0) or np.any(is_off):
         raise explain_undetermined(problem, logs, errors)
     return np.asarray(covariance)

@@ -92,7 +92,9 @@ class Measurements(Result):
     frequency: Any = held(Any, unit="Hz", default=None)
 
     def __post_init__(self) -> None:
-        """Check the data, and put the arrays in place of the arguments."""
+        """Check the data, and put arrays, or floats where one number stands for all loads, in place
+        of the arguments.
+        """
         counts = {}  # how many numbers each field has
         for name in self.units:
             values = getattr(self, name)
@@ -108,11 +110,11 @@ class Measurements(Result):
             object.__setattr__(self, name, array if is_array else float(array[0]))
         n = counts["force"]
         # one number stands for all loads
-        optional = [values for values in (self.sigma, self.frequency) if np.ndim(values)]
-        if counts["velocity"] != n or any(np.size(values) != n for values in optional):
-            shown = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        optional_arrays = [values for values in (self.sigma, self.frequency) if np.ndim(values)]
+        if counts["velocity"] != n or any(np.size(values) != n for values in optional_arrays):
+            words = ", ".join(f"{count} of {name}" for name, count in counts.items())
             mend = "Give the same number of each; sigma and frequency may be one number"
-            raise InputError(f"found {shown}", mend=mend)
+            raise InputError(f"found {words}", mend=mend)
         super().__post_init__()
 
     @classmethod
@@ -233,7 +235,8 @@ class _SourceColumns:
 
     def choose(self, *kinds: str) -> str | None:
         """Return the one of these ``kinds`` of which the table has a column; None if there is no
-        such column. Kinds whose headings are given in ``names`` go before the others.
+        such column. A kind whose heading is given in ``names`` goes before the others, and counts
+        as present whether the table has that heading or not.
 
         Raises InputError if there are columns of several kinds.
         """
@@ -261,8 +264,8 @@ class _SourceColumns:
         return distance / self.column("time")
 
     def require(self, kinds: Sequence[str]) -> None:
-        """Raise InputError, which names all of them, if columns of these kinds are missing or have
-        no unit.
+        """Raise InputError if columns of these ``kinds`` are missing, or have no unit; the message
+        names all that are at fault.
         """
         names = {kind: repr(self.heading(kind)) for kind in kinds}
         missing = [kind for kind in kinds if self.heading(kind) not in self.table]
@@ -297,9 +300,10 @@ class _SourceColumns:
         )
 
     def read_force(self, load: str, convert: Callable[[float], float] | None) -> Array:
-        """Return the contact forces, (n,), N, from the column of a kind of ``load``.
+        """Return the contact forces, (n,), N, from the column of the kind ``load``.
 
-        ``convert`` returns the force under one load, SI; it is None for a column of forces.
+        ``convert`` is a function of one load, SI, that returns the contact force, N; it is None for
+        a column of forces.
         """
         values = self.column(load)
         if convert is None:
@@ -307,8 +311,8 @@ class _SourceColumns:
         return np.array([convert(value) for value in values.tolist()])
 
     def read_sigma(self, error: str, velocity: Array) -> Array:
-        """Return the standard errors of velocities (n,), m/s, from the column of the kind
-        ``error``.
+        """Return the standard errors, (n,), m/s, of a ``velocity`` (n,), m/s, from the column of
+        the kind ``error``: "sigma", "time_sigma" or "cutoff_sigma".
 
         A velocity has the same relative error as the time or the cut-off from which it follows.
         """

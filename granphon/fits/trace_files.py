@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -35,14 +36,14 @@ _AT = re.compile(rf"(?:(.*?)[\s,]+(?:at|@)\s+|)({NUMBER}\s*[A-Za-zµμ]+)", re.I
 
 @dataclass(frozen=True)
 class Record:
-    """What stands in one file, or in several of the same times.
+    """What stands in one file of traces, or in several files of the same times.
 
     Attributes
     ----------
     where : the names of the files, for messages.
     times : (n,) s.
-    signals : (m, n) in the units of the files.
-    distances : (m,) m.
+    signals : (m, n) in the units of the files, a row for each sensor.
+    distances : (m,) of the sensors, m.
     names : (m,) of the sensors.
     """
 
@@ -158,35 +159,40 @@ def _require_same_times(
 def _find_distances(
     where: str,
     names: tuple[str, ...],
-    read: Sequence[float | None],
-    given: Sequence[float] | Mapping[str, float] | None,
+    file_distances: Sequence[float | None],
+    given_distances: Sequence[float] | Mapping[str, float] | None,
 ) -> Array:
-    """Return the distance of each sensor, (m,), m: those ``read`` from the files, or those that are
-    ``given`` in the order of the sensors or by their ``names``.
+    """Return the distance of each sensor, (m,), m: that of the files, or in its place the given
+    one. ``given_distances`` are in the order of the sensors, or by some of their ``names``.
+
+    InputError, which names the files by ``where``, for the name of a sensor that is not there, for
+    a number of distances that is not that of the sensors, and for a sensor without a distance.
     """
-    if given is None:
-        distances = list(read)
-    elif isinstance(given, Mapping):
-        unknown = [name for name in given if name not in names]
+    distances: list[float | None]
+    if given_distances is None:
+        distances = list(file_distances)
+    elif isinstance(given_distances, Mapping):
+        unknown = [name for name in given_distances if name not in names]
         if unknown:
             raise InputError(
                 f"{where} has no sensor {unknown[0]!r}",
                 f"Its sensors are {list_names(map(repr, names))}",
                 suggest(unknown[0], names),
             )
-        distances = [given.get(name, place) for name, place in zip(names, read, strict=True)]
+        pairs = zip(names, file_distances, strict=True)
+        distances = [given_distances.get(name, distance) for name, distance in pairs]
     else:
-        distances = np.atleast_1d(finite_array("distances", given, "m")).tolist()
+        distances = np.atleast_1d(finite_array("distances", given_distances, "m")).tolist()
         if len(distances) != len(names):
             raise InputError(
                 f"{where} has {len(names)} traces, and {len(distances)} distances are given",
                 mend="Give one distance for each sensor",
             )
-    lacking = [name for name, distance in zip(names, distances, strict=True) if distance is None]
-    if lacking:
+    unplaced = [name for name, distance in zip(names, distances, strict=True) if distance is None]
+    if unplaced:
         raise InputError(
-            f"{where} does not say where the sensor {lacking[0]!r} is",
-            mend=f"Head its column '{lacking[0]} at 40 mm', or give the distances",
+            f"{where} does not say where the sensor {unplaced[0]!r} is",
+            mend=f"Head its column '{unplaced[0]} at 40 mm', or give the distances",
         )
     return finite_array("distances", distances, "m")
 
@@ -199,9 +205,9 @@ def _take_step(
 
     The line that gives the step, and those above it, which describe the instrument, are replaced by
     comments: so they are not read as rows, and the other lines keep their numbers. InputError for a
-    step that is no time.
+    step that is no time, and for two lines that give different steps.
     """
-    step = None
+    step: float | None = None
     lines_of_table = []
     for number, line in enumerate(lines, 1):
         match = _STEP_LINE.fullmatch(line)
@@ -209,9 +215,16 @@ def _take_step(
             lines_of_table.append(line)
             continue
         try:
-            step = TIME.read(f"{match[1]} {match[2] or 's'}")
+            step_of_line = TIME.read(f"{match[1]} {match[2] or 's'}")
         except Refused as refused:
             raise InputError(f"{path}:{number}: time step: {refused}") from None
+        if step is not None and not math.isclose(step, step_of_line):
+            raise InputError(
+                f"{path}:{number}: the time step is {step_of_line:.9g} s, and {step:.9g} s in a"
+                " line above",
+                mend="Keep one of the lines",
+            )
+        step = step_of_line
         lines_of_table = ["#"] * number
     return lines_of_table, step
 
@@ -242,7 +255,7 @@ def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
         names.append(name)
         distances.append(distance)
         try:
-            signals.append(table.numbers(str(Heading(heading.name, ""))))
+            signals.append(table.numbers(heading.name))
         except InputError as error:
             raise InputError(f"{path}, {error}") from None
     if not signals:
@@ -253,8 +266,8 @@ def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
 
 
 def _split_heading(heading: Heading) -> tuple[str, float | None]:
-    """Return the name of the sensor of a column and its distance, m, None if the heading has
-    none.
+    """Return the name of the sensor of a column, and the distance of the sensor, m; None in place
+    of a distance that the heading does not have.
     """
     match = _AT.fullmatch(heading.name.strip())
     if match is None:
@@ -271,7 +284,7 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
 
     Raises InputError for a file that cannot be read, times that are given twice, and data sets that
-    do not fit together.
+    do not fit together; MissingPackageError if h5py is not installed.
     """
     require_installed("A file of HDF5", "h5py")
     import h5py
@@ -342,9 +355,10 @@ def _read_names(path: str | os.PathLike[str], data: Any) -> tuple[str, ...]:
 
 
 def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Quantity) -> Array:
-    """Return the numbers of ``data``, a data set of HDF5, SI; its attribute ``units`` is that of
-    the ``kind`` if the data set has none. Messages name the file at ``path`` and the ``name`` of
-    the data set.
+    """Return the numbers of ``data``, a data set of HDF5, converted to SI from the unit in the
+    attribute ``units`` of the data set; without this attribute they are in the SI unit of the
+    ``kind``. InputError, which names the file at ``path`` and the ``name`` of the data set, for a
+    unit of another quantity, and for numbers that are not finite.
     """
     unit = data.attrs.get("units", kind.unit)
     text = unit.decode() if isinstance(unit, bytes) else str(unit)

@@ -49,8 +49,9 @@ _HALF = 0.5
 _ABOVE_NOISE = 5.0
 #: least number of equal samples at the end of the range of a trace that is clipped
 _CLIPPED = 5
-#: drop beside a flat top, over its length, in steps of the digits: 9 for a parabola whose top is
-#: flat because of the digits, and more for a pulse whose top is cut off
+#: drop, in steps of the digits, from a flat top to the samples as far beside the top as it is long:
+#: 9 for a parabola whose top is flat because of the digits, and more for a pulse whose top is cut
+#: off
 _STEEP = 20.0
 #: order of the low-pass filter, which acts forwards and backwards
 _ORDER = 4
@@ -58,7 +59,9 @@ _ORDER = 4
 _ROOM = 2.0
 #: share of the highest frequency that samples hold, above which a low-pass filter has no effect
 _WIDE = 0.9
-#: least number of samples per period of a frequency whose phase is asked for
+#: periods of its cut-off frequency for which the low-pass filter remembers a signal
+_MEMORY = 3.0
+#: least number of samples per period of a frequency whose phase is sought
 _SAMPLES_PER_PERIOD = 4.0
 
 
@@ -77,8 +80,8 @@ class TraceVelocity(Result):
     distances : (m,) of the sensors, m.
     start : the time at which the straight line through the arrivals has the distance zero, s,
         counted as the arrivals are.
-    chi2, dof : sum of squares of the differences from the straight line over their errors, and its
-        degrees of freedom, m - 2.
+    chi2, dof : sum of squares of the differences from the straight line over their errors, 0 for
+        two sensors, and its degrees of freedom, m - 2.
     p : probability that noise makes a larger sum; nan for two sensors.
     warnings : what limits the velocity.
     """
@@ -221,8 +224,8 @@ class Traces(Result, array="signals"):
             cross-correlation with the first trace is greatest. "phase": from the phase at a
             ``frequency``, which gives the phase velocity; of the times that differ by periods, the
             nearest to that by correlation is taken.
-        threshold : share of the maximum, between 0 and 1.
-        frequency : Hz, for "phase".
+        threshold : share of the maximum, between 0 and 1; for "threshold" alone.
+        frequency : Hz; for "phase" alone, which needs it.
         lowpass : cut-off of the low-pass filter, Hz (Butterworth, order 4, forwards and backwards,
             so that nothing is delayed); None for no filter; "auto" for twice the highest frequency
             at which the spectrum of a trace stands out of its noise.
@@ -230,10 +233,10 @@ class Traces(Result, array="signals"):
             the time, from its start, at which its magnitude first has half of its maximum.
 
         Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
-        method, a ``quiet`` outside of the record, a quiet part of less than 16 samples, a pulse or
-        threshold that is not above five standard deviations of the noise, samples that are too far
-        apart for the frequency, a frequency that the traces do not have, and arrivals that are not
-        later at farther sensors.
+        method, an option of another method, a ``quiet`` outside of the record, a quiet part of less
+        than 16 samples, a pulse or threshold that is not above five standard deviations of the
+        noise, samples that are too far apart for the frequency, a frequency that the traces do not
+        have, and arrivals that are not later at farther sensors.
         """
         if not is_one_of(method, METHODS):
             methods = list_names(map(repr, METHODS))
@@ -247,6 +250,10 @@ class Traces(Result, array="signals"):
         share = positive("threshold", threshold)
         if share >= 1.0:
             raise InputError(f"threshold is {share:g}", mend="Give a share of the maximum, below 1")
+        if share != THRESHOLD and method != "threshold":
+            raise InputError(f"threshold is given for the method {method!r}", mend="Leave it out")
+        if frequency is not None and method != "phase":
+            raise InputError(f"frequency is given for the method {method!r}", mend="Leave it out")
         end_of_quiet = quiet
         if quiet is not None:
             in_record = partial(number, low=float(self.times[0]), high=float(self.times[-1]))
@@ -344,7 +351,8 @@ class _LowPass:
         from scipy.signal import sosfiltfilt
 
         # signals are continued beyond their ends by as many samples as the filter remembers
-        n_continued = min(signals.shape[-1] - 1, math.ceil(3.0 / (self.cutoff * self.time_step)))
+        n_remembered = math.ceil(_MEMORY / (self.cutoff * self.time_step))
+        n_continued = min(signals.shape[-1] - 1, n_remembered)
         filtered: Array = sosfiltfilt(self._sections, signals, axis=-1, padlen=n_continued)
         return filtered
 
@@ -361,8 +369,9 @@ class _Arrivals:
 
 @dataclass(frozen=True)
 class _Pulses:
-    """The pulses of ``traces``: filtered signals (m, n) from their mean before the pulse, and the
-    standard deviations (m,) of the noise of single samples before the filter.
+    """The pulses of ``traces``: filtered signals (m, n), less their means before the pulse, and the
+    standard deviations (m,) of the noise of single samples before the filter. Signal and noise of
+    each sensor are over the greatest magnitude of its trace.
     """
 
     traces: Traces
@@ -378,14 +387,14 @@ class _Pulses:
         offsets = []
         noise = []
         # only ratios within a trace count: squares of very large or small numbers have no digits
-        sizes = np.max(np.abs(traces.signals), axis=1, keepdims=True)
-        scaled = traces.signals / np.where(sizes > 0.0, sizes, 1.0)
-        for name, signal in zip(traces.names, scaled, strict=True):
+        greatest = np.max(np.abs(traces.signals), axis=1, keepdims=True)
+        scaled_signals = traces.signals / np.where(greatest > 0.0, greatest, 1.0)
+        for name, signal in zip(traces.names, scaled_signals, strict=True):
             samples = signal[: _count_quiet_samples(traces, name, signal, quiet)]
             offsets.append(np.mean(samples))
             # noise below the rounding of the samples is that rounding
             noise.append(max(np.std(samples, ddof=1), ROUNDED * np.max(np.abs(signal))))
-        signals = scaled - np.array(offsets)[:, None]
+        signals = scaled_signals - np.array(offsets)[:, None]
         deviations = np.array(noise)
         lowpass_filter = _choose_filter(traces, signals, deviations, lowpass)
         pulses = cls(traces, lowpass_filter, lowpass_filter(signals), deviations)
@@ -433,29 +442,29 @@ class _Pulses:
         places = []
         weights = []
         for sensor, signal in enumerate(self.signals):
-            sizes = np.abs(signal)
+            magnitudes = np.abs(signal)
             top = self._find_top(sensor)
-            level = share * sizes[top]
+            level = share * magnitudes[top]
             name = self.traces.names[sensor]
             level_of_noise = _ABOVE_NOISE * self.filtered_noise[sensor]
             if level <= level_of_noise:
                 raise InputError(
                     f"the threshold {share:g} is in the noise of sensor {name}",
-                    mend=f"Give a threshold above {level_of_noise / sizes[top]:.2g}, a lower"
+                    mend=f"Give a threshold above {level_of_noise / magnitudes[top]:.2g}, a lower"
                     " cut-off of the filter, or the method 'correlation'",
                 )
-            above = int(np.argmax(sizes >= level))
-            if above == 0:
+            crossing = int(np.argmax(magnitudes >= level))  # the first sample at the level or above
+            if crossing == 0:
                 raise InputError(
                     f"the trace of sensor {name} begins above the threshold",
                     mend="Start the record earlier, before the pulse",
                 )
-            rise = sizes[above] - sizes[above - 1]
-            fraction = (level - sizes[above - 1]) / rise
-            places.append(above - 1 + fraction)
+            rise = magnitudes[crossing] - magnitudes[crossing - 1]
+            fraction = (level - magnitudes[crossing - 1]) / rise
+            places.append(crossing - 1 + fraction)
             weight = np.zeros(signal.size)
-            weight[above - 1] = -(1.0 - fraction) / rise * np.sign(signal[above - 1])
-            weight[above] = -fraction / rise * np.sign(signal[above])
+            weight[crossing - 1] = -(1.0 - fraction) / rise * np.sign(signal[crossing - 1])
+            weight[crossing] = -fraction / rise * np.sign(signal[crossing])
             weight[top] += share / rise * np.sign(signal[top])
             weights.append(weight)
         return self._make_arrivals(np.array(places), np.array(weights), self.first_time)
@@ -525,11 +534,11 @@ class _Pulses:
         """
         traces = self.traces
         step = traces.time_step
-        per_period = 1.0 / (frequency * step)
-        if per_period < _SAMPLES_PER_PERIOD:
+        samples_per_period = 1.0 / (frequency * step)
+        if samples_per_period < _SAMPLES_PER_PERIOD:
             raise InputError(
-                f"there are {per_period:.3g} samples in a period of {frequency:.6g} Hz",
-                "The phase needs four",
+                f"there are {samples_per_period:.3g} samples in a period of {frequency:.6g} Hz",
+                f"The phase needs {_SAMPLES_PER_PERIOD:g}",
                 f"Ask for a frequency below {1.0 / (_SAMPLES_PER_PERIOD * step):.4g} Hz",
             )
         duration = step * traces.times.size
@@ -541,18 +550,19 @@ class _Pulses:
         omega = 2.0 * math.pi * frequency
         waves = np.exp(-1j * omega * step * np.arange(traces.times.size))
         amplitudes = self.signals @ waves
-        # of the real part, whose variance is half of that of the amplitude
+        # noise in the real part of an amplitude, whose variance is half of that of the amplitude
         noise_amplitudes = self.noise * np.linalg.norm(self.filter(waves.real))
-        absent = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
-        if absent.size:
+        silent = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
+        if silent.size:
             raise InputError(
-                f"the trace of sensor {traces.names[absent[0]]} has nothing above its noise at"
+                f"the trace of sensor {traces.names[silent[0]]} has nothing above its noise at"
                 f" {frequency:.6g} Hz",
                 mend="Ask for a frequency of the pulse",
             )
         phase_times = -np.angle(amplitudes) / omega
-        # both counted from the first sensor: neither when the record begins, nor the unknown whole
-        # periods of the first phase, decides how many periods lie between two sensors
+        # Delays and times of phases are counted from the first sensor: neither when the record
+        # begins, nor the unknown whole periods of the first phase, decides how many periods lie
+        # between two sensors.
         delays = self.find_delays().times
         periods = np.rint(frequency * (delays - (phase_times - phase_times[0])))
         weights = -np.imag(waves / amplitudes[:, None]) / omega / step
@@ -560,13 +570,15 @@ class _Pulses:
         return self._make_arrivals(places, weights, self.first_time)
 
     def _find_top(self, sensor: int) -> int:
-        """Return the sample of the first maximum of the magnitude of the signal of a ``sensor``, an
-        index, that has half of the greatest height; InputError if there is no maximum.
+        """Return the index of the sample at which the magnitude of the signal of a ``sensor``, an
+        index too, has its first maximum of at least half the greatest height; InputError if there
+        is no maximum.
         """
-        sizes = np.abs(self.signals[sensor])
-        inner = sizes[1:-1]
-        is_top = (inner > sizes[:-2]) & (inner >= sizes[2:]) & (inner >= _HALF * np.max(sizes))
-        tops = 1 + np.flatnonzero(is_top)
+        magnitudes = np.abs(self.signals[sensor])
+        inner = magnitudes[1:-1]
+        is_maximum = (inner > magnitudes[:-2]) & (inner >= magnitudes[2:])
+        is_high = inner >= _HALF * np.max(magnitudes)
+        tops = 1 + np.flatnonzero(is_maximum & is_high)
         if not tops.size:
             raise InputError(
                 f"the trace of sensor {self.traces.names[sensor]} has no maximum",
@@ -687,8 +699,8 @@ def _find_longest_run(flags: Flags) -> tuple[int, int]:
 
 def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float | None) -> int:
     """Return how many samples at the start of a ``signal`` (n,) hold no pulse: those before the
-    time ``quiet``, s, or, if that is None, half of those before the magnitude of the signal first
-    has half of its maximum.
+    time ``quiet``, s, or, if that is None, half of those before the signal first differs from its
+    beginning by half of its greatest difference.
 
     Raises InputError for a signal that does not change, and for fewer than 16 quiet samples; both
     messages name the sensor ``name``.
@@ -703,10 +715,10 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
         count = int(np.count_nonzero(traces.times < quiet))
         content = f"{count} samples lie before {quiet:.6g} s"
     else:
-        sizes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
-        rise = int(np.argmax(sizes >= _HALF * np.max(sizes)))
+        magnitudes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
+        rise = int(np.argmax(magnitudes >= _HALF * np.max(magnitudes)))
         count = rise // 2
-        ratio = float(np.max(sizes)) / spread
+        ratio = float(np.max(magnitudes)) / spread
         content = (
             f"it has half of its greatest magnitude, {ratio:.3g} standard deviations of the whole,"
             f" after {rise} samples"
@@ -720,19 +732,20 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
     return count
 
 
-def _still_rises(sizes: Array, noise: float) -> bool:
-    """Whether a record ends while its pulse still rises. ``sizes`` (n,) are the magnitudes of the
+def _still_rises(magnitudes: Array, noise: float) -> bool:
+    """Whether a record ends while its pulse still rises. ``magnitudes`` (n,) are those of the
     samples, and ``noise`` is the standard deviation of their noise.
 
-    It does if its greatest sample lies no farther from the end than a quarter of the rise so far,
-    and the mean over the last such quarter exceeds that over the quarter before by more than noise.
+    The pulse does if the greatest sample lies no farther from the end than a quarter of the rise so
+    far, and the mean over the last such quarter exceeds that over the quarter before by more than
+    five times the noise.
     """
-    top = int(np.argmax(sizes))
-    rise = top - int(np.argmax(sizes >= THRESHOLD * sizes[top]))
+    top = int(np.argmax(magnitudes))
+    rise = top - int(np.argmax(magnitudes >= THRESHOLD * magnitudes[top]))
     quarter = max(rise // 4, 2)
-    if sizes.size - top > quarter or sizes.size < 2 * quarter:
+    if magnitudes.size - top > quarter or magnitudes.size < 2 * quarter:
         return False
-    late_rise = np.mean(sizes[-quarter:]) - np.mean(sizes[-2 * quarter : -quarter])
+    late_rise = np.mean(magnitudes[-quarter:]) - np.mean(magnitudes[-2 * quarter : -quarter])
     return bool(late_rise > _ABOVE_NOISE * noise)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar, Self
@@ -47,6 +47,7 @@ from granphon.waves.waves import Waves
 
 #: residual, over its standard error, of which sums of squares and their products stay finite
 _FARTHEST = 1e70
+#: name of the loss whose logarithm is sought
 _RESTITUTION = "restitution"
 #: what may be fitted, and its unit; of stiffness, load, springs to the ground and gain it is the
 #: ratio to those of the network
@@ -58,9 +59,10 @@ PARAMETERS = {
     "wall_modulus": "Pa",
     "gain": "1",
 }
-#: the parameters that move resonances, each with the power of a ratio of stiffnesses that is tried
-#: as its own ratio: r^3 times the load makes contacts r times stiffer, as stiffness goes as the
-#: cubic root of the load; the modulus of a wall acts less than that
+#: the parameters that move resonances: where a ratio r of stiffnesses is tried, the ratio of such a
+#: parameter is r to this power. r^3 times the load makes contacts r times stiffer, as stiffness
+#: goes as the cubic root of the load. Springs to the ground, and the wall, move resonances less
+#: than contacts do: their ratios are tried over a wider range.
 _POWERS = {"stiffness": 1.0, "load": 3.0, "on_site": 2.0, "wall_modulus": 3.0}
 #: loss factors from which the search starts
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
@@ -73,7 +75,8 @@ _LARGEST_LOSS = 10.0
 _LEAST_SCALED = 1e-3
 #: tolerances of scipy.optimize.least_squares: the least that it takes but for rounding
 _TOLERANCES: dict[str, Any] = {"ftol": 1e-13, "xtol": 1e-13, "gtol": 1e-13}
-#: ratios of the stiffness that are tried
+#: ratios of the stiffness that are tried: their steps of 2.5 % move a resonance by 1.2 %, an eighth
+#: of its breadth with the loss factor _BROAD
 _STIFFER = np.geomspace(0.5, 2.0, 57)
 #: number of these ratios that are followed to a minimum
 _FOLLOWED = 3
@@ -89,8 +92,9 @@ KEPT_FORCES = (
     "contacts keep their forces over the springs that are fitted, though springs bear a part of"
     " the load: give the crystal with its load, as pressure=20.0, in place of its state"
 )
-#: columns of a table
+#: kinds of columns that a table may have
 _COLUMNS = ("frequency", "magnitude", "phase", "real", "imag", "sigma", "phase_sigma")
+#: quantities of the magnitudes of responses that have a unit
 _MAGNITUDES = {
     "displacement": Quantity("receptance", "m/N", "2 um/N", "m/N, um/N, nm/N"),
     "velocity": Quantity("mobility", "m/s/N", "2 mm/s/N", "m/s/N, mm/s/N"),
@@ -243,10 +247,12 @@ class TransferFunction(Result):
         n_independent = _count_independent(n, n_segment)
         low, high = (0.0, math.inf) if band is None else _read_band(band)
         # segments have lost their means, and with these the frequencies of one window about zero
-        low = max(low, 2.0 / (n_segment * step))
+        is_whole = frequencies > 2.0 / (n_segment * step)
+        is_in_band = (frequencies >= low) & (frequencies <= high)
         is_coherent = coherences > _find_coherence_of_noise(_BY_CHANCE, n_independent)
-        is_kept = is_coherent & (frequencies > low) & (frequencies <= high)
-        # of many frequencies some are above that by chance: one must be above what none of them is
+        is_kept = is_coherent & is_whole & is_in_band
+        # Of many frequencies some exceed that limit by chance. At least one must exceed a higher
+        # limit, which noise exceeds at any of them with the probability of a hundredth.
         least_coherence = _find_coherence_of_noise(_BY_CHANCE / frequencies.size, n_independent)
         if not np.any(coherences[is_kept] > least_coherence):
             raise InputError(
@@ -268,7 +274,9 @@ class TransferFunction(Result):
 
 
 def _read_band(band: Any) -> tuple[float, float]:
-    """Return the lowest and the highest frequency of a band, Hz; InputError for another one."""
+    """Return the lowest and the highest frequency of a ``band``, Hz; InputError for what is not two
+    ascending frequencies, zero or above.
+    """
     edges = finite_list("band", band, "Hz", "zero or above")
     if len(edges) != 2 or not edges[0] < edges[1]:
         raise InputError(f"band is {brief(band)}", mend="Give (lowest, highest), Hz")
@@ -277,8 +285,8 @@ def _read_band(band: Any) -> tuple[float, float]:
 
 def _choose_segment(n: int, step: float, segment: float | None) -> int:
     """Return the number of samples of a segment of the length ``segment``, s, by default an eighth
-    of a record of ``n`` samples, ``step`` s apart; InputError if it is too short, or if two
-    segments that overlap by a half and more do not fit into the record.
+    of a record of ``n`` samples, ``step`` s apart; InputError if the segment is too short, or if
+    two segments that overlap by half do not fit into the record.
     """
     n_segment = n // 8 if segment is None else round(positive("segment", segment, "s") / step)
     if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
@@ -422,7 +430,8 @@ class _SourceColumns:
 
     def convert(self, kind: str, factors: Mapping[str, float]) -> Array | None:
         """Return the numbers of the column of a ``kind``, (n,), times the factor of its unit; None
-        if the table has no such column, or the unit is not among ``factors``.
+        if the table has no such column, or the unit is not among ``factors``, which are factors by
+        unit. InputError for a cell that is no number.
         """
         unit = self.table.unit(self.headings[kind])
         if not self.has(kind) or unit not in factors:
@@ -433,13 +442,13 @@ class _SourceColumns:
             raise InputError(f"{self.table.name}, {error}") from None
 
     def read_magnitude(self) -> Array:
-        """Return the magnitudes, (n,), m/N, m/s/N or 1, also of a column in dB."""
+        """Return the magnitudes, (n,), in the unit of :meth:`measure`, also of a column in dB."""
         decibels = self.convert("magnitude", {"dB": 1.0})
         return self.measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
 
     def read_complex(self) -> tuple[Array, Array]:
-        """Return the magnitudes, (n,), SI, and the phases, (n,), rad, of real and imaginary
-        parts.
+        """Return the magnitudes, (n,), in the unit of :meth:`measure`, and the phases, (n,), rad,
+        of real and imaginary parts; InputError if only one part has a unit of raw sensors.
         """
         if self.is_raw("real") != self.is_raw("imag"):
             units = list_names(repr(self.table.unit(self.headings[k])) for k in ("real", "imag"))
@@ -490,17 +499,7 @@ class _SourceColumns:
         if self.quantity == "force" and _MAGNITUDES["stiffness"].measures(unit):
             magnitude = _MAGNITUDES["stiffness"]
         if magnitude is None:
-            values = self.convert(kind, _NUMBERS)
-            if values is None:
-                mend = "Leave the unit out, or use N/N, % or dB"
-                if self.quantity == "force":
-                    mend += "; N/m of a wall that is moved; or V/V of sensors, and fit the gain"
-                raise InputError(
-                    f"{self.table.name}: the column {heading!r} has the unit {unit!r}",
-                    f"A {RESPONSES[self.quantity].replace('_', ' ')} is a number",
-                    mend,
-                )
-            return values
+            return self._read_plain_numbers(kind)
         if kind in ("real", "imag"):
             magnitude = replace(magnitude, least="any")
         if unit in _NUMBERS:
@@ -511,6 +510,23 @@ class _SourceColumns:
             fault = f"{self.table.name}: the column {heading!r} has no unit of {magnitude.name}"
             raise InputError(fault, mend=mend)
         return self.table.column(heading, magnitude)
+
+    def _read_plain_numbers(self, kind: str) -> Array:
+        """Return the numbers (n,) of the column of a ``kind`` of a response without a unit;
+        InputError if the column has a unit that is no ratio.
+        """
+        numbers = self.convert(kind, _NUMBERS)
+        if numbers is not None:
+            return numbers
+        heading = self.headings[kind]
+        mend = "Leave the unit out, or use N/N, % or dB"
+        if self.quantity == "force":
+            mend += "; N/m of a wall that is moved; or V/V of sensors, and fit the gain"
+        raise InputError(
+            f"{self.table.name}: the column {heading!r} has the unit {self.table.unit(heading)!r}",
+            f"A {RESPONSES[self.quantity].replace('_', ' ')} is a number",
+            mend,
+        )
 
 
 @dataclass(frozen=True)
@@ -569,10 +585,12 @@ class _Model:
         return scales.get(LOSS_PARAMETERS.get(name, name), 1.0)
 
     def _find_network(self, values: Mapping[str, float]) -> ContactNetwork:
-        """Return the network whose springs to the ground and whose wall have these ``values``.
+        """Return the network whose springs to the ground and whose wall have these ``values`` of
+        the fitted parameters, by name.
 
         If its crystal is known, the network comes to rest anew under the load; otherwise contacts
-        keep the forces that they have.
+        keep the forces that they have. A wall that the crystal lacks was put in by a cut, and is
+        changed in the network.
         """
         network = self.network
         ratio = values.get("on_site", 1.0)
@@ -790,9 +808,10 @@ def fit_damping(
         "gain", by which the whole response is, where sensors are not calibrated.
     damping, loss_factor, drag, dashpot, restitution : losses that are not fitted, as for
         :meth:`granphon.Waves.response`.
-    load, finite_overlap : of a crystal, the load by its kind, as ``pressure=20.0`` (N), and as for
-        its states. It then comes to rest anew over springs, or on a wall, that are fitted. Contacts
-        of a state or network keep their forces, and a warning says so of springs.
+    load, finite_overlap : of a crystal, the load by its kind, as ``pressure=20.0`` (N), and whether
+        its overlap is finite, as for its states. The crystal then comes to rest anew over springs,
+        or on a wall, that are fitted. Contacts of a state or network keep their forces, and a
+        warning says so of springs.
 
     Returns
     -------
@@ -801,13 +820,17 @@ def fit_damping(
     that of one standard deviation.
 
     Raises :class:`~granphon.base.errors.InputError` for parameters that cannot be fitted or told
-    apart, too few data, losses of which the data say nothing, and what
-    :meth:`granphon.Waves.response` refuses.
+    apart, too few data, losses of which the data say nothing, a receiver that no wave reaches, a
+    ``finite_overlap`` without a load, and what :meth:`granphon.Waves.response` refuses.
     """
     names = texts("parameters", parameters)
     pressed = x if isinstance(x, PressedCrystal) else None
     if load:
         pressed = PressedCrystal.of(x, load, finite_overlap)
+    elif finite_overlap is not None:
+        problem = f"finite_overlap is given for {brief(x)}, and no load"
+        why = "Its contacts have their overlaps"
+        raise InputError(problem, why, "Leave finite_overlap out, or give a crystal with its load")
     network = given_network(x if pressed is None else pressed)
     _require_fittable(names, network, measured)
     # wrong values are refused before the fit
@@ -829,20 +852,38 @@ def fit_damping(
     }
     model = _Model(network, pressed, names, fixed_losses, measured.frequencies, places)
     comparison = _Comparison(model, measured)
-    sigma_given = measured.sigma is not None
+    _require_data(comparison.dof, len(names), sigma_given=measured.sigma is not None)
+    warnings = given_losses.find_warnings(float(np.max(measured.frequencies)))
+    quantity_of_data = Places(network, direction, polarisation, distance).find_quantity(
+        quantity, source
+    )
+    return _make_fit(comparison, quantity_of_data, warnings)
+
+
+def _make_fit(
+    comparison: _Comparison, quantity: str, warnings_of_losses: Iterable[str]
+) -> DampingFit:
+    """Return the fit at the lowest minimum of a ``comparison`` of a response ``quantity``; its
+    warnings are those on the losses that are given, and on the fit itself.
+
+    Raises InputError as the methods of the comparison do.
+    """
+    model = comparison.model
+    measured = comparison.measured
+    names = comparison.names
     dof = comparison.dof
-    _require_data(dof, len(names), sigma_given=sigma_given)
+    sigma_given = measured.sigma is not None
     best = comparison.find_best()
     chi2 = 2.0 * float(best.cost)  # scipy's cost is half the sum of squares
     scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     jacobian = comparison.find_jacobian(best, scatter)
     covariance = comparison.find_covariance(jacobian, scatter)
     values = best.x * comparison.scale
-    warnings = list(given_losses.find_warnings(float(np.max(measured.frequencies))))
+    warnings = list(warnings_of_losses)
     if sigma_given or not dof:
         warnings += judge_residuals(chi2, dof, len(names))
     warnings += _judge_errors(names, values, np.sqrt(np.diag(covariance)))
-    if "on_site" in names and pressed is None:
+    if "on_site" in names and model.pressed is None:
         warnings.append(KEPT_FORCES)
     losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
     values, covariance = _find_restitution(names, values, covariance)
@@ -858,7 +899,7 @@ def fit_damping(
         **{name: _average_contacts(losses[name]) for name in SECOND_LOSSES},
         restitution=float(np.mean(losses[_RESTITUTION])),
         measured=with_errors,
-        quantity=Places(network, direction, polarisation, distance).find_quantity(quantity, source),
+        quantity=quantity,
         sigma_given=sigma_given,
         magnitude=np.abs(comparison.respond(best.x)),
         phase=comparison.find_phases(best.x),
@@ -961,17 +1002,19 @@ class _Comparison:
 
     def compare_logarithms(self, scaled: Array) -> Array:
         """Return the differences of logarithms of magnitudes, and of phases, rad, if they are
-        known, (n,) or (2 n,), at ``scaled`` parameters (p,).
+        known, (n,) or (2 n,), at ``scaled`` parameters (p,): infinite and nan where the model does
+        not respond.
         """
         response = self.respond(scaled)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             differences = np.log(self.measured.magnitude / np.abs(response))
-        if self.measured.phase is None:
-            return np.asarray(differences)
-        return np.concatenate([differences, np.angle(self.phasor / response)])
+            if self.measured.phase is None:
+                return np.asarray(differences)
+            return np.concatenate([differences, np.angle(self.phasor / response)])
 
     def find_start(self, loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
-        """Return the misfit of logarithms, and scaled parameters (p,) with the gain that fits best.
+        """Return the sum of squares of :meth:`compare_logarithms`, infinite where the model does
+        not respond, and the scaled parameters (p,), with the gain that fits best.
 
         The losses add up to ``loss``, and stiffnesses are about ``stiffer`` times those of the
         network.
@@ -990,7 +1033,9 @@ class _Comparison:
         return float(differences @ differences), scaled
 
     def list_starts(self) -> list[Array]:
-        """Return the scaled parameters (p,) from which minima are sought, the best first."""
+        """Return the scaled parameters (p,) from which minima are sought, the best first;
+        InputError if the model does not respond at any of them.
+        """
         ratios = [1.0]
         if _POWERS.keys() & set(self.names):
             ratios = self._find_best_ratios()
@@ -998,8 +1043,12 @@ class _Comparison:
         starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]
         starts.sort(key=lambda misfit_and_parameters: misfit_and_parameters[0])
         best = starts[: len(ratios)]
-        finite = [parameters for misfit, parameters in best if math.isfinite(misfit)]
-        return finite or [parameters for _, parameters in best]
+        responding = [parameters for misfit, parameters in best if math.isfinite(misfit)]
+        if not responding:
+            problem = "the response of the network is zero at the receiver"
+            mend = "Look at source and receiver: contacts must connect them"
+            raise InputError(problem, mend=mend)
+        return responding
 
     def _find_best_ratios(self) -> list[float]:
         """Return the three ratios of stiffness, to that of the network as it is, at which the
@@ -1017,7 +1066,7 @@ class _Comparison:
         """Return scipy's result of least squares at the lowest minimum: ``x`` (p,) scaled,
         ``cost``, ``jac``. InputError for data so far from the response that squares overflow.
         """
-        starts = list(self.list_starts())
+        starts = self.list_starts()
         with np.errstate(over="ignore"):
             farthest = max(float(np.max(np.abs(self.compare(start)))) for start in starts)
         if farthest > _FARTHEST:
@@ -1064,13 +1113,15 @@ class _Comparison:
 
     def find_covariance(self, jacobian: Array, scatter: float) -> Array:
         """Return the covariance (p, p) of the parameters, SI, from the derivatives (n, p) of
-        residuals by scaled parameters; InputError if parameters have the same effect.
+        residuals by scaled parameters; InputError if a parameter has no effect, or parameters have
+        the same.
         """
         norms = np.linalg.norm(jacobian, axis=0)
-        _, singular, right = np.linalg.svd(
-            jacobian / np.maximum(norms, 1e-300), full_matrices=False
-        )
-        if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
+        if np.any(norms == 0.0):
+            name = self.names[int(np.argmin(norms))]
+            raise InputError(f"the data say nothing of {name}", mend="Fit fewer parameters")
+        _, singular, right = np.linalg.svd(jacobian / norms, full_matrices=False)
+        if singular[-1] < SAME_EFFECT * singular[0]:
             fault = f"the data cannot tell {' and '.join(self.names)} apart"
             raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
         # (J^T J)^-1 of the derivatives J is a root (p, p) times its transpose

@@ -175,17 +175,20 @@ class _SampleCurve:
         """Set up the curve of samples of the ``packing``; nothing is simulated before a call."""
         self.medium = choice.of(packing)
         self.waves = replace(waves, frequency=None)
-        self._known: dict[int, float] = {}
+        # values of the curve by node, a multiple of the spacing
+        self._values: dict[int, float] = {}
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return the curve, log(k/c W^(1/2)), and its slope at each log f*, all (n,)."""
+        """Return the curve, log(k/c W^(1/2)), and its slope by log f*, both (n,), at the logarithms
+        ``logs`` of f*, (n,). Nodes of the curve that have not been solved yet are simulated.
+        """
         cell, fraction = np.divmod(logs / _NODE_SPACING, 1.0)
         # (n, 6): two nodes below the cell of each, the two ends of the cell, and two above
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
-        lacking = sorted(set(nodes.ravel().tolist()) - set(self._known))
-        if lacking:
-            self._known |= zip(lacking, self._solve(lacking), strict=True)
-        rows = [[self._known[node] for node in row] for row in nodes.tolist()]
+        unsolved = sorted(set(nodes.ravel().tolist()) - set(self._values))
+        if unsolved:
+            self._values.update(zip(unsolved, self._solve(unsolved), strict=True))
+        rows = [[self._values[node] for node in row] for row in nodes.tolist()]
         y = np.array(rows).T  # (6, n): the values at these nodes
         # slopes at the two ends of the cell, per cell, by central differences of fourth order
         slope_below = (y[0] - 8.0 * y[1] + 8.0 * y[3] - y[4]) / 12.0
@@ -199,21 +202,21 @@ class _SampleCurve:
         return value, slope / _NODE_SPACING
 
     def _solve(self, nodes: list[int]) -> list[float]:
-        """Return the values of the curve at nodes, log f* in units of their spacing, by equilibria
-        of samples.
+        """Return the values of the curve at ``nodes``, log f* in units of their spacing, by
+        equilibria of samples.
 
         The stiffness of the regular lattice is corrected until its long waves have the velocity
-        that they have in the samples.
+        that they have in the samples, but at most ten times.
         """
         packing = self.medium.packing
         force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
         state = self.medium.at_force(force)
         velocities, _ = self.waves.velocity(state)
-        regular = _make_regular_state(packing, force, self.waves.finite_overlap)
+        regular_state = _make_regular_state(packing, force, self.waves.finite_overlap)
         stiffness = np.asarray(state.normal_stiffness)
         for _ in range(_CORRECTIONS):
-            corrected = replace(regular, normal_stiffness=stiffness)
-            regular_velocities, _ = self.waves.velocity(corrected)
+            corrected_state = replace(regular_state, normal_stiffness=stiffness)
+            regular_velocities, _ = self.waves.velocity(corrected_state)
             ratio = (velocities / regular_velocities) ** 2
             stiffness = stiffness * ratio
             if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
@@ -224,7 +227,7 @@ class _SampleCurve:
 
 def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
     """Raise :class:`InputError` unless ``names`` are one or more of the ``known`` parameters, each
-    once.
+    at most once.
     """
     for name in names:
         if name not in known:
@@ -270,9 +273,8 @@ class VelocityModel:
         branches = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
         if self.waves.branch not in branches:
             fault = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
-            raise InputError(
-                fault, mend="Use " + " or ".join(branches) if branches else "Use other motions"
-            )
+            mend = f"Use {' or '.join(branches)}" if branches else "Use other motions"
+            raise InputError(fault, mend=mend)
 
     @property
     def width_index(self) -> int | None:
@@ -291,8 +293,8 @@ class VelocityModel:
         return np.log([values[name] for name in self.names])
 
     def find_nearly_equal(self) -> Array:
-        """Logarithms (p,) of the packing's own parameters, with balls that differ by 1e-9 of their
-        diameter: a width of zero has no logarithm.
+        """Return the logarithms (p,) of the packing's own parameters, with balls that differ by
+        1e-9 of their diameter: a width of zero has no logarithm.
         """
         return self.find_start(1e-9 * self.packing.diameter)
 
@@ -310,8 +312,8 @@ class VelocityModel:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether velocities follow from a curve through samples at some loads, as one for each
-        datum would take long.
+        """Whether velocities follow from a curve through samples at some loads, as samples at the
+        load of each datum would take long.
         """
         return self.choice.stand_in != self.choice
 
@@ -442,9 +444,9 @@ class VelocityModel:
                 self.force, finite_overlap=self.waves.finite_overlap
             )
             return state, np.asarray(local_exponent(state))
-        regular = _make_regular_state(packing, self.force, self.waves.finite_overlap)
+        regular_state = _make_regular_state(packing, self.force, self.waves.finite_overlap)
         try:
-            value, slope = self._curve(np.log(regular.reduced_force))
+            value, slope = self._curve(np.log(regular_state.reduced_force))
         except InputError as error:
             if error.load_index != 0:  # not the lowest load
                 raise
@@ -458,7 +460,7 @@ class VelocityModel:
             ) from None
         stiffness = packing.width_units.stiffness * np.exp(value)
         # v is proportional to k^(1/2)
-        return replace(regular, normal_stiffness=stiffness), 0.5 * slope
+        return replace(regular_state, normal_stiffness=stiffness), 0.5 * slope
 
     @property
     def _packing_of_samples(self) -> Packing:

@@ -23,7 +23,8 @@ pre { background: #f4f4f4; padding: .7rem; overflow-x: auto; }
 figure { margin: 1rem 0; } img { max-width: min(100%, 34rem); height: auto; }
 figcaption { color: #444; }
 @media print { body { margin: 0; max-width: none; } figure, tr { break-inside: avoid; } }"""
-#: letters that have a meaning in a cell or a text of Markdown
+#: letters that have a meaning in a cell or a text of Markdown, with the sign that takes the meaning
+#: from them
 _MARKED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#"})
 
 
@@ -68,7 +69,7 @@ class Code:
         return f"<pre>{escape(self.text.rstrip())}</pre>"
 
     def write_markdown(self) -> str:
-        """Return the text as Markdown, in a fence that it does not hold."""
+        """Return the text as Markdown, in a fence that is longer than any in the text."""
         fence = "```"
         while fence in self.text:
             fence += "`"
@@ -91,8 +92,9 @@ class Rows:
 
     def write_markdown(self) -> str:
         """Return the table as Markdown."""
-        lines = [_write_row(self.headings), _write_row(["---"] * len(self.headings), is_plain=True)]
-        return "\n".join([*lines, *map(_write_row, self.rows)])
+        lines = [_write_row(map(_mark, self.headings)), _write_row(["---"] * len(self.headings))]
+        lines += [_write_row(map(_mark, row)) for row in self.rows]
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True)
@@ -146,8 +148,8 @@ class Section:
 
 
 def write_html(title: str, sections: Iterable[Section], folder: str = "") -> str:
-    """Return the sections as one page of HTML that needs no other file and runs no program; links
-    lead to files in a ``folder``.
+    """Return the sections as one page of HTML, which needs no other file and runs no program; links
+    lead to files in a ``folder``, a path from the page, empty if they stand beside the page.
     """
     pieces = [
         "<!DOCTYPE html>",
@@ -168,8 +170,8 @@ def write_html(title: str, sections: Iterable[Section], folder: str = "") -> str
 
 
 def write_markdown(title: str, sections: Iterable[Section], folder: str = "") -> str:
-    """Return the sections as Markdown; pictures are named, as files in a ``folder``, not held, and
-    links lead there.
+    """Return the sections as Markdown. Pictures and links lead to files in a ``folder``, a path
+    from the text, empty if they stand beside the text; the text holds no bytes of pictures.
     """
     pieces = [f"# {_mark(title)}"]
     for section in sections:
@@ -188,7 +190,9 @@ def _join_path(folder: str, name: str) -> str:
 
 
 def _mark(text: str) -> str:
-    """Return a text on one line in which no letter has a meaning in Markdown."""
+    """Return a text of Markdown on one line, in which the letters that mark emphasis, code, links,
+    headings and cells stand for themselves.
+    """
     return " ".join(text.split()).translate(_MARKED)
 
 
@@ -197,8 +201,6 @@ def _write_cells(cells: Sequence[str], tag: str) -> str:
     return "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
 
 
-def _write_row(cells: Sequence[str], *, is_plain: bool = False) -> str:
-    """Return one row of a table as Markdown; if ``is_plain``, cells are written as they are, and
-    signs that have a meaning in Markdown keep it.
-    """
-    return f"| {' | '.join(cells if is_plain else map(_mark, cells))} |"
+def _write_row(cells: Iterable[str]) -> str:
+    """Return one row of a table as Markdown; ``cells`` are texts of Markdown."""
+    return f"| {' | '.join(cells)} |"

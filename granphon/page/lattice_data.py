@@ -51,9 +51,10 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     """Return the data of the lattice of a network for a page, as :func:`describe_lattice` does.
 
     Rows have ``weights``, see :func:`_list_weighted_rows`, so that the page takes a stiffness of 1
-    for each kind; each ball has its own mass and radius of gyration. ``complex`` says whether the
-    rows of a single ball are complex. In a cut, ``sides`` are -1 for balls in the lower quarter, 1
-    for balls in the upper quarter, and 0 for all other balls; without a cut ``sides`` is None.
+    for each kind; each ball has its own mass and radius of gyration. ``complex`` says whether C(q)
+    is complex, which that of a cell of several balls always is. In a cut, ``sides`` are -1 for
+    balls in the lower quarter, 1 for balls in the upper quarter, and 0 for all other balls; without
+    a cut ``sides`` is None.
 
     Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip by
     levers that exceed the arms.
@@ -73,7 +74,7 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
         "warnings": list(lattice.free_branch_warnings),
         "mechanism": mechanism,
     }
-    kinds = _key_of_kinds(lattice.mindlin_ratio, lattice.torsion, lattice.bending)
+    kinds = _write_key(lattice.mindlin_ratio, lattice.torsion, lattice.bending)
     heights = np.zeros(1)
     is_cut = periods < lattice.dimension
     if is_cut:
@@ -127,10 +128,10 @@ def _find_default_path(lattice: ContactLattice) -> BandPath:
     return BandPath(points, tuple(itertools.chain.from_iterable(pieces)))
 
 
-def _key_of_kinds(eta: ArrayLike, torsion: ArrayLike, bending: ArrayLike) -> str:
-    """Return three digits that say whether contacts have a shear stiffness (``eta``), a torsion and
-    a bending: 1 if any of the numbers is not zero, else 0. "101" has shear and bending, but no
-    torsion.
+def _write_key(eta: ArrayLike, torsion: ArrayLike, bending: ArrayLike) -> str:
+    """Return the key of the statements on a lattice: three digits that say whether contacts have a
+    shear stiffness (``eta``), a torsion and a bending, 1 if any of the numbers is not zero, else 0.
+    "101" has shear and bending, but no torsion.
     """
     return "".join(str(int(np.any(ratio))) for ratio in (eta, torsion, bending))
 
@@ -185,7 +186,7 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
 
 def _describe_path(path: BandPath) -> list[dict[str, Any]]:
     """Return for each piece of a path its "points", (n, 3) fractions of the reciprocal cell, and
-    their "labels", by default their numbers.
+    their "labels"; of a path without labels the fractions as texts.
     """
     pieces = []
     first = 0
@@ -200,7 +201,7 @@ def _describe_path(path: BandPath) -> list[dict[str, Any]]:
 
 
 def _pad(vectors: Array) -> Array:
-    """Return vectors (n, d) as (n, 3)."""
+    """Return vectors (n, d) with zeros for the components that they lack, (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
@@ -213,7 +214,7 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
         lattice = ContactLattice.of(
             structure, eta, torsion=torsion, bending=bending, motions=motions
         )
-        statements[_key_of_kinds(eta, torsion, bending)] = {
+        statements[_write_key(eta, torsion, bending)] = {
             "rotate": select_motions(eta, torsion, bending, motions).rotate,
             "free": lattice.free_branches,
             "warnings": list(lattice.free_branch_warnings),

@@ -9,7 +9,7 @@ each of a few nodes of eta^1/2, between which it is a polynomial.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -107,7 +107,7 @@ def tabulate_medium(
     try:
         if name == "simulation":
             return description | _tabulate_simulation(packing, choice, least_force)
-        roots, note = _choose_friction(packing, choice, most_friction)
+        roots = _choose_roots(packing, choice, most_friction)
         laws = [_make_law(packing, choice, root**2) for root in roots]
     except MechanismError as error:
         return description | {"refusal": str(error)}
@@ -122,21 +122,32 @@ def tabulate_medium(
 
     start = _find_start(require_values, np.log(least_force), PrecisionError)
     if start is None:
-        raise PrecisionError("the medium has no solution at any load of the page.")
-    # curves at roots of eta in the middle between two nodes
+        raise PrecisionError("the medium has no solution at any load of the page")
+    valid = float(force_of(high_pressure_overlap(1.0)))
+    note = ""
+    if name == "ema":
+        valid = VALID_FORCE
+        change = _find_effect_of_rolling(packing, choice, most_rolling, start)
+        note = _write_note_on_rolling(packing, change)
+    checks = _make_checks(packing, choice, roots)
+    table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
+    return description | table | {"valid": valid, "note": note}
+
+
+def _make_checks(
+    packing: Packing, choice: MediumChoice, roots: Sequence[float]
+) -> list[tuple[float, _Curve]]:
+    """Return the middles between neighbouring ``roots`` of eta, and the curve of the medium at
+    each, with which the interpolation between the roots is compared; none where the medium has the
+    law of equal balls.
+    """
     checks = []
     for low, high in itertools.pairwise(roots):
         middle = 0.5 * (low + high)
         law = _make_law(packing, choice, middle**2)
         if law is not None:
             checks.append((middle, _make_curve(law)))
-    valid = float(force_of(high_pressure_overlap(1.0)))
-    if name == "ema":
-        valid = VALID_FORCE
-        change = _find_effect_of_rolling(packing, choice, most_rolling, start)
-        note += _write_note_on_rolling(change)
-    table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
-    return description | table | {"valid": valid, "note": note}
+    return checks
 
 
 def _tabulate_simulation(
@@ -164,25 +175,23 @@ _SIMULATION_NOTE = (
 
 def _find_least_root(packing: Packing, choice: MediumChoice) -> float:
     """Return the least eta^1/2 of the table: zero, or ``_LEAST_FRICTION**0.5`` where the lattice
-    is a mechanism without friction. Raises what the medium refuses at any eta.
+    is a mechanism without friction. Raises MechanismError if the lattice is one at that eta too.
     """
     try:
         _find_xi(packing, choice, 0.0)
     except MechanismError:
-        least_root = _LEAST_FRICTION**0.5
-        _find_xi(packing, choice, least_root**2)
-        return float(least_root)
+        _find_xi(packing, choice, _LEAST_FRICTION)
+        return float(_LEAST_FRICTION**0.5)
     return 0.0
 
 
-def _choose_friction(
-    packing: Packing, choice: MediumChoice, most: float
-) -> tuple[list[float], str]:
-    """Return the nodes of eta^1/2 up to that of the eta ``most``, and a note on the stiffnesses
-    that the table leaves out.
+def _choose_roots(packing: Packing, choice: MediumChoice, most: float) -> list[float]:
+    """Return the nodes of eta^1/2, ascending, up to that of the eta ``most``; zero alone for the
+    averaged force, whose law does not depend on eta. Raises MechanismError as
+    :func:`_find_least_root` does.
     """
     if choice.name == "afa":
-        return [0.0], ""
+        return [0.0]
     least_root = _find_least_root(packing, choice)
     count = _FRICTION_NODES[packing.structure.periods]
     # Chebyshev's extrema, from 0 to 1
@@ -193,13 +202,8 @@ def _choose_friction(
         # kinks of a law move with eta: a node at the packing's eta needs no interpolation in eta
         nearest = 1 + np.argmin(np.abs(roots[1:-1] - root_of_packing))
         roots[nearest] = root_of_packing
-    ratios = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
-    words = [f"{name} {ratio:g}" if ratio else f"no {name}" for name, ratio in ratios.items()]
-    note = (
-        f"The stiffness of the contacts is that of the medium with {' and '.join(words)}; the"
-        f" sliders of torsion and bending change the lattice alone."
-    )
-    return roots.tolist(), note
+    ascending_roots: list[float] = roots.tolist()
+    return ascending_roots
 
 
 def _find_effect_of_rolling(
@@ -236,13 +240,21 @@ def _find_effect_of_rolling(
     return change
 
 
-def _write_note_on_rolling(change: float) -> str:
-    """Return a sentence on the relative change of the stiffness by torsion and bending."""
+def _write_note_on_rolling(packing: Packing, change: float) -> str:
+    """Return the note on the torsion and the bending with which the effective medium is computed,
+    and, unless it is zero, on the largest relative ``change`` of the stiffness by other ones.
+    """
+    ratios = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
+    words = [f"{name} {ratio:g}" if ratio else f"no {name}" for name, ratio in ratios.items()]
+    note = (
+        f"The stiffness of the contacts is that of the medium with {' and '.join(words)}; the"
+        f" sliders of torsion and bending change the lattice alone."
+    )
     if not change:
-        return ""
+        return note
     is_noted = change >= _NOTED
     size = f"up to {100.0 * change:.2g} %" if is_noted else f"less than {100.0 * _NOTED:g} %"
-    return f" In the medium they would change the stiffness by {size}."
+    return f"{note} In the medium they would change the stiffness by {size}."
 
 
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
@@ -293,8 +305,9 @@ def _make_curve(law: Law) -> _Curve:
 def _find_start(
     find: Callable[[float], Any], low: float, refusal: type[InputError]
 ) -> float | None:
-    """Return the first ln f* of the steps from ``low`` to ``_SEARCH_END`` at which ``find`` raises
-    no error of the class ``refusal``; None if ``find`` raises one at every step.
+    """Return the first ln f* of the steps from ``low`` to ``_SEARCH_END`` at which ``find``, a
+    function of ln f*, raises no error of the class ``refusal``; None if ``find`` raises such an
+    error at every step.
     """
     for log_force in np.arange(low, _SEARCH_END, _SEARCH_STEP):
         with suppress(refusal):
@@ -310,10 +323,11 @@ def _tabulate(
     high: float,
     checks: list[tuple[float, _Curve]] | None = None,
 ) -> dict[str, Any]:
-    """Return "table", "error" and "friction_error" from one curve for each root of eta, between
-    ``low`` and ``high`` of ln f*.
+    """Return "table", "error" and "friction_error" of :func:`tabulate_medium` from one of the
+    ``curves`` for each of the ``roots`` of eta, between ``low`` and ``high`` of ln f*.
 
     The error at other eta is that at ``checks``, roots of eta between the nodes and their curves.
+    Without checks there is no further error.
     """
     from scipy.interpolate import barycentric_interpolate
 

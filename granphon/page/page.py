@@ -75,11 +75,11 @@ def make_page(
     title: str = "granphon",
     **options: Any,
 ) -> str:
-    """Return the text of the page, HTML, of a packing under load, or of a state of a crystal, a
-    sample or a network.
+    """Return the text of the page, HTML, of a packing under a ``load``, or, if there is none, of a
+    state of a crystal, a sample or a network, which has no ``media`` to choose.
 
     ``options``, and what is raised, are those of :func:`describe_page` for a packing, and of
-    :func:`describe_network_page` for others, which have no ``media`` and no ``load`` to choose.
+    :func:`describe_network_page` for others.
     """
     if load is None:
         return fill_template(describe_network_page(source, **options), title)
@@ -112,12 +112,13 @@ def describe_network_page(
     Raises
     ------
     InputError : the source has no network, the network repeats along no period, has static
-        tangential forces, or has more branches than a browser can compute.
+        tangential forces or slip by levers that exceed the arms, or has more branches than a
+        browser can compute.
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
     lattice = state.contact_lattice()
     scales = state.scales
-    p = lattice.periods
+    periods = lattice.periods
     if lattice.n_branches > _MOST_BRANCHES:
         raise InputError(
             f"the network has {lattice.n_branches} branches",
@@ -125,7 +126,8 @@ def describe_network_page(
             "Use gp.Phonons",
         )
     ratios = {"eta": lattice.mindlin_ratio, "torsion": lattice.torsion, "bending": lattice.bending}
-    # rows of a network have the stiffnesses as weights, so that a kind is there (1) or not (0)
+    # the rows of a network have the stiffnesses as weights: here a kind of stiffness only counts as
+    # present (1) or not (0)
     fixed = {name: float(np.any(ratio)) for name, ratio in ratios.items()}
     radii = state.network.radii[state.network.moving] / scales.length
     names = np.array(state.kinds)
@@ -140,10 +142,10 @@ def describe_network_page(
         "balls": {"diameter": scales.length, "mass": scales.mass, "stiffness": scales.stiffness},
         "fixed": {**fixed, "spacing": 1.0, "push": float(lattice.is_prestressed)},
         "facts": _list_facts(state),
-        "units": {"modulus": "N" if p == 1 else "Pa"},
+        "units": {"modulus": "N" if periods == 1 else "Pa"},
         "media": [{"name": "network", "words": "network", "valid": 0.0}],
         "limits": {"force": [0.5, 2.0], "width": 0.0, "eta": 1.0, "rolling": 1.0},
-        "direction": _choose_direction(direction, p),
+        "direction": _choose_direction(direction, periods),
         "start": {
             "force": 1.0,
             "width": 0.0,
@@ -295,7 +297,7 @@ def describe_page(
     torsion = float(packing.find_torsion(forces[0], stiffness))
     limits = _Limits.of(packing, forces, torsion)
     tables = _tabulate_media(packing, choices, limits)
-    if all(table["refusal"] for table in tables):
+    if all(table["refusal"] for table in tables):  # the page can show equal balls alone
         limits = limits._replace(width=0.0)
     pressure: float | None = None
     with suppress(InputError):  # the stress of some lattices is not a pressure
@@ -303,16 +305,7 @@ def describe_page(
     return {
         "schema": PAGE_SCHEMA,
         "lattice": describe_lattice(packing, path or BandPath.default(structure)),
-        "balls": {
-            "diameter": packing.diameter,
-            "mass": packing.mass,
-            "coefficient": law.coefficient,
-            "power": EXPONENT,
-            "shear_modulus": packing.material.shear_modulus,
-            "density": packing.effective_density,
-            "mindlin_ratio": packing.material.mindlin_ratio,
-            "spread": (packing.spread or Uniform(1.0)).kind,
-        },
+        "balls": _describe_balls(packing),
         "pressure": pressure,
         "units": structure.units_of(("pressure", "modulus")),
         "media": tables,
@@ -335,6 +328,24 @@ def describe_page(
         },
         "remarks": [*remarks, *notes],
         "losses": _describe_losses(losses),
+    }
+
+
+def _describe_balls(packing: Packing) -> dict[str, Any]:
+    """Return the numbers of the balls of a packing, SI, by name, with "spread", the word for the
+    shape of the distribution of diameters that the slider of the width changes: that of the
+    packing, or a uniform one for equal balls.
+    """
+    material = packing.material
+    return {
+        "diameter": packing.diameter,
+        "mass": packing.mass,
+        "coefficient": packing.law.coefficient,
+        "power": EXPONENT,
+        "shear_modulus": material.shear_modulus,
+        "density": packing.effective_density,
+        "mindlin_ratio": material.mindlin_ratio,
+        "spread": (packing.spread or Uniform(1.0)).kind,
     }
 
 
@@ -384,7 +395,7 @@ def _choose_media(
     """Return the media of a page, none of which is automatic, and a sentence for each that takes
     the place of an automatic one.
     """
-    first_load = load.applied.flat[np.zeros(1, int)]
+    first_load = load.applied.flat[np.array([0])]  # a list of one load
     media_of_page = []
     notes = []
     for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
@@ -400,8 +411,8 @@ def _choose_media(
 
 
 def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[float]:
-    """Return the forces of a contact, N, at the first, the least and the greatest load; if there
-    are one or two loads, the forces at these, in their order.
+    """Return the forces of a contact, N, in the ``medium`` at the first, the least and the greatest
+    load, in this order; if there are one or two loads, the forces at these loads.
     """
     applied = load.applied
     amounts = applied.flat.array
@@ -434,7 +445,9 @@ def _tabulate_media(
 
 
 def read_asset(name: str) -> str:
-    """Return the text of a file of the folder ``assets``."""
+    """Return the text of a file of the folder ``assets``; ``name`` is its path in the folder, with
+    "/" between folders.
+    """
     return files("granphon.page").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
@@ -446,13 +459,15 @@ def join_modules(*names: str) -> str:
     modules share one scope, so that no two modules may define the same name.
     """
     texts: dict[str, str] = {}  # of modules, in the order in which they are joined
-    begun: set[str] = set()
+    names_met: set[str] = set()
 
     def add_module(name: str) -> None:
-        """Add the text of a module to ``texts``, after those of its imports."""
-        if name in begun:
+        """Add the text of a module to ``texts``, after those of its imports; a module that has been
+        met before is not added again.
+        """
+        if name in names_met:
             return
-        begun.add(name)
+        names_met.add(name)
         text = read_asset(f"{name}.js")
         for imported in _IMPORT.findall(text):
             add_module(imported)

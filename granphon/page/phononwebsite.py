@@ -80,16 +80,17 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
 
 
 def _place_marks(bands: Bands) -> Array:
-    """Return the positions (n, m, 3) of the marks of each ball from its centre, in diameters; m is
-    zero if balls do not turn.
+    """Return the positions (n, m, 3) of the m marks of each of n balls from its centre, in
+    diameters; m is zero if balls do not turn. Marks of a ball are farther from the centre the
+    larger its radius of gyration is.
     """
     marks = _MARKS if bands.motions.rotate else np.zeros((0, 3))
     return np.asarray((bands.gyration / GYRATION)[:, None, None] * marks)
 
 
 def _displace_atoms(bands: Bands, marks: Array) -> Complex:
-    """Return the displacements (s, p, b, atoms, 3) of each ball, and of its ``marks`` (n, m, 3)
-    after the ball.
+    """Return the displacements, for segments, points and branches (s, p, b, atoms, 3), of each
+    ball, and of its ``marks`` (n, m, 3) after the ball.
     """
     motions = bands.motions
     displacements = []

@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.figures.bands import bands_figure, plot_bands
+from granphon.figures.bands import bands_figure, plot_bands, plot_dos
 from granphon.figures.curves import plot_sweep
 from granphon.figures.gaps import cutoffs_figure
-from granphon.figures.waves import responses_figure
+from granphon.figures.waves import plot_sample_dos, responses_figure
 from tests.figures.conftest import read_edges
 
 STEEL = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
@@ -78,6 +78,19 @@ def test_branches_have_bands_also_where_they_cross():
         plot_bands(bands, Figure().subplots(), errors=errors[..., :1])
     legend = bands_figure(bands, errors=errors).legends[0]
     assert any(text.get_text().startswith("standard error") for text in legend.get_texts())
+
+
+def test_errors_of_another_shape_are_refused_by_every_figure():
+    phonons = gp.Phonons(gp.AveragedLattice(STEEL).at_force(8.0))
+    ax = Figure().subplots()
+    dos = phonons.dos((4, 4))
+    samples = gp.Waves(phonons.state.network.repeat((4, 4))).dos(3e3, vectors=2)
+    for draw in (
+        lambda errors: plot_dos(dos, ax, errors={"total": errors}),
+        lambda errors: plot_sample_dos(samples, ax, errors={"total": errors}),
+    ):
+        with pytest.raises(InputError, match=r"shape \(3,\)"):
+            draw(np.ones(3))
 
 
 @pytest.mark.slow

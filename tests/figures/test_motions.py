@@ -66,7 +66,7 @@ def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):
     plot_motion(chain, ax, show="forces")
     assert_allclose(ax.collections[0].get_array(), chain.forces - chain.forces[0])
     assert ax.get_xlabel() == "x (mm)"
-    with pytest.raises(InputError, match="velocities or forces"):
+    with pytest.raises(InputError, match="show"):
         plot_motion(chain, ax, show="spins")
 
 
@@ -115,8 +115,27 @@ def test_snapshots_colour_each_ball_by_its_speed(array, grains, ax):
     ax.clear()
     plot_snapshot(grains, ax)
     assert len(ax.collections[0].get_array()) == 8
-    with pytest.raises(InputError, match="no frame 41"):
+    with pytest.raises(InputError, match="frame: found 41"):
         plot_snapshot(array, ax, 41)
+
+
+def test_wrong_options_of_pictures_of_motions_are_told(chain, array, ax):
+    """None ends in NumPy's words, and none is ignored."""
+    with pytest.raises(InputError, match="frame: found 0"):
+        plot_snapshot(array, ax, 0.5)
+    with pytest.raises(InputError, match="most"):
+        plot_snapshot(array, ax, 1, most="all")
+    with pytest.raises(InputError, match="axis"):
+        plot_motion(array, ax, axis=1.0)
+    with pytest.raises(InputError, match="'stored'"):
+        plot_energies(array, ax, {"sored": np.ones(41)})
+    with pytest.raises(InputError, match=r"shape \(3,\)"):
+        plot_energies(array, ax, {"stored": np.ones(3)})
+    # a map along the axis that is given
+    assert len(motion_figure(array, axis=0).axes) == 3
+    still = hit(chain.network, 0, [0.0, 0.0, 0.0], 2e-4)
+    with pytest.raises(InputError, match="along x"):
+        plot_harmonics(still, ax, 2e4, count=1, periods=1)
 
 
 def test_spectra_and_harmonics_are_those_of_the_motion(chain, ax):

@@ -124,7 +124,7 @@ def test_a_path_that_jumps_is_not_joined(phonons, ax):
     ("label", "shown"), [("G", "Γ"), ("K|M", "K|M"), ("H1", r"$\mathrm{H}_{1}$"), ("G|X", "Γ|X")]
 )
 def test_labels_as_they_are_printed(label, shown):
-    assert plot.print_label(label) == shown
+    assert plot.write_corner(label) == shown
 
 
 def test_frequencies_in_another_unit(bands, ax):
@@ -298,6 +298,13 @@ def test_a_cluster_has_no_zone(phonons, ax):
     with pytest.raises(InputError, match="repeat along no period"):
         plot.plot_zone(flat, ax)
     assert not plot.bands_figure(flat).axes[0].child_axes
+
+
+def test_wrong_long_waves_are_told(ax, phonons, bands):
+    with pytest.raises(InputError, match="3 has no long waves"):
+        plot.plot_asymptotes(bands, 3, ax)
+    with pytest.raises(InputError, match="reach"):
+        plot.plot_asymptotes(bands, phonons.lattice, ax, reach=-1.0)
 
 
 # -- the density of states -------------------------------------------------------------------------

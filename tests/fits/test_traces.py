@@ -190,6 +190,7 @@ def test_one_distance_is_that_of_one_sensor(tmp_path: Path) -> None:
         ("time (us)\n1\n", "no trace"),
         ("time (kg),a at 0 mm\n1,2\n", "kg"),
         ("# time step: 3 V\na at 0 mm\n1\n", "time step"),
+        ("# time step: 1 us\nIncrement,2e-6,s\na at 0 mm\n1\n", "1e-06 s in a line above"),
         ("time (us),a at 0 mm\n1,x\n", "line 2"),
         ("time (us);a at 0 mm\n1;0,5\n", "'0,5'.* point"),
         ("time (us),a at 0 mm,a at 0 mm\n1,2,3\n", "two columns"),
@@ -258,6 +259,10 @@ def test_what_gives_no_velocity_is_refused() -> None:
         traces.velocity(quiet="early")
     with pytest.raises(InputError, match="lowpass"):
         traces.velocity(lowpass=6e5)
+    with pytest.raises(InputError, match="method 'peak'"):
+        traces.velocity("peak", threshold=0.2)
+    with pytest.raises(InputError, match="method 'threshold'"):
+        traces.velocity(frequency=4e3)
 
 
 def test_a_record_that_ends_before_the_pulse_is_refused() -> None:
@@ -373,6 +378,16 @@ def test_welch_finds_a_filter_within_its_errors() -> None:
     assert np.std(magnitude_pulls) == pytest.approx(1.0, abs=0.2)
     assert np.std(turns / measured.phase_sigma) == pytest.approx(1.0, abs=0.2)
     assert abs(np.mean(magnitude_pulls)) < 0.3
+
+
+def test_the_edges_of_a_band_belong_to_it() -> None:
+    drive = np.random.default_rng(12).standard_normal(4096)
+    times = 1e-5 * np.arange(4096)
+    pair = gp.Traces(times, drive, 0.0), gp.Traces(times, np.roll(drive, 2), 0.0)
+    all_frequencies = gp.TransferFunction.from_traces(*pair).frequencies
+    low, high = all_frequencies[[5, 9]].tolist()
+    measured = gp.TransferFunction.from_traces(*pair, band=(low, high))
+    np.testing.assert_array_equal(measured.frequencies, all_frequencies[5:10])
 
 
 def test_what_gives_no_transfer_function_is_refused() -> None:

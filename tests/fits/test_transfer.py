@@ -15,6 +15,7 @@ from scipy.optimize import curve_fit
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.text import read_yaml
+from granphon.figures.waves import transfer_fit_figure
 from granphon.fits.pressed import PressedCrystal
 from granphon.scene.redraw import redraw
 
@@ -566,6 +567,7 @@ def test_bad_table_is_one_error(tmp_path, text, said):
         ({"parameters": ("stiffness", "load")}, "stiffness and load"),
         ({"damping": -1.0, "parameters": ("loss_factor",)}, "damping: found -1"),
         ({"measured": [1.0]}, "no transfer function"),
+        ({"finite_overlap": True}, "no load"),
         ({"measured": gp.TransferFunction([100.0], [1.0])}, "one more is needed"),
     ],
 )
@@ -576,6 +578,27 @@ def test_bad_input_is_one_error(arguments, said):
         fit(given.pop("measured"), **given)
     with pytest.raises(InputError, match=r"2 .*magnitude.* 1 "):
         gp.TransferFunction([1.0], [1.0, 2.0])
+
+
+def test_a_fit_at_one_frequency_has_a_figure():
+    data = closed_form(TAU, 0.0, hertz=FOUR[:1])
+    found = fit(gp.TransferFunction(FOUR[:1], np.abs(data), np.angle(data)))
+    for ax in transfer_fit_figure(found).axes:
+        low, high = ax.get_xlim()
+        (place,) = ax.lines[-1].get_xdata()
+        assert low < place < high
+
+
+@pytest.mark.parametrize("phase", [True, False])
+def test_a_receiver_that_no_wave_reaches_is_refused(phase):
+    """Two chains that do not touch: the response is zero, of which a phase is not defined."""
+    whole = chain()
+    contacts = {name: np.delete(getattr(whole, name), 2, axis=0) for name in whole.contact_fields}
+    network = replace(whole, **contacts)
+    data = closed_form(TAU, ETA, hertz=FOUR)
+    measured = gp.TransferFunction(FOUR, np.abs(data), np.angle(data) if phase else None)
+    with pytest.raises(InputError, match="zero at the receiver"):
+        fit(measured, network)
 
 
 # -- the command -----------------------------------------------------------------------------------
@@ -662,6 +685,15 @@ def test_the_command_refuses(folder, capsys, words, change, said):
     (folder / "scene.yaml").write_text(text, encoding="utf-8")
     assert command(*words) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_column_named_h_is_a_response_also_for_a_scene_that_expects_none(folder, capsys):
+    from granphon.cli.main import main
+
+    (folder / "scene.yaml").write_text(SCENE[: SCENE.index("observe")], encoding="utf-8")
+    (folder / "data.csv").write_text("frequency (Hz),H (um/N)\n400,1.1\n500,1.2\n")
+    assert main(["fit", "scene.yaml", "data.csv"]) == 2
+    assert "has no block response" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("observed", [True, False])
