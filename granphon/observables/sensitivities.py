@@ -261,7 +261,9 @@ class _SoundWaves:
         velocities, polarisations = lattice.sound_velocities(direction)
         order = np.argsort(velocities, axis=-1, kind="stable")
         ascending = np.take_along_axis(velocities, order, -1)
-        vectors = lattice.root_mass_ratio @ np.take_along_axis(polarisations, order[..., None, :], -1)
+        vectors = lattice.root_mass_ratio @ np.take_along_axis(
+            polarisations, order[..., None, :], -1
+        )
         slopes = np.full(ascending.shape, np.nan)
         momenta = 2.0 * ascending * lattice.masses.sum()
         np.divide(1.0, momenta, out=slopes, where=ascending > 0.0)
