@@ -563,7 +563,7 @@ def test_network_with_ends_has_any_wave_vector(disordered):
         ({"polarisation": "shear"}, "transverse, rotational"),
         ({"polarisation": [1.0]}, "2 .*3 motions x, y, w"),
         ({"polarisation": [0.0, 0.0]}, "not all zero"),
-        ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "They say the same"),
+        ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "Leave the direction out"),
         ({"polarisation": "transverse", "direction": "q"}, "is along q"),
         ({"polarisation": "transverse", "direction": (0, 0, 1)}, "x, y, w alone"),
         ({"polarisation": "rotational", "direction": (1, 0, 0)}, "do not turn"),
