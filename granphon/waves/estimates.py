@@ -290,8 +290,8 @@ class WaveEstimate:
         ``right``; the other arguments are those of :func:`granphon.transmission`, and ``q`` is ()
         where the strip repeats along no other axis.
         """
-        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
-        Losses.of(self.operator.network, given)  # refuses wrong numbers
+        given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        Losses.of(self.operator.network, given_losses)  # refuses wrong numbers
         work = TransmissionWork.of(left, self.operator.network, right, frequencies, axis, q)
         count = work.hertz.size
         seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads

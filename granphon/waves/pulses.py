@@ -349,9 +349,9 @@ class Course:
                 "Leave ends out: the network is cut already",
             )
         is_forward = self.crossings[crosses] > 0
-        held = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
+        wall_balls = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
         masses = np.array(network.masses)
-        masses[held] = math.inf
+        masses[wall_balls] = math.inf
         if not np.any(np.isfinite(masses)):
             raise InputError(
                 "no ball moves between the walls",
@@ -359,7 +359,7 @@ class Course:
                 "Take a longer array, or other ends",
             )
         # the wall in front of the first balls is the one behind the last, a period earlier
-        face = float(np.max(self.places[held])) - self.period
+        face = float(np.max(self.places[wall_balls])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, role: str) -> Index:
@@ -1356,10 +1356,10 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
     moving = course.network.moving
     if not isinstance(source, str):
         sources = index_array("source", source, course.network.n_balls)
-        held = sources[~moving[sources]]
-        if held.size:
+        held_sources = sources[~moving[sources]]
+        if held_sources.size:
             raise InputError(
-                f"ball {held[0]} of the source does not move",
+                f"ball {held_sources[0]} of the source does not move",
                 "Its mass is infinite, or it fell where the end was cut",
             )
         return sources

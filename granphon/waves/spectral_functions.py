@@ -275,8 +275,10 @@ def find_polarisations(
     name = one_of("polarisation", polarisation, POLARISATIONS)
     is_rotational = name == "rotational"
     axes = motions.rotations if is_rotational else motions.translations
-    free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move, or about which they turn
-    directions = np.atleast_2d(_choose_directions(operator.network, q, name, free, direction))
+    free_axes = np.eye(3)[
+        list(axes)
+    ]  # (a, 3) directions in which balls move, or about which they turn
+    directions = np.atleast_2d(_choose_directions(operator.network, q, name, free_axes, direction))
     held_components = np.abs(np.delete(directions, axes, axis=1))
     may_move = len(directions) > 0 and len(axes) > 0
     if not may_move or np.max(held_components, initial=0.0) > _ACROSS:
@@ -303,13 +305,13 @@ def find_polarisations(
 
 
 def _choose_directions(
-    network: ContactNetwork, q: Array, name: str, free: Array, direction: ArrayLike | None
+    network: ContactNetwork, q: Array, name: str, free_axes: Array, direction: ArrayLike | None
 ) -> Array:
     """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
     with the polarisation ``name`` and the wave vector ``q`` (d,), 1/m.
 
-    ``free`` (a, 3) are the axes along which, or about which, balls can move at all; ``direction``
-    (d,) is the one that the user requests, or None. Raises
+    ``free_axes`` (a, 3) are the axes along which balls can move, or about which balls can turn;
+    ``direction`` (d,) is the one that the user requests, or None. Raises
     :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a direction of
     a transverse wave along q.
     """
@@ -318,27 +320,28 @@ def _choose_directions(
         requested = read_vector("direction", direction, network.dimension)
     if name == "rotational":
         if requested is None:
-            return free
-        return np.asarray((requested @ free.T) @ free)  # the part along free axes
+            return free_axes
+        return np.asarray((requested @ free_axes.T) @ free_axes)  # the part along free axes
     if not np.any(q):
         if requested is None:
             raise _explain_no_direction(network, name)
         return requested
-    directions = _find_directions(network, q, name, free, requested)
+    directions = _find_directions(network, q, name, free_axes, requested)
     if requested is not None and np.linalg.norm(directions) < _ACROSS:
         raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
     return directions
 
 
 def _find_directions(
-    network: ContactNetwork, q: Array, name: str, free: Array, requested: Array | None
+    network: ContactNetwork, q: Array, name: str, free_axes: Array, requested: Array | None
 ) -> Array:
     """Return the directions (3,) or (b, 3) in which balls move in a wave with the polarisation
     ``name``, longitudinal or transverse, and a wave vector ``q`` (d,) that is not zero.
 
     A longitudinal wave moves along q. A transverse wave moves along the part of the ``requested``
-    direction (3,) that is across q; without a request, along all directions across q among the
-    axes ``free`` (a, 3) along which balls can move, within the plane of the balls if there are any.
+    direction (3,) that is across q. Without a request, all directions are returned that are across
+    q and in the space of ``free_axes`` (a, 3), along which balls can move: those in the plane of
+    the balls if there are any, else all.
     """
     unit_q = np.zeros(3)
     unit_q[: q.size] = q
@@ -348,9 +351,9 @@ def _find_directions(
     if requested is not None:
         return np.asarray(requested - (requested @ unit_q) * unit_q)
     # axes of the plane of the balls first
-    in_plane = free[np.argmax(free, axis=1) < network.dimension]
+    in_plane = free_axes[np.argmax(free_axes, axis=1) < network.dimension]
     directions = _find_transverse(in_plane, unit_q)
-    return directions if len(directions) else _find_transverse(free, unit_q)
+    return directions if len(directions) else _find_transverse(free_axes, unit_q)
 
 
 def _explain_no_direction(network: ContactNetwork, name: str) -> InputError:
@@ -386,13 +389,13 @@ def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array
     return row
 
 
-def _find_transverse(free: Array, along: Array) -> Array:
+def _find_transverse(free_axes: Array, along: Array) -> Array:
     """Return orthonormal directions (b, 3) that span the part of the space of the orthonormal
-    directions ``free`` (a, 3) that is perpendicular to the unit vector ``along`` (3,).
+    directions ``free_axes`` (a, 3) that is perpendicular to the unit vector ``along`` (3,).
     """
-    if not len(free):
-        return free
-    across = free - (free @ along)[:, None] * along
+    if not len(free_axes):
+        return free_axes
+    across = free_axes - (free_axes @ along)[:, None] * along
     _, singular_values, basis = np.linalg.svd(across)
     # all values are 1 but the last, the length of the part of ``along`` that is not among the
     # directions: 0 or 1

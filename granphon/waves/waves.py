@@ -433,8 +433,8 @@ class Waves:
         """
         hertz = frequency_array("frequencies", frequencies)
         options = ResponseOptions.read(quantity, method, tolerance)
-        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
-        losses = Losses.of(self.network, given)
+        given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(self.network, given_losses)
         places = Places(self.network, direction, polarisation, distance)
 
         def find_operator() -> WaveOperator:
@@ -482,8 +482,8 @@ class Waves:
         :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
         :meth:`modes` raises.
         """
-        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
-        losses = Losses.of(self.network, given)
+        given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(self.network, given_losses)
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_damped(self._stable_operator, count, nearest, losses)
 
