@@ -259,8 +259,15 @@ class Response(Result, array="values"):
         """Return the :attr:`peaks` of means over receivers, such as the balls of a plane.
 
         ``groups`` has for each mean the positions of its receivers among those of the response, as
-        a list or a slice.
+        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group without a
+        receiver, and for receivers that are not there.
         """
+        if not groups:
+            return ()
+        count = len(self.receivers)
+        for group in groups:
+            positions = np.arange(count)[group] if isinstance(group, slice) else group
+            index_array("groups", positions, count, "receivers")
 
         def take_means(values: Complex) -> Complex:
             """Return the means (n_f, groups) of values (n_f, n_r)."""
