@@ -22,6 +22,7 @@ from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, held, plain, restore, result_class
 from granphon.base.staging import explaining, put_beside
+from granphon.base.text import counted
 from granphon.base.validation import (
     index_array,
     is_one_of,
@@ -455,7 +456,10 @@ class Motion(Result):
         displacements = self.displacements[:, ball, axis]
         n_frames = len(displacements)
         if n_frames < 4:
-            raise InputError(f"{n_frames} frames have no spectrum", mend="Keep more frames")
+            raise InputError(
+                f"the motion has {counted(n_frames, 'frame')}, and a spectrum needs 4",
+                mend="Keep more frames",
+            )
         window = np.hanning(n_frames)
         mean = np.average(displacements, weights=window)
         windowed = window * (displacements - mean)

@@ -1067,13 +1067,16 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, and for pulses that
-    differ in frequency, cycles, direction, polarisation, drag or burst, or by more than a tenth in
-    their dampings or in the distances of planes. Pulses do not hold their ends, nor whether one
-    ball or a plane was pushed: the caller has to see to these.
+    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, for what is no pulse, and
+    for pulses that differ in frequency, cycles, direction, polarisation, drag or burst, or by more
+    than a tenth in their dampings or in the distances of planes. Pulses do not hold their ends, nor
+    whether one ball or a plane was pushed: the caller has to see to these.
     """
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
+    for pulse in pulses:
+        if not isinstance(pulse, Pulse):
+            raise InputError(f"{brief(pulse)} is no pulse", mend="Leave it out")
     first = pulses[0]
     count = min(pulse.times.size for pulse in pulses)
     for pulse in pulses[1:]:

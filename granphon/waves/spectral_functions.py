@@ -725,12 +725,15 @@ class SpectralFunction(Refinable):
         The others are interpolated to these frequencies by cubic splines, to about 1e-3 of their
         peaks. More moments cannot be computed of the mean.
 
-        Raises :class:`~granphon.base.errors.InputError` if there is none, if wave vectors or
-        polarisations differ, or if resolutions differ by more than 2 %: give all of them the same
-        ``resolution``.
+        Raises :class:`~granphon.base.errors.InputError` if there is none, for what is no spectral
+        function, if wave vectors or polarisations differ, or if resolutions differ by more than
+        2 %: give all of them the same ``resolution``.
         """
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
+        for spectrum in found:
+            if not isinstance(spectrum, SpectralFunction):
+                raise InputError(f"{brief(spectrum)} is no spectral function", mend="Leave it out")
         highest = max(found, key=lambda spectrum: spectrum.top)
         for spectrum in found:
             spectrum._require_like(highest)
@@ -805,8 +808,8 @@ class PlaneWaves:
         self._operator = operator
         self._q = wavevectors
         self._polarisation = str(polarisation) if is_word else "given"
-        components = direction if is_word else polarisation
-        self._direction = () if components is None else finite_list("direction", components)
+        name, components = ("direction", direction) if is_word else ("polarisation", polarisation)
+        self._direction = () if components is None else finite_list(name, components)
         # of each real wave the index of its wave vector, and the function that makes its vector
         self._wavevector_of_wave: list[int] = []
         starts = list[Callable[[], Array]]()
