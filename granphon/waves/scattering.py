@@ -166,26 +166,14 @@ def transmission(
     losses = Losses.of(
         operator.network, GivenLosses(damping, loss_factor, drag, dashpot, restitution)
     )
-    leads = [work.first, work.last]
     find_stiffness = _make_stiffness_function(operator, losses, work.first.q)
-    omega = 2.0 * np.pi * work.hertz
-    # at each frequency the amplitudes of waves that run back, and that pass
-    scattered = list[tuple[Complex, Complex]]()
-    running_factors = list[Complex]()
-    with progress.step("transmission", omega.size) as step:
-        for start in range(0, omega.size, work.n_at_once):
-            omega_at_once = omega[start : start + work.n_at_once]
-            first_waves, last_waves = (lead.find_waves(omega_at_once) for lead in leads)
-            for w, of_first, of_last in zip(omega_at_once, first_waves, last_waves, strict=True):
-                scattered.append(_scatter(w**2, find_stiffness(w), work, (of_first, of_last)))
-                incoming, _ = of_first
-                running_factors.append(incoming.factors[: incoming.running])
-                step.advance()
+    scattered = _scatter_at_all(work, find_stiffness, progress)
     # numbers of waves that run in, and that run out behind the strip
-    modes = np.array([passing.shape[::-1] for _, passing in scattered])
+    modes = np.array([waves.passing.shape[::-1] for waves in scattered])
     most_modes = int(modes.max(initial=0))
-    amplitudes = _stack_matrices([passing for _, passing in scattered], most_modes)
-    back_amplitudes = _stack_matrices([returning for returning, _ in scattered], most_modes)
+    amplitudes = _stack_matrices([waves.passing for waves in scattered], most_modes)
+    back_amplitudes = _stack_matrices([waves.returning for waves in scattered], most_modes)
+    running_factors = [waves.running_factors for waves in scattered]
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
     reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
     wavenumbers = work.first.list_wavenumbers(running_factors, most_modes)
@@ -206,6 +194,45 @@ def transmission(
         length=n_layers * work.first.space.height,
         warnings=losses.find_warnings(float(work.hertz[-1])),
     )
+
+
+class _ScatteredWaves(NamedTuple):
+    """What a strip makes of the m waves that run in at one frequency.
+
+    Attributes
+    ----------
+    returning : (k, m) amplitudes of the k waves that are sent back, for each wave that runs in.
+    passing : (n, m) amplitudes of the n waves that run out behind the strip.
+    running_factors : (m,) factors from layer to layer of the waves that run in.
+    """
+
+    returning: Complex
+    passing: Complex
+    running_factors: Complex
+
+
+def _scatter_at_all(
+    work: TransmissionWork, find_stiffness: Callable[[float], Any], progress: Progress
+) -> list[_ScatteredWaves]:
+    """Return what the strip makes of the waves at each frequency of the ``work``; progress is told
+    of each. ``find_stiffness`` is that of :func:`_make_stiffness_function`.
+    """
+    omega = 2.0 * np.pi * work.hertz
+    scattered = list[_ScatteredWaves]()
+    with progress.step("transmission", omega.size) as step:
+        for start in range(0, omega.size, work.n_at_once):
+            omega_at_once = omega[start : start + work.n_at_once]
+            first_waves = work.first.find_waves(omega_at_once)
+            last_waves = work.last.find_waves(omega_at_once)
+            for w, of_first, of_last in zip(omega_at_once, first_waves, last_waves, strict=True):
+                returning, passing = _scatter(
+                    w**2, find_stiffness(w), work, waves=(of_first, of_last)
+                )
+                incoming, _ = of_first
+                running_factors = incoming.factors[: incoming.running]
+                scattered.append(_ScatteredWaves(returning, passing, running_factors))
+                step.advance()
+    return scattered
 
 
 def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
