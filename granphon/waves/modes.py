@@ -1353,12 +1353,9 @@ def _find_rates_near(
     are frequencies. Rates are eigenvalues of the matrix of first order ((0, 1), (-D, -G)), which
     acts on z = (x, y) with y = x'; this matrix less a shift s is solved by the factors of
     D + s G + s^2. The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and each has the
-    rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them.
-
-    Each mode has two rates, of which one is kept. A mode that swings has a pair of mirrored
-    frequencies, and the one with the real part above zero is kept. The rates of a motion that
-    creeps are the roots of r^2 + (x.Gx) r + x.Dx, and the slower one, nearer to zero than the mean
-    of the two, is kept. So m is at most ``rate_count``.
+    rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them. One of
+    the two rates of each mode is kept, by :func:`_drop_second_rates`, so that m is at most
+    ``rate_count``.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -1369,7 +1366,7 @@ def _find_rates_near(
     matrix = (stiffness + shift * viscous + shift**2 * unit).astype(complex)
     factors = factorise(matrix)
 
-    def free(z: Any) -> Any:
+    def remove_zeros(z: Any) -> Any:
         """Return z (2 n,) without the motions that cost no energy."""
         # real columns (n, 4), as a product of zero_motions with complex numbers would copy them
         columns = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
@@ -1385,15 +1382,26 @@ def _find_rates_near(
     def solve(z: Any) -> Any:
         """Return the inverse of the matrix of first order less the shift, times z (2 n,)."""
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
-        return free(np.concatenate([x, z[:n] + shift * x]))
+        return remove_zeros(np.concatenate([x, z[:n] + shift * x]))
 
-    whole = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=complex)
+    first_order = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=complex)
     inverse = LinearOperator((2 * n, 2 * n), matvec=solve, dtype=complex)
-    start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
+    start = remove_zeros(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
-        rates, vectors = eigs(whole, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
-    omega = -1j * rates
+        rates, vectors = eigs(first_order, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
     shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+    return _drop_second_rates(-1j * rates, shapes, viscous)
+
+
+def _drop_second_rates(omega: Complex, shapes: Complex, viscous: Any) -> tuple[Complex, Complex]:
+    """Return the frequencies ``omega`` (m,), complex, and the ``shapes`` (n, m), of norm one, with
+    one of the two rates r = i omega of each mode of x'' + G x' + D x = 0, in units of the top
+    frequency; G is the ``viscous`` matrix (n, n).
+
+    A mode that swings has a pair of mirrored frequencies, and the one with the real part above zero
+    is kept. The rates of a motion that creeps are the roots of r^2 + (x.Gx) r + x.Dx, and the
+    slower one, nearer to zero than the mean of the two, is kept, with a real part of exactly zero.
+    """
     creeps = np.abs(omega.real) <= ZERO
     omega = np.where(creeps, 1j * omega.imag, omega)
     sums_of_rates = np.sum(shapes.conj() * (viscous @ shapes), axis=0).real  # x.Gx
