@@ -85,14 +85,6 @@ class GivenLosses:
     dashpot: Any = 0.0
     restitution: Any = 1.0
 
-    @classmethod
-    def take(cls, options: dict[str, Any], *losses: Any) -> Self:
-        """Return the losses that stand in ``losses``, in their order, and those among the
-        ``options`` of a call, by name, which are taken out of the options.
-        """
-        named = {name: options.pop(name) for name in LOSSES if name in options}
-        return cls(*losses, **named)
-
     def with_tangential(self, damping: float | None) -> Self:
         """Return the losses with another ``damping``, s, of all other than normal motion; None
         leaves it as it is.

@@ -569,7 +569,9 @@ class PreparedMotion:
             problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"
             why = f"A period would have fewer than {_PER_PERIOD} steps"
             raise InputError(problem, why, "Give a shorter step")
-        lost_fractions = [table.lost(step, settings.duration) for table in tables if table]
+        lost_fractions = [
+            table.find_lost_share(step, settings.duration) for table in tables if table
+        ]
         lost_fraction = max(lost_fractions, default=0.0)
         if lost_fraction > _MOST_LOST:
             problem = (

@@ -12,10 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property, partial
+from inspect import signature
 from typing import Any
 
 import numpy as np
 
+from granphon.base.errors import InputError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, one_of
@@ -78,8 +80,9 @@ class WaveEstimate:
         """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
         method.
 
-        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and for
-        arguments that the method refuses.
+        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, for
+        arguments that the method does not have, or of which some are missing, and for values that
+        the method refuses.
         """
         finders: dict[str, Callable[..., Cost]] = {
             "dos": self._find_density,
@@ -93,6 +96,13 @@ class WaveEstimate:
             "moduli": self._find_moduli,
         }
         find_cost = finders[one_of("the result", name, finders)]
+        try:
+            signature(find_cost).bind(*arguments, **options)
+        except TypeError as error:
+            raise InputError(
+                f"these are not the arguments of {name}: {error}",
+                mend="Give what the result itself takes",
+            ) from None
         return find_cost(*arguments, **options)
 
     @cached_property
@@ -290,8 +300,8 @@ class WaveEstimate:
         ``right``; the other arguments are those of :func:`granphon.transmission`, and ``q`` is ()
         where the strip repeats along no other axis.
         """
-        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
-        Losses.of(self.operator.network, given)  # refuses wrong numbers
+        given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        Losses.of(self.operator.network, given_losses)  # refuses wrong numbers
         work = TransmissionWork.of(left, self.operator.network, right, frequencies, axis, q)
         count = work.hertz.size
         seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads
@@ -337,13 +347,32 @@ class WaveEstimate:
         distance: float,
         cycles: float = 5.0,
         polarisation: Any = "longitudinal",
-        **options: Any,
+        *,
+        source: Any = "plane",
+        ends: str = "free",
+        damping: Any = 0.0,
+        tangential_damping: float | None = None,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+        duration: float | None = None,
+        planes: Any = (),
+        frames: Any = (),
     ) -> Cost:
         """Return the cost of a pulse; arguments are those of ``Waves.transmit``."""
-        tangential = options.pop("tangential_damping", None)
-        losses = GivenLosses.take(options).with_tangential(tangential)
+        losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
-            frequency, direction, distance, cycles, polarisation, losses=losses, **options
+            frequency,
+            direction,
+            distance,
+            cycles,
+            polarisation,
+            source=source,
+            ends=ends,
+            losses=losses.with_tangential(tangential_damping),
+            duration=duration,
+            planes=planes,
+            frames=frames,
         )
         products = count_products(self.operator, request)
         n_frames = np.size(request.frames)

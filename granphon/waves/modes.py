@@ -739,10 +739,10 @@ class _FilterSearch:
         # random vectors without a share of zero modes have hardly any share of the softest modes,
         # so that a missing one would not show there
         softest = _SOFTEST_SHARE * farthest if self.power else 0.0
-        first = _find_phi(top, self.target + farthest)
-        last = _find_phi(top, max(self.target - farthest, softest))
-        low, high = window.find_ends(1.0 - _EDGE_SHARE / window.filters)
-        return (first, last) if low <= first and last <= high else None
+        low = _find_phi(top, self.target + farthest)
+        high = _find_phi(top, max(self.target - farthest, softest))
+        least, greatest = window.find_ends(1.0 - _EDGE_SHARE / window.filters)
+        return (low, high) if least <= low and high <= greatest else None
 
     def finish(self, modes: _FoundModes) -> Eigenpairs:
         """Return the requested modes among the ``modes`` of a window, refined; zero modes are
@@ -943,10 +943,10 @@ def _keep_converged(
 
 
 def _estimate_missing(
-    window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int
+    window: _Window, fresh: Array, known_modes: Array, ends: tuple[float, float], power: int
 ) -> float:
     """Return an estimate of the number of modes between the ``ends``, two angles phi, that are not
-    among the ``known`` modes (size, m); the estimate is too low only by chance.
+    among ``known_modes`` (size, m); the estimate is too low only by chance.
 
     ``fresh`` (size, filters x n) are n filtered random vectors that were not used to find the known
     modes. On average a mode adds to the squares of each vector the sum of the squares of the
@@ -965,7 +965,7 @@ def _estimate_missing(
     by_filter = fresh.reshape(len(fresh), window.filters, -1)[:, :n_filters]
     n_vectors = by_filter.shape[2]
     vectors = by_filter.reshape(len(fresh), -1)
-    residuals = vectors - known @ (known.T @ vectors)
+    residuals = vectors - known_modes @ (known_modes.T @ vectors)
     return float(np.sum(residuals**2) / (n_vectors * least_weights[n_filters - 1]))
 
 
@@ -1353,12 +1353,9 @@ def _find_rates_near(
     are frequencies. Rates are eigenvalues of the matrix of first order ((0, 1), (-D, -G)), which
     acts on z = (x, y) with y = x'; this matrix less a shift s is solved by the factors of
     D + s G + s^2. The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and each has the
-    rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them.
-
-    Each mode has two rates, of which one is kept. A mode that swings has a pair of mirrored
-    frequencies, and the one with the real part above zero is kept. The rates of a motion that
-    creeps are the roots of r^2 + (x.Gx) r + x.Dx, and the slower one, nearer to zero than the mean
-    of the two, is kept. So m is at most ``rate_count``.
+    rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them. One of
+    the two rates of each mode is kept, by :func:`_drop_second_rates`, so that m is at most
+    ``rate_count``.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -1369,7 +1366,7 @@ def _find_rates_near(
     matrix = (stiffness + shift * viscous + shift**2 * unit).astype(complex)
     factors = factorise(matrix)
 
-    def free(z: Any) -> Any:
+    def remove_zeros(z: Any) -> Any:
         """Return z (2 n,) without the motions that cost no energy."""
         # real columns (n, 4), as a product of zero_motions with complex numbers would copy them
         columns = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
@@ -1385,15 +1382,26 @@ def _find_rates_near(
     def solve(z: Any) -> Any:
         """Return the inverse of the matrix of first order less the shift, times z (2 n,)."""
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
-        return free(np.concatenate([x, z[:n] + shift * x]))
+        return remove_zeros(np.concatenate([x, z[:n] + shift * x]))
 
-    whole = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=complex)
+    first_order = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=complex)
     inverse = LinearOperator((2 * n, 2 * n), matvec=solve, dtype=complex)
-    start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
+    start = remove_zeros(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
-        rates, vectors = eigs(whole, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
-    omega = -1j * rates
+        rates, vectors = eigs(first_order, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
     shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+    return _drop_second_rates(-1j * rates, shapes, viscous)
+
+
+def _drop_second_rates(omega: Complex, shapes: Complex, viscous: Any) -> tuple[Complex, Complex]:
+    """Return the frequencies ``omega`` (m,), complex, and the ``shapes`` (n, m), of norm one, with
+    one of the two rates r = i omega of each mode of x'' + G x' + D x = 0, in units of the top
+    frequency; G is the ``viscous`` matrix (n, n).
+
+    A mode that swings has a pair of mirrored frequencies, and the one with the real part above zero
+    is kept. The rates of a motion that creeps are the roots of r^2 + (x.Gx) r + x.Dx, and the
+    slower one, nearer to zero than the mean of the two, is kept, with a real part of exactly zero.
+    """
     creeps = np.abs(omega.real) <= ZERO
     omega = np.where(creeps, 1j * omega.imag, omega)
     sums_of_rates = np.sum(shapes.conj() * (viscous @ shapes), axis=0).real  # x.Gx
@@ -1564,9 +1572,11 @@ def _has_factors(operator: WaveOperator) -> bool:
     return operator.size <= LARGEST_FACTORS[operator.network.dimension]
 
 
-def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tuple[float, Array]:
-    """Return the real part, (rad/s)^2, of the lowest eigenvalue of ``whole`` (size, size), which is
-    :attr:`WaveOperator.whole`, and the sizes (size,) of the numbers of its eigenvector.
+def _find_lowest_of_whole(
+    operator: WaveOperator, whole_matrix: Any, low: float
+) -> tuple[float, Array]:
+    """Return the real part, (rad/s)^2, of the lowest eigenvalue of ``whole_matrix`` (size, size),
+    which is :attr:`WaveOperator.whole`, and the sizes (size,) of the numbers of its eigenvector.
 
     D is the symmetric part of the whole matrix, so that no eigenvalue of the whole has a real part
     below the lowest eigenvalue of D. The shift begins at ``low``, (rad/s)^2, below zero, and is
@@ -1583,7 +1593,7 @@ def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tup
         shift *= _LOWERING
     start = np.random.default_rng(0).normal(size=operator.size)
     with lanczos_converges():
-        eigenvalues, vectors = eigs(whole.tocsc(), k=1, sigma=shift, v0=start, tol=1e-8)
+        eigenvalues, vectors = eigs(whole_matrix.tocsc(), k=1, sigma=shift, v0=start, tol=1e-8)
     return float(eigenvalues[0].real), np.abs(vectors[:, 0])
 
 
@@ -1670,16 +1680,16 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     top = problem.top
     shift = -_SHIFT * top**2 if target <= ZERO * top else target**2
     factors = problem.factorise_shifted(shift)
-    free = problem.free_motions
+    free_motions = problem.free_motions
     start = np.random.default_rng(0).normal(size=size)
-    start -= free @ (free.T @ start)
+    start -= free_motions @ (free_motions.T @ start)
 
     def solve(right: Array) -> Array:
         """Return the solution (live,) for the right side (live,), less the free motions of single
         balls that rounding has brought into it.
         """
         solution = factors.solve(right)
-        return np.asarray(solution - free @ (free.T @ solution))
+        return np.asarray(solution - free_motions @ (free_motions.T @ solution))
 
     n_searched = count + _SPARE
     while n_searched * _ALL_OVER_FOUND <= size:
@@ -1692,7 +1702,7 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
             if count > size - n_zeros:
                 raise explain_too_few(size - n_zeros, count)
             # zero modes are nearest to the shift: the next search has to find them all
-            n_searched = max(n_searched, count + n_zeros - free.shape[1] + _SPARE)
+            n_searched = max(n_searched, count + n_zeros - free_motions.shape[1] + _SPARE)
         elif np.max(residuals[chosen]) <= RESIDUAL:
             known_zeros = _prove_complete(problem, omega, chosen, target)
             if known_zeros is not None:
@@ -1732,19 +1742,19 @@ def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
     :func:`find_roots` raises.
     """
     operator = problem.operator
-    known = problem.collect_known_zeros()
+    known_zeros = problem.collect_known_zeros()
     n_expected = _count_rigid(operator)
     while (
         n_expected <= _MOST_ZEROS
         and _ALL_OVER_FOUND * size_block(count + n_expected) <= operator.size
     ):
-        lowest = find_lowest(operator, operator.matrix, count + n_expected, known)
+        lowest = find_lowest(operator, operator.matrix, count + n_expected, known_zeros)
         is_elastic = find_roots(operator, lowest.values) > ZERO * problem.top
         n_zeros = int(np.count_nonzero(~is_elastic))
         if n_zeros <= n_expected:
             vectors = lowest.vectors[problem.live][:, is_elastic][:, :count]
             omega, modes, residuals = problem.refine(vectors)
-            return Eigenpairs(omega, modes, float(residuals.max()), known.shape[1] + n_zeros)
+            return Eigenpairs(omega, modes, float(residuals.max()), known_zeros.shape[1] + n_zeros)
         n_expected = max(2 * n_expected, n_zeros)
     return None
 

@@ -22,6 +22,7 @@ from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, held, plain, restore, result_class
 from granphon.base.staging import explaining, put_beside
+from granphon.base.text import counted
 from granphon.base.validation import (
     index_array,
     is_one_of,
@@ -230,16 +231,16 @@ class Motion(Result):
         """
         places = self._sensor_places
         if is_contact(receiver):
-            chosen = places.at_contact(*receiver)
+            sensor = places.at_contact(*receiver)
         elif is_one_of(receiver, (FLOOR,)):
-            chosen = places.in_floor()
+            sensor = places.in_floor()
         else:
             body = whole_number("receiver", receiver, 0, self.network.n_balls - 1)
             axis = places.walls.get(body, find_open_axis(self.network))
             if direction is not None:
                 axis = one_direction(direction, 3)
-            chosen = places.in_body(body, axis)
-        return np.asarray(self.forces[:, chosen.contacts] @ chosen.weights)
+            sensor = places.in_body(body, axis)
+        return np.asarray(self.forces[:, sensor.contacts] @ sensor.weights)
 
     @cached_property
     def _sensor_places(self) -> SensorPlaces:
@@ -330,7 +331,9 @@ class Motion(Result):
         A time is nan in three cases: the force changes by less than a thousandth of the greatest
         change of all forces; it has no such maximum, as when it still rises at the end; or a frame
         beside the maximum has less than half of its height, so that frames are too few to tell when
-        the pulse passes.
+        the pulse passes. Raises :class:`~granphon.base.errors.InputError` for another word than
+        "peak" and "front", and for a ``share`` of a front below 1e-9 or above 1; for a peak the
+        share is not used.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
@@ -338,8 +341,9 @@ class Motion(Result):
     def _find_passages(
         self, of: Literal["peak", "front"], share: float
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the times (n_c,), s, of :meth:`passages`, also where frames are too few, and for
-        each contact whether the frames resolve the pulse, (n_c,).
+        """Return the times (n_c,), s, of :meth:`passages`, which here are not nan where frames are
+        too few, and for each contact whether the frames resolve the pulse, (n_c,). Arguments, and
+        what is raised, are those of :meth:`passages`.
         """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
@@ -355,7 +359,8 @@ class Motion(Result):
             times, _ = self._find_tops(maximum)
         else:
             times = self.arrivals(share)
-        # frame 0 stands for a maximum that is not there; what follows of it is not known, is_known
+        # where there is no maximum, frame 0 stands for it: what follows from this frame means
+        # nothing, and is left out by is_known
         previous = np.maximum(maximum - 1, 0)
         following = np.minimum(maximum + 1, len(height) - 1)
         contacts = np.arange(maximum.size)
@@ -451,7 +456,10 @@ class Motion(Result):
         displacements = self.displacements[:, ball, axis]
         n_frames = len(displacements)
         if n_frames < 4:
-            raise InputError(f"{n_frames} frames have no spectrum", mend="Keep more frames")
+            raise InputError(
+                f"the motion has {counted(n_frames, 'frame')}, and a spectrum needs 4",
+                mend="Keep more frames",
+            )
         window = np.hanning(n_frames)
         mean = np.average(displacements, weights=window)
         windowed = window * (displacements - mean)
@@ -525,7 +533,7 @@ def _find_first_maxima(heights: Array) -> Index:
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     """Return the slope, m/s, of the line of least squares of ``distances`` (n,), m, over ``times``
-    (n,), s, and an empty text.
+    (n,), s, two points or more, and an empty text.
 
     If the points are on no straight line that rises, the slope is nan, and the text is the reason:
     times do not grow with the distance, they scatter about the line (correlation of
@@ -544,7 +552,7 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     farthest = float(np.max(np.abs(distances)))
     n_distances = len(np.unique(np.round(distances / farthest, 9)))
     if n_distances > 3:  # a parabola goes through three points, whatever their scatter
-        # of times = curvature s^2 + slope s + constant, s being relative distances
+        # times = curvature s^2 + slope s + constant, where s are relative distances
         relative = (distances - np.mean(distances)) / farthest
         curvature, slope, _ = np.polyfit(relative, times, 2)
         if not abs(curvature) * np.ptp(distances) / farthest <= _MOST_BENDING * abs(slope):
@@ -565,6 +573,9 @@ def _read_network(arrays: Mapping[str, Any], about: Mapping[str, str]) -> Contac
     """Return the network of a motion from its file: from the ``arrays`` of the file, by name, and
     from its texts, ``about``, of which "network" holds those values of the network that are no
     arrays.
+
+    Raises KeyError, TypeError or ValueError for a damaged file, or
+    :class:`~granphon.base.errors.InputError` for values that a network cannot have.
     """
     network_arrays: dict[str, Any] = {
         name.removeprefix(_NETWORK_PREFIX): array
@@ -651,7 +662,7 @@ class Frames:
         else:
             with explaining(self._path, _KEPT_FRAMES):
                 self._file.append(full_frame)
-        self._count = self._count + 1
+        self._count += 1
         # set last: Ctrl-C may come before the frame is kept
         self.last_time = float(frame["times"])
 

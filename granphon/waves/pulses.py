@@ -349,9 +349,9 @@ class Course:
                 "Leave ends out: the network is cut already",
             )
         is_forward = self.crossings[crosses] > 0
-        held = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
+        wall_balls = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
         masses = np.array(network.masses)
-        masses[held] = math.inf
+        masses[wall_balls] = math.inf
         if not np.any(np.isfinite(masses)):
             raise InputError(
                 "no ball moves between the walls",
@@ -359,7 +359,7 @@ class Course:
                 "Take a longer array, or other ends",
             )
         # the wall in front of the first balls is the one behind the last, a period earlier
-        face = float(np.max(self.places[held])) - self.period
+        face = float(np.max(self.places[wall_balls])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, role: str) -> Index:
@@ -389,15 +389,17 @@ class Course:
         return moving[from_nearest <= thickness * self.spacing]
 
     @property
-    def _is_closed(self) -> bool:
-        """Whether the last balls are neighbours of the first."""
+    def is_closed(self) -> bool:
+        """Whether the last balls are neighbours of the first: the network repeats along the
+        direction, and was given no ends.
+        """
         return math.isfinite(self.period) and math.isnan(self.face)
 
     def _find_offset(self, lengths: Array) -> Array:
         """Return ``lengths`` (n,), m, less whole periods, so that each is as short as it can be,
         of either sign; on a course that is not closed, the lengths themselves.
         """
-        if not self._is_closed:
+        if not self.is_closed:
             return lengths
         return lengths - self.period * np.rint(lengths / self.period)
 
@@ -413,7 +415,7 @@ class Course:
         closed course in the sense of the direction.
         """
         ahead = self.find_place(balls) - start
-        return float(np.mod(ahead, self.period)) if self._is_closed else ahead
+        return float(np.mod(ahead, self.period)) if self.is_closed else ahead
 
     def find_echo(self, start: float, balls: Index) -> float:
         """Return the detour, m, of the first echo: the length of its path less that of the path
@@ -423,7 +425,7 @@ class Course:
         that this reflection is no echo. On a closed course the echo is the pulse that runs the
         other way round.
         """
-        if self._is_closed:
+        if self.is_closed:
             return self.period - 2.0 * self.find_distance(start, balls)
         if math.isfinite(self.period):
             first = 0.0
@@ -1067,13 +1069,16 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, and for pulses that
-    differ in frequency, cycles, direction, polarisation, drag or burst, or by more than a tenth in
-    their dampings or in the distances of planes. Pulses do not hold their ends, nor whether one
-    ball or a plane was pushed: the caller has to see to these.
+    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, for what is no pulse, and
+    for pulses that differ in frequency, cycles, direction, polarisation, drag or burst, or by more
+    than a tenth in their dampings or in the distances of planes. Pulses do not hold their ends, nor
+    whether one ball or a plane was pushed: the caller has to see to these.
     """
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
+    for pulse in pulses:
+        if not isinstance(pulse, Pulse):
+            raise InputError(f"{brief(pulse)} is no pulse", mend="Leave it out")
     first = pulses[0]
     count = min(pulse.times.size for pulse in pulses)
     for pulse in pulses[1:]:
@@ -1106,14 +1111,20 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         left_out=sum(pulse.left_out for pulse in pulses),
         warnings=(),
     )
-    # judgements of each pulse alone do not hold for their mean
+    return replace(mean_pulse, warnings=(*_list_warnings(pulses), *mean_pulse.judge()))
+
+
+def _list_warnings(pulses: Sequence[Pulse]) -> list[str]:
+    """Return the warnings of all ``pulses``, each once, but for judgements of single pulses, which
+    do not hold for the mean of the pulses.
+    """
     warnings: list[str] = []
     for pulse in pulses:
         judgements = pulse.judge()
         for warning in pulse.warnings:
             if warning not in judgements and warning not in warnings:
                 warnings.append(warning)
-    return replace(mean_pulse, warnings=(*warnings, *mean_pulse.judge()))
+    return warnings
 
 
 def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
@@ -1282,7 +1293,7 @@ class Route:
             duration = positive("duration", request.duration, "s")
         else:
             duration = burst.duration + _RECORD_LENGTH * farthest / float(fastest[0])
-            if ends == "periodic":
+            if course.is_closed:
                 flight_length = course.find_distance(start, receivers)
                 _require_room(course.period, flight_length, fastest[0] / margin, burst)
                 # the record ends before the pulse that runs the other way round comes
@@ -1356,10 +1367,10 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
     moving = course.network.moving
     if not isinstance(source, str):
         sources = index_array("source", source, course.network.n_balls)
-        held = sources[~moving[sources]]
-        if held.size:
+        held_sources = sources[~moving[sources]]
+        if held_sources.size:
             raise InputError(
-                f"ball {held[0]} of the source does not move",
+                f"ball {held_sources[0]} of the source does not move",
                 "Its mass is infinite, or it fell where the end was cut",
             )
         return sources

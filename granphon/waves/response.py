@@ -259,8 +259,15 @@ class Response(Result, array="values"):
         """Return the :attr:`peaks` of means over receivers, such as the balls of a plane.
 
         ``groups`` has for each mean the positions of its receivers among those of the response, as
-        a list or a slice.
+        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group without a
+        receiver, and for receivers that are not there.
         """
+        if not groups:
+            return ()
+        count = len(self.receivers)
+        for group in groups:
+            positions = np.arange(count)[group] if isinstance(group, slice) else group
+            index_array("groups", positions, count, "receivers")
 
         def take_means(values: Complex) -> Complex:
             """Return the means (n_f, groups) of values (n_f, n_r)."""
@@ -377,7 +384,7 @@ def find_response(
     options = options._replace(quantity=places.find_quantity(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
-    sensors: list[Sensor] = []
+    sensors: list[Sensor] = []  # none where balls are heard
     partners = None
     if options.quantity in OF_FORCE:
         sensors = places.find_sensors(receiver)
@@ -1247,25 +1254,12 @@ class _Problem:
         of A.
         """
         top = self.operator.top
-        n = self.operator.size
-        parts = self.operator.parts
+        weigh = self.operator.parts.weigh
         omega = work.omega
         w = omega / top
-        times = parts.weigh(self.losses.times)  # (rows,) s
-        spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.losses.factors)) / top
-        dashpots = times / top
-        drag = self.operator.drag(self.losses) / top
-
-        def apply(vector: Complex) -> Complex:
-            """Return H times a ``vector`` (size + rows,) of velocities and deformations."""
-            strain = parts.deform(vector[:n])
-            stress = vector[n:] * spring
-            stress -= dashpots * strain
-            product = np.empty_like(vector)
-            product[:n] = parts.pull(stress) - drag * vector[:n]
-            np.multiply(strain, spring, out=product[n:])
-            return product
-
+        times = weigh(self.losses.times)  # (rows,) s
+        spring = np.sqrt(-weigh() - 1j * weigh(self.losses.factors)) / top
+        apply = self._make_first_order_product(spring, times)
         source = self._make_first_order_source(spring, times)
         # from velocities, for which equations are of first order, to motions; a wall is displaced,
         # and its source has the factor i omega already
@@ -1296,10 +1290,33 @@ class _Problem:
             direct=self.shift + 1j * scale[:, None] * self._listen(source),
         )
 
+    def _make_first_order_product(
+        self, spring: NDArray[Any], times: Array
+    ) -> Callable[[Complex], Complex]:
+        """Return the function that multiplies a vector (size + rows,) of velocities and
+        deformations by H of :meth:`_make_first_order`; ``spring`` (rows,) are roots of stiffnesses,
+        complex, over the top frequency, and ``times`` (rows,), s, are those of dashpots.
+        """
+        n = self.operator.size
+        parts = self.operator.parts
+        dashpots = times / self.operator.top
+        drag = self.operator.drag(self.losses) / self.operator.top
+
+        def apply(vector: Complex) -> Complex:
+            """Return H times a ``vector`` (size + rows,)."""
+            strain = parts.deform(vector[:n])
+            stress = vector[n:] * spring
+            stress -= dashpots * strain
+            product = np.empty_like(vector)
+            product[:n] = parts.pull(stress) - drag * vector[:n]
+            np.multiply(strain, spring, out=product[n:])
+            return product
+
+        return apply
+
     def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
-        """Return the source (size + rows,) of velocities and deformations; ``spring`` (rows,),
-        roots of stiffnesses over the top frequency, and ``times`` (rows,), s, of dashpots are those
-        of :meth:`_make_first_order`.
+        """Return the source (size + rows,) of velocities and deformations; ``spring`` and ``times``
+        are those of :meth:`_make_first_order_product`.
         """
         if not self.driven.is_moved:
             return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])

@@ -49,7 +49,7 @@ _SAME_SITE = 0.1
 #: imbalance is rounding
 _BALANCED = 1e-6
 #: most entries of the matrices of leads at those frequencies whose waves are found together: 700 MB
-_TOGETHER = 6_000_000
+_ENTRIES_AT_ONCE = 6_000_000
 #: most steps of the fit of energies that fall with the length; each changes logarithms by at most
 #: one
 _ROUNDS = 60
@@ -132,26 +132,26 @@ def transmission(
     left, right : the leads: states, or networks with periods. The left one goes on towards lower
         layers.
     middle : the strip: a network that repeats as the leads do but for the ``axis``, such as
-        ``network.cut(axis, layers)``; or None if the leads touch: then by contacts as stiff as the
-        left lead's own, behind which some layers of the right lead count as the strip. Its outer
-        balls stand where the next layers of the leads would. They touch the leads as a lead's own
-        layers touch each other, with its stiffness; so an interface of another stiffness belongs to
-        the strip.
-        Periods along the layers may differ by 1 %, places of balls by 0.1 of a diameter. Masses,
-        diameters and loads may differ: whether the whole is at rest under its static forces is not
-        examined.
+        ``network.cut(axis, layers)``. The outer balls of the strip stand where the next layers of
+        the leads would. They touch the leads as the layers of a lead touch each other, with the
+        same stiffness; so an interface of another stiffness belongs to the strip. Periods along the
+        layers may differ by 1 %, places of balls by 0.1 of a diameter. Masses, diameters and loads
+        may differ: whether the whole is at rest under its static forces is not examined.
+        None if the leads touch: by contacts as stiff as those of the left lead. Some layers of the
+        right lead then count as the strip.
     frequencies : (n_f,) Hz, ascending, above zero.
-    axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
+    axis : the axis across the layers of both leads, as for :meth:`ContactNetwork.cut`.
     q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell, for leads with
         p periods; zero by default.
-    damping, loss_factor, drag, dashpot, restitution : of the strip, as in :meth:`Waves.response`.
-        The leads lose no energy.
-    progress : told how many frequencies are done. ``gp.Waves(middle).estimate("transmission", left,
-        right, frequencies, ...)`` says before how long they take.
+    damping, loss_factor, drag, dashpot, restitution : losses of the strip, as in
+        :meth:`Waves.response`. The leads lose no energy.
+    progress : is told how many frequencies are done. ``gp.Waves(middle).estimate("transmission",
+        left, right, frequencies, ...)`` says beforehand how long they take.
 
     A strip may be of any length: beyond 12,000 motions in space, 300,000 in a plane, it is taken
-    slice by slice, in a time that goes as its length and as the cube of the motions across. These,
-    those of a layer of the leads among them, must fit into memory as dense matrices.
+    slice by slice, in a time that goes as its length and as the cube of the number of motions
+    across. Dense matrices of the motions of a slice, and of a layer of the leads, must fit into
+    memory.
 
     Raises
     ------
@@ -166,26 +166,14 @@ def transmission(
     losses = Losses.of(
         operator.network, GivenLosses(damping, loss_factor, drag, dashpot, restitution)
     )
-    leads = [work.first, work.last]
     find_stiffness = _make_stiffness_function(operator, losses, work.first.q)
-    omega = 2.0 * np.pi * work.hertz
-    # at each frequency the amplitudes of waves that run back, and that pass
-    scattered = list[tuple[Complex, Complex]]()
-    running_factors = list[Complex]()
-    with progress.step("transmission", omega.size) as step:
-        for start in range(0, omega.size, work.n_together):
-            part = omega[start : start + work.n_together]
-            waves_of_leads = [lead.find_waves(part) for lead in leads]
-            for w, *waves in zip(part, *waves_of_leads, strict=True):
-                scattered.append(_scatter(w**2, find_stiffness(w), work, waves))
-                incoming, _ = waves[0]
-                running_factors.append(incoming.factors[: incoming.running])
-                step.advance()
+    scattered = _scatter_at_all(work, find_stiffness, progress)
     # numbers of waves that run in, and that run out behind the strip
-    modes = np.array([passing.shape[::-1] for _, passing in scattered])
+    modes = np.array([waves.passing.shape[::-1] for waves in scattered])
     most_modes = int(modes.max(initial=0))
-    amplitudes = _stack_matrices([passing for _, passing in scattered], most_modes)
-    back_amplitudes = _stack_matrices([returning for returning, _ in scattered], most_modes)
+    amplitudes = _stack_matrices([waves.passing for waves in scattered], most_modes)
+    back_amplitudes = _stack_matrices([waves.returning for waves in scattered], most_modes)
+    running_factors = [waves.running_factors for waves in scattered]
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
     reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
     wavenumbers = work.first.list_wavenumbers(running_factors, most_modes)
@@ -206,6 +194,45 @@ def transmission(
         length=n_layers * work.first.space.height,
         warnings=losses.find_warnings(float(work.hertz[-1])),
     )
+
+
+class _ScatteredWaves(NamedTuple):
+    """What a strip makes of the m waves that run in at one frequency.
+
+    Attributes
+    ----------
+    returning : (k, m) amplitudes of the k waves that are sent back, for each wave that runs in.
+    passing : (n, m) amplitudes of the n waves that run out behind the strip.
+    running_factors : (m,) factors from layer to layer of the waves that run in.
+    """
+
+    returning: Complex
+    passing: Complex
+    running_factors: Complex
+
+
+def _scatter_at_all(
+    work: TransmissionWork, find_stiffness: Callable[[float], Any], progress: Progress
+) -> list[_ScatteredWaves]:
+    """Return what the strip makes of the waves at each frequency of the ``work``; progress is told
+    of each. ``find_stiffness`` is that of :func:`_make_stiffness_function`.
+    """
+    omega = 2.0 * np.pi * work.hertz
+    scattered = list[_ScatteredWaves]()
+    with progress.step("transmission", omega.size) as step:
+        for start in range(0, omega.size, work.n_at_once):
+            omega_at_once = omega[start : start + work.n_at_once]
+            first_waves = work.first.find_waves(omega_at_once)
+            last_waves = work.last.find_waves(omega_at_once)
+            for w, of_first, of_last in zip(omega_at_once, first_waves, last_waves, strict=True):
+                returning, passing = _scatter(
+                    w**2, find_stiffness(w), work, waves=(of_first, of_last)
+                )
+                incoming, _ = of_first
+                running_factors = incoming.factors[: incoming.running]
+                scattered.append(_ScatteredWaves(returning, passing, running_factors))
+                step.advance()
+    return scattered
 
 
 def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
@@ -231,15 +258,15 @@ def _make_stiffness_function(
 ) -> Callable[[float], Any]:
     """Return a function of the angular frequency, rad/s, that returns the stiffness (size, size) of
     a strip, (rad/s)^2, a sparse matrix, with its ``losses``; ``q`` (p,) is the wave vector along
-    its layers, in fractions.
+    its layers, in fractions. Waves go as exp(-i omega t), with which losses count times -i.
     """
     phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
     springs = operator.weigh(phase=phase).tocsc()
     if losses.is_none:
         return lambda w: springs
-    lossy = operator.weigh(losses.factors, phase).tocsc()
+    loss_factors = operator.weigh(losses.factors, phase).tocsc()
     viscous = operator.resist(losses, phase).tocsc()
-    return lambda w: springs + -1j * lossy + -1j * w * viscous
+    return lambda w: springs - 1j * loss_factors - 1j * w * viscous
 
 
 def _stack_matrices(matrices: Sequence[Complex], size: int) -> Complex:
@@ -350,15 +377,15 @@ def _fit_paths(
     lengths: Array, amplitudes: Sequence[Complex], is_running: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Return the mean free paths (n_f, m), m, and their errors (n_f, m), m, of the waves that run,
-    ``is_running`` (n_f, m); zero for others.
+    of which there are some, ``is_running`` (n_f, m); zero for others.
 
     ``amplitudes`` has for each of the ``lengths`` (n,), m, an array (samples, n_f, m).
     """
-    falls = []
+    rates_and_errors = []
     for frequency, wave in np.argwhere(is_running):
         samples = [of_length[:, frequency, wave] for of_length in amplitudes]
-        falls.append(_fit_energy(lengths, samples))
-    rates, rate_errors = np.array(falls).T
+        rates_and_errors.append(_fit_energy(lengths, samples))
+    rates, rate_errors = np.array(rates_and_errors).T
     path = np.zeros(is_running.shape)
     path_error = np.zeros(is_running.shape)
     path[is_running], path_error[is_running] = _invert(rates, rate_errors, 1.0)
@@ -591,7 +618,7 @@ class _Lead(NamedTuple):
         block = self._find_block(operator.motions.count)
         n_sites = block.size
         p = len(periods)
-        heights = strip.positions[operator.balls, p]
+        heights = strip.positions[operator.balls, p]  # layers lie along the first p axes
         from_end = np.argsort(heights if lower else -heights, kind="stable")
         outer_balls = operator.balls[from_end[:n_sites]]
         positions = strip.positions[outer_balls]
@@ -610,8 +637,8 @@ class _Lead(NamedTuple):
         first = int(np.argmin(np.where(worst <= tolerance, frame_shifts, np.inf)))
         if worst[first] > tolerance:
             return None
-        matched = nearest[first]
-        return outer_balls[matched], cells[first, np.arange(n_sites), matched]
+        ball_of_site = nearest[first]
+        return outer_balls[ball_of_site], cells[first, np.arange(n_sites), ball_of_site]
 
     def _find_frame_shifts(self, vectors: Array, periods: Array) -> Array:
         """Return how far ``vectors`` (n, d), m, are from steps that map the lead onto itself: the
@@ -745,11 +772,11 @@ class TransmissionWork:
         return max(self.first.space.size, self.last.space.size)
 
     @property
-    def n_together(self) -> int:
+    def n_at_once(self) -> int:
         """Number of frequencies for which the waves of the leads are found together, as one stack
         of matrices: many if the matrices are small, and one if they are large.
         """
-        return max(min(self.hertz.size, _TOGETHER // (2 * self.lead_size) ** 2), 1)
+        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // (2 * self.lead_size) ** 2), 1)
 
     @property
     def by_slices(self) -> bool:
@@ -770,14 +797,16 @@ class TransmissionWork:
     @property
     def memory(self) -> float:
         """Memory of the waves of the leads, and of the slices of the strip, bytes."""
-        of_leads = count_bloch_bytes(self.n_together, self.lead_size)
-        return of_leads + (count_slice_bytes(int(self.widths.max())) if self.by_slices else 0.0)
+        memory = count_bloch_bytes(self.n_at_once, self.lead_size)
+        if self.by_slices:
+            memory += count_slice_bytes(int(self.widths.max()))
+        return memory
 
     def require_memory(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless leads and slices fit into
         memory.
         """
-        require_bloch_memory(self.n_together, self.lead_size)
+        require_bloch_memory(self.n_at_once, self.lead_size)
         if self.by_slices:
             require_slices(int(self.widths.max()))
 
@@ -829,5 +858,5 @@ def _scatter(
         at_upper = upper @ strip_motions
     back_motions = first_green @ (first_blocks.up @ at_lower - push)
     through_motions = last_green @ (last_blocks.down @ at_upper)
-    back = outgoing_back.find_parts(back_motions)
-    return back, outgoing_through.find_parts(through_motions)
+    back_amplitudes = outgoing_back.find_parts(back_motions)
+    return back_amplitudes, outgoing_through.find_parts(through_motions)

@@ -124,7 +124,10 @@ COULOMB_LIMITS = ("elastic", "total")
 
 
 def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
-    """Return the kind of the loss of this ``name``, zero or above; zero may be without a unit."""
+    """Return the kind of the loss of this ``name``: zero or above, a restitution above zero and up
+    to 1. A loss has the unit of its ``quantity``, or None if it is a number; zero may be without a
+    unit.
+    """
     if name == "restitution":
         return Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
     if quantity is None:
@@ -143,7 +146,7 @@ def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
     return number_kind._replace(read=read, write=write)
 
 
-def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
+def _one_or_two(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
     """Return the kind of a setting that is one value of this ``kind`` for all motions, or a list of
     two values, for the two ``parts`` of motions that a message names.
     """
@@ -202,20 +205,23 @@ def _read_place(value: Any) -> str:
 
 
 def find_place(text: str) -> Any:
-    """Return the place of a source or receiver that a ``text`` of a scene names, in the form that
-    ``Waves.response`` takes: "plane", "floor", (ball, direction), or the contact (i, j).
+    """Return the place of a source or receiver that a ``text``, as :func:`_read_place` returns it,
+    names, in the form that ``Waves.response`` takes: "plane", "floor", (ball, direction), or the
+    contact (i, j).
     """
     ball, *direction = text.split()
     if not direction:
         match = _CONTACT.fullmatch(ball)
         return (int(match[1]), int(match[2])) if match else text
-    if direction[0] in "xyz":
+    if direction[0] in ("x", "y", "z"):
         return int(ball), direction[0]
     return int(ball), [float(component) for component in direction]
 
 
 def _is_vector(words: list[Any]) -> bool:
-    """Whether ``words`` are one to three finite numbers, or texts of such numbers, not all zero."""
+    """Return whether ``words`` are one to three finite numbers, or texts of such numbers, not all
+    zero.
+    """
     components: list[Any] = []
     for word in words:
         is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
@@ -259,9 +265,15 @@ def _read_repeat(value: Any) -> tuple[int, ...]:
 
 def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str | Wall, str | Wall]]:
     """Return the axis, the number of layers, and the two edges of a cut, read from a block of a
-    scene file or from a tuple of these three; edges are free by default.
+    scene file or from a tuple of these, without edges or with them; edges are free by default.
+
+    Raises :class:`Refused` for a longer tuple.
     """
-    entries = dict(zip(_CUT_KEYS, value, strict=False)) if isinstance(value, tuple) else value
+    entries = value
+    if isinstance(value, tuple):
+        if len(value) > len(_CUT_KEYS):
+            raise Refused(show(value), f"a tuple of {', '.join(_CUT_KEYS)}")
+        entries = dict(zip(_CUT_KEYS, value, strict=False))
     cut = block_of(_CUT_KEYS, ("axis", "layers")).read(entries, context)
     return cut["axis"], cut["layers"], cut.get("edges", ("free", "free"))
 
@@ -295,10 +307,10 @@ def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wa
     """Return the lower and the upper edge, read from a list of two or from one text or block; each
     is a word that says how it is held, or a wall.
     """
-    edges = value if isinstance(value, list | tuple) else [value]
-    read_each = enumerate(edges)
-    walls = [read_inside(n, partial(_read_wall, context=context), edge) for n, edge in read_each]
-    return read_edges(walls if len(walls) > 1 else walls[0])
+    read_wall = partial(_read_wall, context=context)
+    given_edges = value if isinstance(value, list | tuple) else [value]
+    edges = [read_inside(number, read_wall, edge) for number, edge in enumerate(given_edges)]
+    return read_edges(edges[0] if len(edges) == 1 else edges)
 
 
 def _write_edges(edges: tuple[str | Wall, str | Wall], context: ValueContext) -> Any:
@@ -342,20 +354,20 @@ class LossSettings(Block, kw_only=True):
     """Losses of contacts and balls; see :meth:`granphon.waves.waves.Waves.response`."""
 
     damping: float | tuple[float, float] = setting(
-        _of_both_motions(LOSS_KINDS["damping"]),
+        _one_or_two(LOSS_KINDS["damping"]),
         "viscosity of a contact over its stiffness; of normal and of other motion in a list",
         default=0.0,
         title="damping of contacts in the {block}",
     )
     drag: float | tuple[float, float] | None = setting(
-        _of_both_motions(LOSS_KINDS["drag"], "of displacements, and of rotations"),
+        _one_or_two(LOSS_KINDS["drag"], "of displacements, and of rotations"),
         "rate at which balls slow down by themselves; of displacements and of rotations in a list",
         default=None,
         absent="none",
         title="drag of balls in the {block}",
     )
     dashpot: float | tuple[float, float] | None = setting(
-        _of_both_motions(LOSS_KINDS["dashpot"]),
+        _one_or_two(LOSS_KINDS["dashpot"]),
         "viscosity of a contact, whatever its stiffness; of normal motion and of slip in a list",
         default=None,
         absent="none",
@@ -405,13 +417,13 @@ class LossSettings(Block, kw_only=True):
         for name in dict.fromkeys(LOSS_PARAMETERS[parameter] for parameter in values):
             if not hasattr(self, name):
                 continue
-            given = getattr(self, name) or 0.0
-            first, second = given if isinstance(given, tuple) else (given, given)
-            first = values.get(name, first)
+            loss = getattr(self, name) or 0.0
+            first, second = loss if isinstance(loss, tuple) else (loss, loss)
             if name in values:
+                first = values[name]
                 second = first
-            other = values.get(SECOND_LOSSES.get(name, ""), second)
-            changed[name] = first if other == first else (first, other)
+            second = values.get(SECOND_LOSSES.get(name, ""), second)
+            changed[name] = first if second == first else (first, second)
         return replace(self, **changed)
 
 
@@ -419,7 +431,7 @@ class LinearLossSettings(LossSettings, kw_only=True):
     """Losses of waves that have one frequency, which may also have loss factors."""
 
     loss_factor: float | tuple[float, float] = setting(
-        _of_both_motions(LOSS_KINDS["loss_factor"]),
+        _one_or_two(LOSS_KINDS["loss_factor"]),
         "loss factor of a contact; of normal and of other motion in a list",
         default=0.0,
         title="loss factor of contacts in the {block}",
@@ -434,19 +446,19 @@ def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> No
         loss = LOSS_PARAMETERS.get(name)
         if loss is None:
             continue
-        with_loss = [block for block in settings if hasattr(block, loss)]
-        if not with_loss:
+        blocks_with_loss = [of_result for of_result in settings if hasattr(of_result, loss)]
+        if not blocks_with_loss:
             raise InputError(
                 f"nothing that is observed depends on {name}",
                 "Losses are those of a response, a motion, a pulse, or of bands with a block bands",
                 "Observe one of these, or leave the parameter out",
             )
-        for lossy in with_loss:
-            if isinstance(lossy, LossSettings) and name in lossy.list_given():
+        for of_result in blocks_with_loss:
+            if isinstance(of_result, LossSettings) and name in of_result.list_given():
                 raise InputError(
-                    f"{name} is swept, and given in the block {lossy.block}",
+                    f"{name} is swept, and given in the block {of_result.block}",
                     "Each state has one value",
-                    f"Leave {lossy.block}.{loss} out, or do not sweep over {name}",
+                    f"Leave {of_result.block}.{loss} out, or do not sweep over {name}",
                 )
 
 
@@ -462,7 +474,7 @@ class EdgeSettings(Block, kw_only=True):
         raise NotImplementedError
 
     def with_edges(self, edges: Sequence[str | Wall]) -> Self:
-        """Return the settings with other :attr:`edges`."""
+        """Return the settings with other :attr:`edges`, as many as before."""
         raise NotImplementedError
 
     @property
@@ -475,14 +487,13 @@ class EdgeSettings(Block, kw_only=True):
         """Return the settings in which walls that name one of ``kinds`` of balls have the material
         of that kind.
         """
-        return self.with_edges(
-            [
-                find_material(edge, kinds)
-                if isinstance(edge, Wall) and edge.material in kinds
-                else edge
-                for edge in self.edges
-            ]
-        )
+        edges = list[str | Wall]()
+        for edge in self.edges:
+            if isinstance(edge, Wall) and edge.material in kinds:
+                edges.append(find_material(edge, kinds))
+            else:
+                edges.append(edge)
+        return self.with_edges(edges)
 
     def list_walls(self, kinds: Mapping[str, Ball]) -> dict[str, Wall]:
         """Return the walls at the edges by their names, such as "response.wall"; ``kinds`` are the
@@ -514,12 +525,12 @@ class EdgeSettings(Block, kw_only=True):
 
 
 def is_of_wall(name: str) -> bool:
-    """Whether the ``name`` of a swept parameter is that of a parameter of a wall at an edge of a
-    block, such as "response.wall.young_modulus".
+    """Return whether the ``name`` of a swept parameter is that of a parameter of a wall at an edge
+    of a block, such as "response.wall.young_modulus".
     """
-    first, _, rest = name.partition(".")
-    wall, _, parameter = rest.rpartition(".")
-    return bool(wall) and first in _EDGE_BLOCKS and parameter in WALL_PARAMETERS
+    block_name, _, parameter_of_wall = name.partition(".")
+    wall, _, parameter = parameter_of_wall.rpartition(".")
+    return bool(wall) and block_name in _EDGE_BLOCKS and parameter in WALL_PARAMETERS
 
 
 def require_walls(
@@ -529,16 +540,14 @@ def require_walls(
     wall which stands at no edge of the ``settings`` of observed results; ``kinds`` are the kinds of
     balls, after whose materials walls may be made.
     """
-    of_walls = list(filter(is_of_wall, names))
-    if not of_walls:
+    wall_parameters = list(filter(is_of_wall, names))
+    if not wall_parameters:
         return
-    walls = [
-        wall
-        for block in settings
-        if isinstance(block, EdgeSettings)
-        for wall in block.list_walls(kinds)
-    ]
-    for name in of_walls:
+    walls = list[str]()
+    for of_result in settings:
+        if isinstance(of_result, EdgeSettings):
+            walls += of_result.list_walls(kinds)
+    for name in wall_parameters:
         wall = name.rpartition(".")[0]
         if wall not in walls:
             known = f"The walls are {', '.join(walls)}" if walls else "No edge has a wall"
@@ -772,8 +781,8 @@ class Signal:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Raise :class:`Refused` unless each time has a value, and times begin at 0 s or later and
-        ascend.
+        """Make tuples of numbers of both lists, and raise :class:`Refused` for what are no finite
+        numbers, and unless each time has a value, and times begin at 0 s or later and ascend.
         """
         object.__setattr__(self, "times", finite_list("times", self.times, "s"))
         object.__setattr__(self, "values", finite_list("values", self.values, ""))
@@ -799,10 +808,11 @@ class Signal:
         """The greatest magnitude of the values, m or N."""
         return max(map(abs, self.values))
 
-    def lost(self, step: float, end: float) -> float:
-        """Return which share of the area under the signal, from the time zero to ``end``, s, is
-        lost if the signal is sampled at each ``step``, s: the area between the signal and straight
-        lines through the samples, over the area under the signal.
+    def find_lost_share(self, step: float, end: float) -> float:
+        """Return which share of the area under the size of the signal, from the time zero to
+        ``end``, s, is lost if the signal is sampled at each ``step``, s: the area between the
+        signal and straight lines through the samples, over the area under the signal; zero if the
+        signal is zero.
         """
         # only samples beside the times of the signal matter, as elsewhere the signal is straight
         step_numbers = np.floor(np.divide(self.times, step))
@@ -822,7 +832,8 @@ def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
     """Return the signal that a table has in its columns time and ``name``, a quantity of this
     ``kind``; the table is a ``file`` in a ``folder``.
 
-    Raises :class:`Refused` for a file that is no such table, and for its values.
+    Raises :class:`Refused` for a file that is not there or no such table, and for values that are
+    no signal.
     """
     try:
         table = Table.read(folder / file, quoted=False)
@@ -946,7 +957,7 @@ class DriveSettings(Block):
 
     def find_balls(self, network: ContactNetwork) -> Index:
         """Return the indices (n,) of the balls, or of the floor, that the drive moves in a
-        ``network``.
+        ``network``; whether the network has balls of given indices is not examined.
 
         Raises :class:`InputError` for a face of a network that repeats along all its axes.
         """
@@ -1068,8 +1079,9 @@ class MotionSettings(NetworkSettings, LossSettings):
         """The greatest speed, force and displacement of any drive, as
         :attr:`DriveSettings.extremes`.
         """
-        of_drives = [drive.extremes for drive in self.drive]
-        return {name: max(of[name] for of in of_drives) for name in of_drives[0]}
+        extremes_of_drives = [drive.extremes for drive in self.drive]
+        names = extremes_of_drives[0]
+        return {name: max(extremes[name] for extremes in extremes_of_drives) for name in names}
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
@@ -1152,7 +1164,7 @@ class WaveSettings:
             settings.with_losses(losses) if isinstance(settings, LossSettings) else settings
             for settings in self.of_networks
         )
-        pulse = self.pulse and self.pulse.with_losses(losses)
+        pulse = None if self.pulse is None else self.pulse.with_losses(losses)
         return replace(self, pulse=pulse, of_networks=tuple(networks))
 
     def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> WaveSettings:

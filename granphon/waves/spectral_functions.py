@@ -189,9 +189,10 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
         why = f"A wave vector of this network has the shape ({d},)"
         mend = f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
         raise InputError(f"q has the shape {vectors.shape}", why, mend)
-    extent = np.ptp(getattr(network, "positions", 0.0))
-    size = float(np.max(np.abs(network.cell), initial=0.0) + extent)
-    phase = float(np.max(np.abs(vectors), initial=0.0)) * size
+    extent = float(np.max(np.abs(network.cell), initial=0.0))
+    if isinstance(network, ContactNetwork):  # a cell alone has no balls
+        extent += float(np.ptp(network.positions))
+    phase = float(np.max(np.abs(vectors), initial=0.0)) * extent
     if phase > _MOST_PHASE:
         fault = f"the phase of such a wave differs by {phase:.1e} across the network"
         raise PrecisionError(
@@ -252,12 +253,13 @@ def find_polarisations(
     operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None
 ) -> Array:
     """Return the b polarisations that a word means for a wave with the wave vector ``q`` (d,), 1/m,
-    as orthonormal rows (b, motions); a spectral function is the mean over these. By numbers there
-    is one.
+    as orthonormal rows (b, motions); a spectral function is the mean over these. A polarisation by
+    numbers makes one row.
 
     ``polarisation`` and ``direction`` are the arguments of ``Waves.spectral_function``. Raises
-    :class:`~granphon.base.errors.InputError` if the balls do not move in that polarisation, or if a
-    direction that the polarisation needs is missing.
+    :class:`~granphon.base.errors.InputError` for another word or other numbers, if the balls do not
+    move in that polarisation, and if a direction that the polarisation needs is missing, or is
+    given beside numbers.
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
@@ -265,26 +267,31 @@ def find_polarisations(
         if direction is not None:
             finite_array("polarisation", polarisation)  # raises if it is not numbers
             raise InputError(
-                "a direction is given besides the polarisation by numbers", "They say the same"
+                "a direction is given beside a polarisation by numbers",
+                "The numbers are a direction already",
+                "Leave the direction out",
             )
         return _read_polarisation(operator, polarisation)
     name = one_of("polarisation", polarisation, POLARISATIONS)
     is_rotational = name == "rotational"
     axes = motions.rotations if is_rotational else motions.translations
-    free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move, or about which they turn
-    directions = np.atleast_2d(_choose_directions(operator.network, q, name, free, direction))
+    free_axes = np.eye(3)[
+        list(axes)
+    ]  # (a, 3) directions in which balls move, or about which they turn
+    directions = np.atleast_2d(_choose_directions(operator.network, q, name, free_axes, direction))
     held_components = np.abs(np.delete(directions, axes, axis=1))
     may_move = len(directions) > 0 and len(axes) > 0
     if not may_move or np.max(held_components, initial=0.0) > _ACROSS:
-        other = {"longitudinal": "transverse", "transverse": "longitudinal"}.get(name)
+        alternatives = {"longitudinal": "transverse", "transverse": "longitudinal"}
+        mend = ""
+        if name in alternatives and motions.translations:
+            mend = f"Take the polarisation {alternatives[name]}"
         raise InputError(
-            f"no {name} wave of this direction runs here",
-            f"Balls move in {letters} alone",
-            f"Take the polarisation {other}" if other and motions.translations else "",
+            f"no {name} wave of this direction runs here", f"Balls move in {letters} alone", mend
         )
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(lengths < _ACROSS):
-        # only rotations: displacements across the direction are refused before
+        # these are rotations: a direction in which balls do not move is refused above
         turns = ", ".join("xyz"[axis] for axis in motions.rotations)
         raise InputError(
             "balls do not turn about the direction of the rotational wave",
@@ -298,13 +305,13 @@ def find_polarisations(
 
 
 def _choose_directions(
-    network: ContactNetwork, q: Array, name: str, free: Array, direction: ArrayLike | None
+    network: ContactNetwork, q: Array, name: str, free_axes: Array, direction: ArrayLike | None
 ) -> Array:
     """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
     with the polarisation ``name`` and the wave vector ``q`` (d,), 1/m.
 
-    ``free`` (a, 3) are the axes along which, or about which, balls can move at all; ``direction``
-    (d,) is the one that the user requests, or None. Raises
+    ``free_axes`` (a, 3) are the axes along which balls can move, or about which balls can turn;
+    ``direction`` (d,) is the one that the user requests, or None. Raises
     :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a direction of
     a transverse wave along q.
     """
@@ -313,27 +320,28 @@ def _choose_directions(
         requested = read_vector("direction", direction, network.dimension)
     if name == "rotational":
         if requested is None:
-            return free
-        return np.asarray((requested @ free.T) @ free)  # the part along free axes
+            return free_axes
+        return np.asarray((requested @ free_axes.T) @ free_axes)  # the part along free axes
     if not np.any(q):
         if requested is None:
             raise _explain_no_direction(network, name)
         return requested
-    directions = _find_directions(network, q, name, free, requested)
+    directions = _find_directions(network, q, name, free_axes, requested)
     if requested is not None and np.linalg.norm(directions) < _ACROSS:
         raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
     return directions
 
 
 def _find_directions(
-    network: ContactNetwork, q: Array, name: str, free: Array, requested: Array | None
+    network: ContactNetwork, q: Array, name: str, free_axes: Array, requested: Array | None
 ) -> Array:
     """Return the directions (3,) or (b, 3) in which balls move in a wave with the polarisation
     ``name``, longitudinal or transverse, and a wave vector ``q`` (d,) that is not zero.
 
     A longitudinal wave moves along q. A transverse wave moves along the part of the ``requested``
-    direction (3,) that is across q; without a request, along all directions across q among the
-    axes ``free`` (a, 3) along which balls can move, within the plane of the balls if there are any.
+    direction (3,) that is across q. Without a request, all directions are returned that are across
+    q and in the space of ``free_axes`` (a, 3), along which balls can move: those in the plane of
+    the balls if there are any, else all.
     """
     unit_q = np.zeros(3)
     unit_q[: q.size] = q
@@ -343,9 +351,9 @@ def _find_directions(
     if requested is not None:
         return np.asarray(requested - (requested @ unit_q) * unit_q)
     # axes of the plane of the balls first
-    in_plane = free[np.argmax(free, axis=1) < network.dimension]
+    in_plane = free_axes[np.argmax(free_axes, axis=1) < network.dimension]
     directions = _find_transverse(in_plane, unit_q)
-    return directions if len(directions) else _find_transverse(free, unit_q)
+    return directions if len(directions) else _find_transverse(free_axes, unit_q)
 
 
 def _explain_no_direction(network: ContactNetwork, name: str) -> InputError:
@@ -381,13 +389,13 @@ def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array
     return row
 
 
-def _find_transverse(free: Array, along: Array) -> Array:
+def _find_transverse(free_axes: Array, along: Array) -> Array:
     """Return orthonormal directions (b, 3) that span the part of the space of the orthonormal
-    directions ``free`` (a, 3) that is perpendicular to the unit vector ``along`` (3,).
+    directions ``free_axes`` (a, 3) that is perpendicular to the unit vector ``along`` (3,).
     """
-    if not len(free):
-        return free
-    across = free - (free @ along)[:, None] * along
+    if not len(free_axes):
+        return free_axes
+    across = free_axes - (free_axes @ along)[:, None] * along
     _, singular_values, basis = np.linalg.svd(across)
     # all values are 1 but the last, the length of the part of ``along`` that is not among the
     # directions: 0 or 1
@@ -452,7 +460,8 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     zero. If a line falls to half its height on one side only, the width is twice the half width of
     this side.
 
-    Raises :class:`~granphon.base.errors.InputError` if a line falls so far on neither side.
+    Raises :class:`~granphon.base.errors.InputError` if a line falls to half its height on neither
+    side.
     """
     peaks = np.empty(len(values))
     widths = np.empty(len(values))
@@ -525,11 +534,11 @@ def find_ioffe_regel(
 ) -> float | None:
     """Return the frequency, Hz, from which the ``wavenumber`` (n,), 1/m, times the mean free path
     is below ``product``, of waves whose lines have the ``peak`` (n,), Hz, and the full ``width``
-    (n,), Hz; None if it is below for none.
+    (n,), Hz; None if no wave has so small a product.
 
-    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`, which says how it is
-    interpolated and what is raised. If the last line with a larger product has the width zero,
-    nothing can be interpolated, and the frequency is that of the next peak.
+    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`, which says how the
+    frequency is interpolated and what is raised. If the last line with a larger product has the
+    width zero, nothing can be interpolated, and the frequency is that of the next peak.
     """
     log_product = math.log(positive("product", product))
     ascending = np.argsort(wavenumber, kind="stable")
@@ -706,7 +715,7 @@ class SpectralFunction(Refinable):
         self._require_travelling("mean free path")
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
-    # -- more of it --------------------------------------------------------------------------------
+    # -- means -------------------------------------------------------------------------------------
 
     @classmethod
     def average(cls, found: Sequence[SpectralFunction]) -> SpectralFunction:
@@ -716,12 +725,15 @@ class SpectralFunction(Refinable):
         The others are interpolated to these frequencies by cubic splines, to about 1e-3 of their
         peaks. More moments cannot be computed of the mean.
 
-        Raises :class:`~granphon.base.errors.InputError` if there is none, if wave vectors or
-        polarisations differ, or if resolutions differ by more than 2 %: give all of them the same
-        ``resolution``.
+        Raises :class:`~granphon.base.errors.InputError` if there is none, for what is no spectral
+        function, if wave vectors or polarisations differ, or if resolutions differ by more than
+        2 %: give all of them the same ``resolution``.
         """
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
+        for spectrum in found:
+            if not isinstance(spectrum, SpectralFunction):
+                raise InputError(f"{brief(spectrum)} is no spectral function", mend="Leave it out")
         highest = max(found, key=lambda spectrum: spectrum.top)
         for spectrum in found:
             spectrum._require_like(highest)
@@ -735,10 +747,10 @@ class SpectralFunction(Refinable):
         """Raise :class:`~granphon.base.errors.InputError` unless wave vectors, polarisation and
         resolution are those of the ``reference``.
         """
-        has_same_q = self.q.shape == reference.q.shape
-        if has_same_q:
-            rounding = _SAME_WAVEVECTOR * np.max(np.abs(reference.q))
-            has_same_q = np.allclose(self.q, reference.q, rtol=_SAME_WAVEVECTOR, atol=rounding)
+        rounding = _SAME_WAVEVECTOR * np.max(np.abs(reference.q), initial=0.0)
+        has_same_q = self.q.shape == reference.q.shape and np.allclose(
+            self.q, reference.q, rtol=_SAME_WAVEVECTOR, atol=rounding
+        )
         has_same_word = self.polarisation == reference.polarisation
         has_same_direction = self.direction == reference.direction
         if not (has_same_q and has_same_word and has_same_direction):
@@ -796,24 +808,24 @@ class PlaneWaves:
         self._operator = operator
         self._q = wavevectors
         self._polarisation = str(polarisation) if is_word else "given"
-        components = direction if is_word else polarisation
-        self._direction = () if components is None else finite_list("direction", components)
+        name, components = ("direction", direction) if is_word else ("polarisation", polarisation)
+        self._direction = () if components is None else finite_list(name, components)
         # of each real wave the index of its wave vector, and the function that makes its vector
-        self._numbers: list[int] = []
+        self._wavevector_of_wave: list[int] = []
         starts = list[Callable[[], Array]]()
-        for n, wavevector in enumerate(wavevectors):
+        for number, wavevector in enumerate(wavevectors):
             rows = find_polarisations(operator, wavevector, polarisation, direction)
             # the sine of a wave of q = 0 is zero
             sines = (False, True) if np.any(wavevector) else (False,)
             for row, sine in itertools.product(rows, sines):
-                self._numbers.append(n)
+                self._wavevector_of_wave.append(number)
                 starts.append(partial(make_plane_wave, operator, wavevector, row, sine=sine))
         self._waves = Moments(operator, starts, keep=keeps_vectors(operator, len(starts)))
 
     @property
     def n_waves(self) -> int:
         """Number of real waves: cosines and sines of all polarisations and wave vectors."""
-        return len(self._numbers)
+        return len(self._wavevector_of_wave)
 
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function by this number of ``moments``.
@@ -830,7 +842,7 @@ class PlaneWaves:
         sums = np.zeros((len(self._q), moments))
         n_products = self.n_waves * (moments // 2)
         with self._operator.progress.step("spectral functions", n_products) as step:
-            np.add.at(sums, self._numbers, self._waves.first(moments, step))
+            np.add.at(sums, self._wavevector_of_wave, self._waves.first(moments, step))
         squared_norms = sums[:, :1]  # the moments of order zero
         if not np.all(squared_norms > 0.0):
             why = "Balls without contacts take no part, as no wave reaches them"

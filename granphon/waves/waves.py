@@ -193,7 +193,7 @@ class Waves:
         Parameters
         ----------
         ball : index of the ball.
-        frequencies : (n_f,) Hz.
+        frequencies : (n_f,) or a number, which stands for (1,), Hz.
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
@@ -329,7 +329,7 @@ class Waves:
 
     def count_modes(self, frequencies: ArrayLike) -> Any:
         """Return the number of modes below each frequency, with those that cost no energy: whole
-        numbers (n_f,), or one if a number is given.
+        numbers in the shape of ``frequencies``, or one if a number is given.
 
         The number is proven: D - omega^2 is factorised, and has as many eigenvalues below zero as
         pivots below zero (Sylvester's law of inertia). The difference of two of these numbers is
@@ -337,8 +337,8 @@ class Waves:
 
         Parameters
         ----------
-        frequencies : (n_f,) or a number, Hz, above zero. For frequencies at or below 1e-6 of the
-            top frequency, only the modes that cost no energy are counted.
+        frequencies : (...) or a number, Hz, above zero. For frequencies at or below 1e-6 of the top
+            frequency, only the modes that cost no energy are counted.
 
         Each frequency takes one factorisation: of 1e4 balls in space, with rotations, 10 s of a
         processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the number of balls in
@@ -433,8 +433,8 @@ class Waves:
         """
         hertz = frequency_array("frequencies", frequencies)
         options = ResponseOptions.read(quantity, method, tolerance)
-        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
-        losses = Losses.of(self.network, given)
+        given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(self.network, given_losses)
         places = Places(self.network, direction, polarisation, distance)
 
         def find_operator() -> WaveOperator:
@@ -482,8 +482,8 @@ class Waves:
         :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
         :meth:`modes` raises.
         """
-        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
-        losses = Losses.of(self.network, given)
+        given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(self.network, given_losses)
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_damped(self._stable_operator, count, nearest, losses)
 

@@ -228,3 +228,18 @@ def test_estimates_of_factors_follow_contacts():
     _, sparse = estimate_factors(120_000, 2, 4.5)
     assert 0.63e9 < dense < 1.0e9
     assert sparse < 0.8 * dense
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "words"),
+    [
+        (("dos",), {"width": 3.0}, "width"),
+        (("transmit",), {}, "frequency"),
+        (("transmit", 1e3, (1,), 0.1), {"end": "free"}, "end"),
+    ],
+)
+def test_arguments_that_a_result_does_not_have_are_refused(arguments, options, words):
+    ball = gp.Ball(packings.MATERIAL, 8e-3)
+    waves = gp.Waves(gp.Crystal.on("chain", [ball]).at_force(1.0).network.repeat((9,)))
+    with pytest.raises(InputError, match=words):
+        waves.estimate(*arguments, **options)

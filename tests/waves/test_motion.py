@@ -254,7 +254,7 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
         (lambda m: m.harmonics(1.0), "periods in the run"),
         (lambda m: m.harmonics(300.0), "in a period"),
         (lambda m: late(m, 50).harmonics(20.0), "in the run"),
-        (lambda m: late(m, 3).spectrum(0), "3 frames .*spectrum"),
+        (lambda m: late(m, 3).spectrum(0), "3 frames.*spectrum"),
         (lambda m: late(m, 1).harmonics(1.0), "0 frames"),
         (lambda m: m.harmonics(20.0, axis=3), "axis"),
         (lambda m: m.harmonics(5e-324, 1, 1), "periods in the run"),

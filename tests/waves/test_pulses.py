@@ -443,6 +443,8 @@ def test_pulses_of_several_samples_have_one_coherent_part():
     )
     assert both.samples.tolist() == [0] * 6 + [1] * 6
     assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
+    with pytest.raises(InputError, match="no pulse"):
+        average_pulses([found[0], 1.0])
     with pytest.raises(InputError, match="differ in frequency"):
         average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
 

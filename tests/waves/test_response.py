@@ -1029,6 +1029,16 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
         waves.response([100.0], place, place, damping=1e-6, method="direct")
 
 
+@pytest.mark.parametrize("groups", [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]]])
+def test_means_over_receivers_that_are_not_there_have_no_peaks(groups):
+    network = ideal("chain").repeat((9,))
+    response = gp.Waves(network).response([HERTZ], (0, "x"), [(2, "x"), (3, "x")], 0.0, 0.1)
+    assert response.peaks_of_means([]) == ()
+    assert len(response.peaks_of_means([slice(0, 2)])) == 1
+    with pytest.raises(InputError, match="groups"):
+        response.peaks_of_means(groups)
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_shift_on_the_diagonal_of_a_space_does_not_end_its_solution():
     """The first pivot is zero, and yet the last entry of each solution is that of a dense one."""

@@ -163,7 +163,7 @@ def test_a_strip_slice_by_slice_is_that_of_factors(lattice, axis, cells, monkeyp
         for middle, losses in pairs
     ]
     monkeypatch.setattr("granphon.waves.scattering.LARGEST_UNSYMMETRIC", {2: 0, 3: 0})
-    monkeypatch.setattr("granphon.waves.scattering._TOGETHER", 0)  # one frequency at a time
+    monkeypatch.setattr("granphon.waves.scattering._ENTRIES_AT_ONCE", 0)  # one frequency at a time
     for (middle, losses), wanted in zip(pairs, by_factors, strict=True):
         found = gp.transmission(network, middle, network, at, axis=axis, q=q, **losses)
         assert_allclose(found.amplitudes, wanted.amplitudes, atol=1e-10)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.waves.settings import DriveSettings, Signal
+from granphon.base.errors import InputError
+from granphon.waves.settings import DriveSettings, ModesSettings, Signal
 
 BALL = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 
@@ -35,7 +36,7 @@ def integrate_lost(signal, step, end):
 def test_lost_area_is_that_from_the_start_to_the_end(times, values, end):
     signal = Signal(times, values)
     expected = integrate_lost(signal, 0.1, end)
-    assert np.isclose(signal.lost(0.1, end), expected, rtol=1e-2, atol=1e-6)
+    assert np.isclose(signal.find_lost_share(0.1, end), expected, rtol=1e-2, atol=1e-6)
 
 
 def test_faces_are_across_the_periods_whichever_axis_these_are_along():
@@ -54,3 +55,10 @@ def test_faces_are_across_the_periods_whichever_axis_these_are_along():
         shift=strip.shift[:, order],
     )
     assert np.array_equal(drive.find_balls(turned), upper)
+
+
+def test_a_cut_has_an_axis_layers_and_edges_and_no_more():
+    edges = ("free", "free")
+    assert ModesSettings(cut=((0, 3),)).cut == ModesSettings(cut=((0, 3, edges),)).cut
+    with pytest.raises(InputError, match="cut"):
+        ModesSettings(cut=((0, 3, edges, 1),))

@@ -563,7 +563,8 @@ def test_network_with_ends_has_any_wave_vector(disordered):
         ({"polarisation": "shear"}, "transverse, rotational"),
         ({"polarisation": [1.0]}, "2 .*3 motions x, y, w"),
         ({"polarisation": [0.0, 0.0]}, "not all zero"),
-        ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "They say the same"),
+        ({"polarisation": []}, "polarisation"),
+        ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "Leave the direction out"),
         ({"polarisation": "transverse", "direction": "q"}, "is along q"),
         ({"polarisation": "transverse", "direction": (0, 0, 1)}, "x, y, w alone"),
         ({"polarisation": "rotational", "direction": (1, 0, 0)}, "do not turn"),
@@ -846,6 +847,8 @@ def test_average_over_arrays():
         SpectralFunction.average([found[0], every[1].spectral_function(q[:1], resolution=500.0)])
     with pytest.raises(InputError, match="no spectral functions"):
         SpectralFunction.average([])
+    with pytest.raises(InputError, match="no spectral function"):
+        SpectralFunction.average([found[0], None])
 
 
 # -- a second engine -------------------------------------------------------------------------------
