@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError
+from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError, brief
 from granphon.base.validation import finite_array
 from granphon.dynamics.blocks import DEGENERATE
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -57,12 +57,13 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     ------
     InputError : another shape, or no point.
     """
-    vectors = np.asarray(eigenvectors)
+    mend = "Give an array (n_q, n_dof, n_branches) of one or more points"
+    try:
+        vectors = np.asarray(eigenvectors)
+    except ValueError:  # lists of different lengths
+        raise InputError(f"eigenvectors is {brief(eigenvectors)}", mend=mend) from None
     if vectors.ndim != 3 or not len(vectors):
-        raise InputError(
-            f"eigenvectors has the shape {vectors.shape}",
-            mend="Give an array (n_q, n_dof, n_branches) of one or more points",
-        )
+        raise InputError(f"eigenvectors has the shape {vectors.shape}", mend=mend)
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])

@@ -23,7 +23,13 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import Low, finite_array, not_negative, real_array
+from granphon.base.validation import (
+    Low,
+    finite_array,
+    not_negative,
+    real_array,
+    require_instance,
+)
 from granphon.dynamics.deformation_rows import (
     ANCHOR,
     Row,
@@ -126,6 +132,25 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
     return finite_array(name, numbers) if numbers.size else numbers
 
 
+def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) -> Array | None:
+    """Return the stiffnesses ``on_site`` of springs to the ground as an array (n_g, motions); None
+    without springs.
+
+    Raises :class:`~granphon.base.errors.InputError` for another shape, for more springs than
+    ``n_contacts``, and for a stiffness below zero or not finite.
+    """
+    if on_site is None:
+        return None
+    springs = finite_array("on_site", on_site, low="zero or above")
+    if springs.ndim != 2 or springs.shape[1] != motions.count or len(springs) > n_contacts:
+        raise InputError(
+            f"on_site has the shape {springs.shape}",
+            f"There are {n_contacts} contacts, of which the last are the springs",
+            f"Give an array (n, {motions.count}), with a stiffness for each motion",
+        )
+    return springs
+
+
 class Compatibility:
     """Balls in contact on a periodic lattice, in reduced units, with their compatibility matrix
     C(q) and their dynamical matrix D(q).
@@ -180,8 +205,8 @@ class Compatibility:
     Raises
     ------
     InputError : a wrong shape; a number other than ``distance`` that is not finite; a mass, a
-        radius of gyration or a stiffness that is not above zero; and a ratio of stiffnesses below
-        zero.
+        radius of gyration or a stiffness that is not above zero; a ratio of stiffnesses or a spring
+        to the ground below zero; contacts that are no table, and motions that are none.
     """
 
     def __init__(
@@ -206,14 +231,16 @@ class Compatibility:
         turns_with_balls: bool = False,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
-        on_site: Array | None = None,
+        on_site: ArrayLike | None = None,
         name: str = "of these contacts",
     ) -> None:
         """Keep the arguments: arrays read-only, and numbers repeated for each contact or ball, but
         for ratios, which stay numbers.
         """
+        require_instance("contacts", contacts, ContactTable, "Give a ContactTable")
+        require_instance("motions", motions, Motions, "Give gp.Motions")
         self.name = name
-        self.on_site = on_site
+        self.on_site = _read_springs(on_site, motions, len(contacts))
         self.cell: Array = read_only(_read_vectors("cell", cell))
         self.positions: Array = read_only(_read_vectors("positions", positions))
         p, d = self.cell.shape
@@ -228,7 +255,7 @@ class Compatibility:
         self.bending = self._read_ratio("bending", bending)
         self.named_motions = motions
         self.motions = select_motions(
-            self.mindlin_ratio, self.torsion, self.bending, motions, on_site
+            self.mindlin_ratio, self.torsion, self.bending, motions, self.on_site
         )
         of_contacts = (len(contacts),)
         self.stiffness = _repeat("stiffness", stiffness, of_contacts, "above zero")
@@ -1027,6 +1054,7 @@ class Compatibility:
         InputError : balls touch bodies that do not move, or springs to the ground hold balls: the
             network would lack these. Also a wrong shape, and what the network refuses.
         """
+        require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
         table = self.contacts
         if np.any(table.j == self.n_balls):
             raise InputError(

@@ -11,6 +11,7 @@ S^m times that over m times S^mH.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -155,7 +156,7 @@ class EdgeEnergies:
     @property
     def _n_blocks(self) -> int:
         """Number of blocks in which balls of the cut move, the last one in part."""
-        return -(-int(np.count_nonzero(self.ball_number >= 0)) // self._per_block)
+        return math.ceil(np.count_nonzero(self.ball_number >= 0) / self._per_block)
 
     @property
     def _per_block(self) -> int:

@@ -227,7 +227,7 @@ class IterativeRelaxation:
 
     @cached_property
     def _first_remainders(self) -> Array:
-        """(n_branches, PROBES) what :meth:`_probe` finds first."""
+        """(n_branches, PROBES) what the first random motions leave, see :meth:`_probe`."""
         return self._probe(PROBES, self.staying[:, :0])
 
     def _probe(self, count: int, known: Array) -> Array:

@@ -33,7 +33,7 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
-from granphon.base.validation import real_array
+from granphon.base.validation import finite_array
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.deformation_rows import Row, push_rows, strain_rows
 from granphon.dynamics.elasticity import (
@@ -78,6 +78,8 @@ MOST_FIRM_RELAXED_BY_FACTORS = 27_000
 #: largest number of motions of a cell that are relaxed by dense matrices where gears are to stay
 #: behind: 3,072 motions take 20 s and 1.3 GB, by iteration 0.2 s
 MOST_DENSE_WITH_GEARS = 3_000
+#: largest force over spacing, k, whose products stay within the range of floats
+_LARGEST_PRESTRESS = 1e100
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
 #: largest number of directions whose long waves a lattice caches
@@ -635,6 +637,7 @@ class LongWaves(Compatibility):
 
         Raises
         ------
+        InputError : ``prestress`` holds no number, or one that is not finite or far too large.
         InstabilityError : static forces make an inner motion unstable that a gradient moves.
         """
         n_u = len(self.motions.translations)
@@ -643,10 +646,11 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
-        if prestress is not None and self._uses_sparse_matrices and np.ndim(prestress):
+        loads = None if prestress is None else _read_prestress(prestress)
+        if loads is not None and loads.ndim and self._uses_sparse_matrices:
             # sparse factors belong to one load
-            return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
-        load, push_forms = self._find_load(prestress)
+            return np.stack([self.gradient_stiffness(load) for load in loads])
+        load, push_forms = self._find_load(loads)
         *energy_forms, stress = push_forms
         forms = self._combine_forms(load, energy_forms)
         if self._relaxation is not None:
@@ -742,7 +746,9 @@ class LongWaves(Compatibility):
         those of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
 
         ``prestress`` is that of :meth:`gradient_stiffness`. If it is None, the load is 1, and the
-        forms are those of the lattice's own forces f; tangential forces then add to the sum.
+        forms are those of the lattice's own forces f; tangential forces then add to the sum. Raises
+        :class:`~granphon.base.errors.InputError` for a prestress that is not finite or far too
+        large.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
@@ -753,7 +759,7 @@ class LongWaves(Compatibility):
                 stress = stress + 0.5 * (tangential + tangential.T)
             forms = self._compute_push_forms(rows, self.static_signs * root**2)
             return 1.0, (*forms, stress)
-        loads = real_array("prestress", prestress)
+        loads = _read_prestress(prestress)
         factor = loads[..., None, None] if loads.ndim else float(loads)
         return factor, self._uniform_push_forms
 
@@ -916,7 +922,8 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : bodies that do not move, or springs to the ground, hold the balls.
+        InputError : bodies that do not move, or springs to the ground, hold the balls; or a number
+            of the arguments is not finite.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : the prestress makes a squared velocity negative.
         """
@@ -1037,9 +1044,9 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : balls do not move along the periods or touch bodies that do not move; or
-            springs to the ground resist their displacements, or with two or three periods their
-            rotations.
+        InputError : balls do not move along the periods or touch bodies that do not move; springs
+            to the ground resist their displacements, or with two or three periods their rotations;
+            or a prestress is not finite.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : under prestress some strain has a modulus below zero, or moves an inner
             motion of negative energy.
@@ -1158,6 +1165,23 @@ class LongWaves(Compatibility):
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         curvature = (narrowing - float(coupling @ coupling) / squared) / squared
         return squared, curvature
+
+
+def _read_prestress(prestress: ArrayLike) -> Array:
+    """Return the compressive forces over spacings ``prestress`` (...), k, as an array.
+
+    Raises :class:`~granphon.base.errors.InputError` for no number, and for one that is not finite
+    or larger than :data:`_LARGEST_PRESTRESS`.
+    """
+    loads = finite_array("prestress", prestress)
+    largest = float(np.max(np.abs(loads)))
+    if largest > _LARGEST_PRESTRESS:
+        raise InputError(
+            f"prestress is {largest:.3g}",
+            "It is the force of a contact over the spacing and the stiffness, below one for balls"
+            " that touch",
+        )
+    return loads
 
 
 def _leave_pushed(staying: Array, push: Any) -> Array:

@@ -38,7 +38,7 @@ from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
-from granphon.base.validation import finite_array, require, spell_out, truth
+from granphon.base.validation import finite_array, require, require_instance, spell_out, truth
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
@@ -143,6 +143,7 @@ class BallContacts(ContactCalculator):
         ``radius`` that is not a number above zero for each ball, and for positions that are not
         finite.
         """
+        require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         missing = sorted(set(kinds) - set(self.balls))
         if missing:

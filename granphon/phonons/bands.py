@@ -31,7 +31,7 @@ from granphon.base.text import (
     seal,
     warn_unverified,
 )
-from granphon.base.validation import require, whole
+from granphon.base.validation import require, truth, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import Modes
@@ -321,10 +321,13 @@ class Bands(Result):
 
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
         wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Errors of another
-        shape raise :class:`~granphon.base.errors.InputError`.
+        shape, and a ``pad`` that is not true or false, raise
+        :class:`~granphon.base.errors.InputError`.
         """
         unit = HertzPrefix.for_top(float(self.frequencies.max()))
-        n_still = len(self.masses) * len(self.motions.still_slots) if pad else 0
+        n_still = 0
+        if require("pad", truth, pad):
+            n_still = len(self.masses) * len(self.motions.still_slots)
         lines = [
             *self._write_head(unit, n_still),
             "points:",

@@ -46,7 +46,7 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
-from granphon.base.validation import is_one_of, one_of
+from granphon.base.validation import is_one_of, one_of, require_instance
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
@@ -619,6 +619,7 @@ class HertzMindlin(ContactCalculator):
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or
         if the Atoms belong to another state.
         """
+        require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         kind = FINITE if self.finite_overlap else LATTICE
         balls = adopt(atoms, self.scales, kind, like, self._coordinates)
         find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
@@ -874,6 +875,7 @@ class HertzMindlin(ContactCalculator):
         Raises :class:`~granphon.base.errors.InputError` if the balls cannot belong to the state, or
         if their arrays hold numbers that are not finite.
         """
+        require_instance("atoms", balls, Atoms, "Give an ase.Atoms")
         self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         arrays = [balls.positions, np.asarray(balls.cell), *(balls.arrays[name] for name in ARRAYS)]

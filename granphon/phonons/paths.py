@@ -479,7 +479,7 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the pieces and the labels, and hold the pieces as tuples of floats."""
+        """Check the pieces and the labels, and hold them as tuples of floats and of texts."""
         paths: Any = self.paths
         if not isinstance(paths, list | tuple) or not paths:
             raise InputError(
@@ -497,11 +497,14 @@ class BandPath:
         # tuples of floats, because these can be hashed, whatever was given
         paths_of_floats = tuple(tuple(tuple(point) for point in piece.tolist()) for piece in pieces)
         object.__setattr__(self, "paths", paths_of_floats)
+        if self.labels is None:
+            return
+        labels = texts("labels", self.labels)
+        object.__setattr__(self, "labels", labels)
         count = sum(len(piece) for piece in pieces)
-        if self.labels is not None and len(self.labels) != count:
+        if len(labels) != count:
             raise InputError(
-                f"found {len(self.labels)} labels; allowed: {count}, one for each point of"
-                f" the band."
+                f"found {len(labels)} labels; allowed: {count}, one for each point of the band."
             )
 
     @classmethod

@@ -30,6 +30,9 @@ from granphon.base.validation import (
     one_of,
     positive,
     real_array,
+    require,
+    require_instance,
+    truth,
     whole_number,
 )
 from granphon.dynamics.bloch_waves import (
@@ -184,13 +187,12 @@ class Phonons:
         """Find the lattice of the cell, and check the arguments; frequencies are found later."""
         self.state: State = as_state(state)
         self.scales: Units = self.state.scales
-        if not isinstance(atoms, Atoms | None):
-            raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
         if atoms is None:
             # one cell of the lattice has the contacts of the state, so no search is needed
             self.lattice: ContactLattice = self.state.contact_lattice()
             self._cell = _Cell.of_lattice(self.lattice)
         else:
+            require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
             self._cell = _Cell.of_atoms(atoms, self.state.reference_lattice.periods)
             self.atoms = self._cell.put_on(atoms.copy())
             self.lattice = self.calculator.contact_lattice(self.atoms)
@@ -636,9 +638,11 @@ class Phonons:
         Raises
         ------
         InputError : :func:`~granphon.phonons.paths.interpolate_path` refuses the path or the
-            labels, or the bands are too large for the memory.
+            labels, ``eigenvectors`` is not true or false, or the bands are too large for the
+            memory.
         InstabilityError : a squared frequency is negative.
         """
+        has_eigenvectors = require("eigenvectors", truth, eigenvectors)
         chosen_path: Any = path
         if path is None:
             chosen_path = default_letters(self._lattice_vectors, self._repeats.tolist())
@@ -649,10 +653,10 @@ class Phonons:
         d = self._periods
         wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), over the mean diameter
         q = wavevectors.reshape(-1, d)
-        self._require_memory_of_bands(len(q), eigenvectors)
+        self._require_memory_of_bands(len(q), has_eigenvectors)
         velocities = None
         vectors = None
-        if eigenvectors:
+        if has_eigenvectors:
             modes = self.lattice.modes(q, _directions_along(wavevectors))
             frequencies = modes.frequencies
             vectors = modes.eigenvectors.reshape(s, p, b, b)
@@ -704,7 +708,8 @@ class Phonons:
         hundreds of branches the time is extrapolated from that of a small matrix.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
-        return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)
+        has_eigenvectors = require("eigenvectors", truth, eigenvectors)
+        return costs.bands(count, self.lattice.n_branches, has_eigenvectors, file=False)
 
     def complex_bands(
         self,
@@ -928,9 +933,9 @@ class Phonons:
         which no branch lies.
 
         The edges of bands are sought on a mesh of the whole zone and at its special points, and
-        from the best of these along group velocities. If something holds the balls, the interval
-        below the lowest branch is a gap too. Intervals narrower than a millionth of the top
-        frequency are no gaps: there branches touch.
+        from the best of these points along group velocities. If something holds the balls, the
+        interval below the lowest branch is a gap too. Intervals narrower than a millionth of the
+        top frequency are no gaps: there branches touch.
 
         Parameters
         ----------

@@ -377,12 +377,11 @@ class Surface:
         ----------
         npoints : wave vectors in each segment of the path, both ends counted.
         frequencies : (n_f,) Hz; by default 241 from zero to just above the crystal's bands.
-        damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
+        damping, leaky : as in :meth:`spectrum` and :meth:`branches`, with the same errors.
         """
         q, distances, corners, labels = self.path(npoints)
-        n_frequencies = N_FREQUENCIES if frequencies is None else np.size(frequencies)
-        self._require_memory(len(q), n_frequencies)
         if frequencies is None:
+            self._require_memory(len(q), N_FREQUENCIES)
             highest = float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
             frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, N_FREQUENCIES)
         spectrum = self.spectrum(q, frequencies, damping)
