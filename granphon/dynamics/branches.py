@@ -131,17 +131,32 @@ class AcousticBranch:
                 f" {float(target.max()):.10g}",
                 mend="Choose lower frequencies",
             )
-        # `above` is the first point of the branch whose frequency is at least the target. The point
-        # before it is below; before the first point that is Gamma, with zero wavenumber and
-        # frequency
-        above = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        low_q = np.where(above > 0, self.wavenumbers[above - 1], 0.0)
-        low_omega = np.where(above > 0, self.frequencies[above - 1], 0.0)
-        q = np.stack([low_q, self.wavenumbers[above]])
-        omega = np.stack([low_omega, self.frequencies[above]])
+        shape = (target.size, len(self.wavenumbers))
+        wavenumbers = np.broadcast_to(self.wavenumbers, shape)
+        frequencies = np.broadcast_to(self.frequencies, shape)
+        above, q, omega = _find_brackets(wavenumbers, frequencies, target)
         lattice = self.lattice
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
+
+
+def _find_brackets(
+    wavenumbers: Array, frequencies: Array, target: Array
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return the number (m,) of the first point of each of m branches whose frequency is at least
+    the ``target`` (m,), and the wavenumbers (2, m) and the frequencies (2, m) of the branch at the
+    point before and at this point. Before the first point that is Gamma, where both are zero.
+
+    ``wavenumbers`` and ``frequencies`` (m, n_points), ascending, are those of the points of the
+    branches. No target may be above all frequencies of its branch.
+    """
+    above = np.sum(frequencies < target[:, None], axis=1)
+    row = np.arange(len(target))
+    low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
+    low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
+    q = np.stack([low_q, wavenumbers[row, above]])
+    omega = np.stack([low_omega, frequencies[row, above]])
+    return above, q, omega
 
 
 def _find_nearest_modes(
@@ -373,17 +388,9 @@ class AcousticBranches:
         :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed through an
         avoided crossing.
         """
-        wavenumbers = self.wavenumbers[direction]
-        frequencies = self.frequencies[which, direction]
-        # `above` is the first point of the branch whose frequency is at least the target. The point
-        # before it is below; before the first point that is Gamma, with zero wavenumber and
-        # frequency
-        above = np.sum(frequencies < target[:, None], axis=1)
-        row = np.arange(len(target))
-        low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
-        low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
-        q = np.stack([low_q, wavenumbers[row, above]])
-        omega = np.stack([low_omega, frequencies[row, above]])
+        above, q, omega = _find_brackets(
+            self.wavenumbers[direction], self.frequencies[which, direction], target
+        )
         references = self.vectors[which, direction, above]
         name = self.lattice.wave_names[which]
         return _solve_wavenumbers(

@@ -69,7 +69,7 @@ _ROUNDED_EQUAL = 8.0 * float(np.finfo(np.float64).eps)
 _ROUNDED_AT_REST = 1e-13
 
 
-def _put_in_space(vectors: Array) -> Array:
+def put_in_space(vectors: Array) -> Array:
     """Return ``vectors`` (n, d) with zeros for the other components of three, (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
@@ -591,8 +591,8 @@ class Compatibility:
             rows += excess_rows(*self._excess_arguments)
         if self.has_tangential_force and np.any(self.tangential_growth):
             rows += growth_rows(
-                _put_in_space(table.normal),
-                _put_in_space(self.tangential_force),
+                put_in_space(table.normal),
+                put_in_space(self.tangential_force),
                 table.arm_i,
                 table.arm_j,
                 self.motions,
@@ -658,7 +658,7 @@ class Compatibility:
             )
             rows += [(row, sign * size) for row, sign in split_pairs(pairs)]
         if self.has_tangential_force:
-            unit_force, size = _split_lengths(_put_in_space(self.tangential_force))
+            unit_force, size = _split_lengths(put_in_space(self.tangential_force))
             pairs = self._carry_unit_force(unit_force)
             rows += [(row, sign * size) for row, sign in split_pairs(pairs)]
         return rows
@@ -670,7 +670,7 @@ class Compatibility:
         table = self.contacts
         gyration_i, gyration_j = self._end_gyration
         return carry_rows(
-            _put_in_space(table.normal),
+            put_in_space(table.normal),
             unit_force,
             self.distance,
             table.arm_i,
@@ -1076,10 +1076,10 @@ class Compatibility:
             "motions": self.named_motions.name,
             "prestress": self.is_prestressed,
             "pbc": (p > 0, p > 1, p > 2),
-            "positions": d * _put_in_space(self.positions),
+            "positions": d * put_in_space(self.positions),
         }
         if self.is_prestressed:
-            defaults["tangential_force"] = units.force * _put_in_space(self.tangential_force)
+            defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
             if np.any(self.contact_torque):
                 defaults["contact_torque"] = units.force * units.length * self.contact_torque
         return ContactNetwork(
@@ -1090,7 +1090,7 @@ class Compatibility:
             i=table.i,
             j=table.j,
             shift=shift,
-            normal=_put_in_space(table.normal),
+            normal=put_in_space(table.normal),
             normal_force=units.force * _repeat("normal_force", normal_force, (count,)),
             normal_stiffness=spring,
             shear_stiffness=self.mindlin_ratio * spring,

@@ -21,7 +21,7 @@ from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.dynamics.deformation_rows import Row, network_unit_rows
-from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.half_space import HalfSpace, make_pencil
 from granphon.dynamics.sensitivities import (
     STIFFNESSES,
     FrequencySensitivities,
@@ -298,12 +298,7 @@ def _find_decay(inner: Complex, hop: Complex, w: float) -> tuple[Complex, Comple
     from scipy.linalg import ordqz
 
     size = len(inner)
-    eye = np.eye(size)
-    none = np.zeros((size, size))
-    # motions u of three blocks: A^H u_1 + (E - w) u_2 + A u_3 = 0, with the factor from u_1 to u_2
-    # and from u_2 to u_3
-    left = np.block([[none, eye], [-hop.conj().T, w * eye - inner]])
-    right = np.block([[eye, none], [none, hop]])
+    left, right = make_pencil(inner, hop, w)
     upper, divisor, alpha, beta, _, vectors = ordqz(left, right, "iuc", "complex")
     if np.count_nonzero(np.abs(alpha) < np.abs(beta)) != size:
         raise PrecisionError(

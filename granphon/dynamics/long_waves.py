@@ -53,7 +53,11 @@ from granphon.dynamics.linalg import (
     is_independent,
     jacobi_svd,
 )
-from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
+from granphon.dynamics.sparse_relaxation import (
+    SparseRelaxation,
+    compose_ends,
+    find_rounded_columns,
+)
 
 #: singular value, over the largest, up to which a deformation costs nothing: that of the softest
 #: strain of a mechanism, and that of an inner motion that deforms no contact
@@ -325,12 +329,9 @@ class LongWaves(Compatibility):
         if not count:
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = self._inner_sizes
-        # a column that is only rounding, compared with others of its kind, belongs to a motion that
-        # deforms nothing. Inner motions are the last of all motions: shifts of all balls come first
+        # inner motions are the last of all motions: shifts of all balls come first
         is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
-        largest_turn = np.max(size, where=is_turn, initial=0.0)
-        largest_shift = np.max(size, where=~is_turn, initial=0.0)
-        is_rounding = size <= _SOFT * np.where(is_turn, largest_turn, largest_shift)
+        is_rounding = find_rounded_columns(size, is_turn, _SOFT)
         deformations, free, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
         # combinations of the scaled columns become motions by the division by the scale
         return deformations, free / scale[:, None]

@@ -53,7 +53,12 @@ _ROUNDING = 1e-12
 #: motions of balls whose rotations nothing resists
 _ROLLING_FREELY = select_motions(0.0, among=ALL)
 #: rows and columns of the entries of a (3, 3) matrix in Voigt order: xx, yy, zz, yz, xz, xy
-VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+
+
+def list_stress(stress: Array) -> Array:
+    """Return the symmetric part of a ``stress`` (3, 3) in Voigt order, (6,)."""
+    return np.asarray((0.5 * (stress + stress.T))[_VOIGT])
 
 
 class ContactCalculator(Calculator):  # type: ignore[misc]
@@ -307,8 +312,7 @@ class BallContacts(ContactCalculator):
         volume = abs(float(np.linalg.det(balls.cell.array)))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
-            stress = -virial / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
+            self.results["stress"] = list_stress(-virial / volume)
         elif "stress" in properties:
             raise InputError(
                 "the cell has no volume", "Stress is force over area", "Give it three vectors"

@@ -47,15 +47,15 @@ from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of, require_instance
-from granphon.dynamics.compatibility import GYRATION
+from granphon.dynamics.compatibility import GYRATION, put_in_space
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import (
-    VOIGT,
     BallContacts,
     ContactCalculator,
+    list_stress,
     require_apart,
 )
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls, place_in_space
@@ -220,7 +220,7 @@ class HarmonicContacts(ContactCalculator):
         n = len(balls)
         displacement = self._find_displacements(balls)
         rotations = self._find_rotations(balls)
-        vector = _in_space(table.vector) + displacement
+        vector = put_in_space(table.vector) + displacement
         # a body that does not move comes after the balls
         contacts = ContactForces(table.i, table.j, vector, n + 1, lattice.motions)
         for row, stiffness in _list_springs(lattice):
@@ -240,7 +240,7 @@ class HarmonicContacts(ContactCalculator):
             # across the periods the cell is one diameter thick
             volume = abs(np.linalg.det(balls.cell.array[:p, :p]))
             stress = (static + strain.T @ static - virial) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
+            self.results["stress"] = list_stress(stress)
         elif "stress" in properties:
             raise InputError(
                 "a network that is held has no stress of its own",
@@ -301,10 +301,10 @@ class HarmonicContacts(ContactCalculator):
         sizes = network.normal_force[network.in_lattice] / self.state.scales.force
         # springs to the ground come behind the contacts, and bear none
         rows = slice(len(sizes))
-        vectors = np.ascontiguousarray(_in_space(table.vector[rows]))
+        vectors = np.ascontiguousarray(put_in_space(table.vector[rows]))
         ends = (table.i[rows], table.j[rows])
         contacts = ContactForces(*ends, vectors, lattice.n_balls + 1, lattice.motions)
-        contacts.press(sizes, _in_space(table.normal[rows]))
+        contacts.press(sizes, put_in_space(table.normal[rows]))
         # compressive forces are above zero, and make a stress below zero
         return -contacts.collect()[1].T
 
@@ -691,8 +691,7 @@ class HertzMindlin(ContactCalculator):
             return None
         # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across
         # the periods
-        stress = -virial / volume
-        return np.asarray((0.5 * (stress + stress.T))[VOIGT])
+        return list_stress(-virial / volume)
 
     def _find_closed_contacts(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""
@@ -970,7 +969,7 @@ class HertzMindlin(ContactCalculator):
         ``motions`` names some of the motions of the state, "longitudinal", "in_plane",
         "out_of_plane" or "all", and the others are left out; by default the lattice has all motions
         of the state. Raises :class:`~granphon.base.errors.InputError` for a name of motions that
-        the state does not have.
+        the state does not have, and for Atoms that the class refuses.
         """
         lattice, _, _ = self._find_lattice(atoms, motions)
         return lattice
@@ -1205,11 +1204,6 @@ def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
-
-
-def _in_space(vectors: Array) -> Array:
-    """Return ``vectors`` (n, d) with zeros for the other components of three, (n, 3)."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:

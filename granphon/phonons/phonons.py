@@ -1027,8 +1027,7 @@ class Phonons:
         frequencies = zone.frequencies
         bottoms = frequencies.min(axis=0)
         tops = frequencies.max(axis=0)
-        # the highest frequency of all branches below each branch
-        floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+        floors = _find_floors(tops)
         narrowest = _NO_GAP * float(tops[-1])
         is_open = bottoms - floors > narrowest
         if only_from_zero:
@@ -1179,14 +1178,20 @@ class _Gaps(NamedTuple):
     points: Array
 
 
+def _find_floors(tops: Array) -> Array:
+    """Return the highest frequency (n_branches,) of all branches below each branch, zero below the
+    lowest, from the highest frequency ``tops`` (n_branches,) of each.
+    """
+    return np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+
+
 def find_gaps_between(cutoffs: Array) -> tuple[Index, Array]:
     """Return the number of branches below each gap, (n,), and the gaps, (n, 2) Hz, as
     :meth:`Phonons.find_gaps` does, from the ``cutoffs`` (n_branches, 2), Hz, of all branches; no
     zone is searched.
     """
     bottoms, tops = cutoffs.T
-    # the highest frequency of all branches below each branch
-    floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+    floors = _find_floors(tops)
     is_gap = bottoms - floors > _NO_GAP * tops[-1]
     return np.flatnonzero(is_gap), np.stack([floors, bottoms], axis=1)[is_gap]
 
