@@ -230,8 +230,8 @@ class Block:
 
         Two conditions must hold. There are at least as many rows as motions: with fewer rows some
         branches vanish everywhere, and tilted motions do not help. And a tilted motion deforms no
-        contact to first order in q. It does deform a contact whose normal is not along the line
-        between the two balls.
+        contact to first order in q. A tilted motion does deform a contact whose normal is not along
+        the line between the two balls.
         """
         if not self.bent or self.n_rows < self.size:
             return False

@@ -254,7 +254,7 @@ def _solve_wavenumbers(
 
 @dataclass(frozen=True, eq=False)
 class AcousticBranches:
-    """All acoustic branches along n directions, from Gamma up to the frequencies asked for.
+    """All acoustic branches along n directions, from Gamma up to requested frequencies.
 
     There are n_u branches in each direction, in the order of the lattice's ``wave_names``: in the
     plane the longitudinal branch, then the transverse.

@@ -172,21 +172,21 @@ class Compatibility:
     torsion : stiffness of twist over d^2 times that of elongation; a number, or (n_c,).
     bending : stiffness of rolling over d^2 times that of elongation; a number, or (n_c,).
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
-        none by default. They act on motions as in
+        none by default. The forces act on motions as in
         :func:`~granphon.dynamics.deformation_rows.carry_rows`, without the part that has no
         potential.
     contact_torque : (n_c, 3) static torques of rolling and twist, with which ball i acts on ball j;
-        none by default. They act on motions in space as in
+        none by default. The torques act on motions in space as in
         :func:`~granphon.dynamics.deformation_rows.torque_pairs`, without the part that has no
         potential; in a plane they do not change.
     tangential_growth : (n_c,) derivative of a tangential force with respect to the overlap, over
         the force, 1/d; 0 by default.
     lever_excesses : (2, n_c) differences, in d, of the levers of slip from the arms, at balls i and
-        at balls j; 0 by default. They act on motions as in
+        at balls j; 0 by default. The differences act on motions as in
         :func:`~granphon.dynamics.deformation_rows.excess_pairs`, without the part that has no
         potential.
     slip_stretch : (n_c,) by how much slip exceeds the displacement across a contact that makes it,
-        over that displacement; 0 by default. It acts together with ``lever_excesses``.
+        over that displacement; 0 by default. The stretch acts together with ``lever_excesses``.
     arm_rates : (n_c,) by how much the arms of a contact grow with its elongation, where tangential
         forces act; 1/2 by default.
     turns_with_balls : whether tangential forces turn about the normals with the balls; they do not
@@ -723,8 +723,8 @@ class Compatibility:
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
-        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. They are real
-        for one ball in the cell, unless its contacts have unequal arms or a fixed end.
+        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. The rows are
+        real for one ball in the cell, unless its contacts have unequal arms or a fixed end.
         """
         # In a motion z exp(i q.r) a row is cos(half angle) times the difference of the effects of
         # its two ends, plus i sin(half angle) times their sum. Rotations and rows are divided by i.

@@ -174,7 +174,7 @@ class ContactLattice(LongWaves):
         """Return the lattice of :meth:`of` from arguments that have been checked.
 
         The lattice is cached, because velocities, moduli and validity of one state all start from
-        it. It is never changed after it has been made.
+        it. No lattice is changed after it has been made.
         """
         return cls(
             structure.vectors * spacing,
@@ -193,7 +193,7 @@ class ContactLattice(LongWaves):
         """Return the contact lattice of a network that repeats along one, two or three axes, in the
         reduced units of the network.
 
-        These units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
+        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
         gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
         Bodies that do not move hold the balls that touch them. Such bodies have no motions: the
         balls of the lattice are the moving ones, in the order of the network. The network is turned

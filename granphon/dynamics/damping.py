@@ -366,7 +366,7 @@ def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0
     """Return the complex angular frequencies z of damped modes from ``omega``, those without
     losses, for even losses: eta, tau and gamma are ``loss_factor``, ``time`` and ``drag``.
 
-    They have the shape of ``omega``, and solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i
+    The z have the shape of ``omega``, and solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i
     eta). A mode that creeps has the slower of its two rates. The units of ``omega`` and ``time``
     are inverse to each other, and ``drag`` has the unit of ``omega``.
     """

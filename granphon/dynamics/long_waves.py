@@ -356,7 +356,7 @@ class LongWaves(Compatibility):
         recognised: each ball whose lever arms differ by no more than overlaps explain has their
         mean as its only lever arm, and no static forces act.
 
-        It is this lattice itself if there is no such ball.
+        If there is no such ball, the limit is this lattice itself.
         """
         table = self.contacts
         between = slice(0, self.n_between)  # springs to the ground have no arms
@@ -439,8 +439,9 @@ class LongWaves(Compatibility):
         """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions
         relaxed.
 
-        A gradient of a displacement across the periods is a rotation of the whole lattice. It
-        deforms no contact once the balls turn along, and its column is set to exactly zero.
+        A gradient of a displacement across the periods is a rotation of the whole lattice. Such a
+        rotation deforms no contact once the balls turn along, and its column is set to exactly
+        zero.
         """
         affine, _ = self._strain_rows
         relaxed = self._relax(affine)
@@ -837,10 +838,10 @@ class LongWaves(Compatibility):
         """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
         contacts under each displacement gradient, with the inner motions relaxed.
 
-        They give the derivatives of :meth:`gradient_stiffness`. Its derivative with respect to the
-        stiffness of a contact is the product of the deformations of that contact under both
-        gradients: the inner motions make the energy least, so that their change does not matter.
-        Its derivative with respect to a force over the distance is minus the product of the
+        The deformations give the derivatives of :meth:`gradient_stiffness`. Its derivative with
+        respect to the stiffness of a contact is the product of the deformations of that contact
+        under both gradients: the inner motions make the energy least, so that their change does not
+        matter. Its derivative with respect to a force over the distance is minus the product of the
         displacements across the contact.
         """
         self.require_rigid()

@@ -2,9 +2,9 @@
 
 Under a strain, balls turn and shift until no force is left on them. That is a problem of least
 squares: the sum of the squares of the deformations of all contacts becomes least. The normal
-equations are sparse, and factorised by :mod:`granphon.dynamics.fronts`. They lose half of the
-digits, and a correction with the deformations themselves gives these back (the corrected seminormal
-equations, A. Bjorck, Linear Algebra Appl. 88/89, 31, 1987).
+equations are sparse, and factorised by :mod:`granphon.dynamics.fronts`. The equations lose half of
+the digits, and a correction with the deformations themselves gives the digits back (the corrected
+seminormal equations, A. Bjorck, Linear Algebra Appl. 88/89, 31, 1987).
 
 The factors set aside motions that cost nothing, or so little that the factors cannot tell. Such
 motions are few. Singular values of the deformations that they make, once all others have relaxed,

@@ -233,7 +233,7 @@ class Bands(Result):
         """Fraction of the kinetic energy that is displacement out of a plane lattice, (s, p, b), 0
         to 1.
 
-        It is zero for lattices with one or three periods.
+        The fraction is zero for lattices with one or three periods.
         """
         components = list[int]()
         if self.periods == 2 and 2 in self.motions.translations:

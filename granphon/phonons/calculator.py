@@ -78,15 +78,15 @@ _EXTENTS = ("length along x", "area in the plane", "volume")
 #: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice
 #: for the pair to count as that contact
 _CATCH = 0.25
-#: greatest rotation of the whole lattice that is accepted when energies are found. It is measured
-#: by the overlap that the rotation would add to contacts of fixed direction, over their overlap
+#: greatest rotation of the whole lattice that is accepted when energies are found, measured by the
+#: overlap that the rotation would add to contacts of fixed direction, over their overlap
 _TURN_PER_OVERLAP = 1e-2
 #: greatest rotation of the whole lattice that is accepted when force constants are found, as added
 #: overlap over the spacing. More is allowed, because positions then only tell which balls touch
 _TURN_PER_SPACING = 1e-4
 #: distance, in diameters, by which a list of pairs reaches beyond the cutoff. A list serves until a
-#: ball has moved by half of this distance. It is so small that a list does not reach the second
-#: neighbours of the lattices
+#: ball has moved by half of this distance. On the triangular lattice a list reaches 1.55, and so no
+#: second neighbours, which are at 1.73
 _SKIN = 0.3
 #: length, area or volume of a cell, in units of the diameter, below which it counts as zero
 _FLAT = 1e-12
@@ -166,24 +166,23 @@ class HarmonicContacts(ContactCalculator):
     """ASE calculator of a network of contacts, to second order about its state, in the reduced
     units of the network.
 
-    The energy is counted from that of the state. It has two parts. The first is V S:(F - 1), with
+    The energy is counted from that of the state, and has two parts. The first is V S:(F - 1), with
     the volume V of the cell, the stress S of the normal forces, and the deformation F of the cell.
     The second is a sum over contacts: k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2, where e
     is the elongation and s the slip, and with prestress less f t^2/(2 r), where t is the
     displacement across the contact and r the distance of the centres. Springs to the ground add
-    theirs, g u^2/2 and g phi^2/2, and static tangential forces, as well as slip by levers that
-    exceed the arms, the part of theirs that has a potential. Forces and torques are zero at rest,
+    g u^2/2 and g phi^2/2. Static tangential forces, and slip by levers that exceed the arms, add
+    the part of their energy that has a potential. Forces and torques are zero at rest,
     and their derivatives are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither
     open nor stiffen, so that displacements must be small against the overlap. Stress is defined as
     for :class:`HertzMindlin`. Rotations, about the axes of the motions, are read from the array
     ``rotations``.
 
     :func:`~granphon.atoms` attaches the calculator to the Atoms of a network, whose positions it
-    keeps as those at rest. It serves the same balls in the same order; the Atoms
+    keeps as those at rest. The calculator serves the same balls in the same order; the Atoms
     ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
     :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter,
-    and if a stress is asked for although bodies without motion, or springs to the ground, hold the
-    balls.
+    and for a stress where bodies without motion, or springs to the ground, hold the balls.
     """
 
     follows = ("rotations",)

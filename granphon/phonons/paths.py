@@ -64,7 +64,7 @@ _EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/
 
 def choose_gap_mesh(balls: int, periods: int) -> tuple[int, ...]:
     """Return the numbers of wave vectors (p,) of the mesh on which the edges of bands are sought,
-    for a cell of so many ``balls`` with p = ``periods``.
+    for a cell with a number of ``balls`` and p = ``periods``.
     """
     # the zone of a large cell is small, so fewer points do: along each axis by the p-th root
     coarsening = (balls / 4.0) ** (1.0 / periods) if balls > _FEW_BALLS else 1.0
@@ -102,9 +102,9 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
     """Return the letters of the path from corner to corner of the irreducible zone, for a cell with
     lattice vectors (p, d).
 
-    They are GX on a line, GKMG and GXMG for hexagonal and square cells of the plane, and GXWKGL for
-    face-centred cubic cells. For other cells they are those of ASE, in which a comma marks a jump.
-    ``pbc`` is that of :func:`special_points`.
+    The letters are GX on a line, GKMG and GXMG for hexagonal and square cells of the plane, and
+    GXWKGL for face-centred cubic cells. For other cells the letters are those of ASE, in which a
+    comma marks a jump. ``pbc`` is that of :func:`special_points`.
     """
     path = _find_band_path(vectors, pbc)
     if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points

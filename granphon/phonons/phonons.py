@@ -994,8 +994,9 @@ class Phonons:
         An edge is the greatest or the least frequency of a branch, so that a change of its wave
         vector does not matter to first order. If several wave vectors have the frequency of the
         edge, such as those that the symmetry of the lattice makes equivalent, the derivative is
-        that at one of them. It is the derivative of the edge if the change of the parameters keeps
-        the symmetry. The lower edge of a gap below all branches is zero, and has no derivative.
+        that at one of them. This is the derivative of the edge if the change of the parameters
+        keeps the symmetry. The lower edge of a gap below all branches is zero, and has no
+        derivative.
         """
         from granphon.dynamics.sensitivities import ModeEnergies
 
