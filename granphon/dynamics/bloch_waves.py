@@ -164,7 +164,9 @@ def find_bloch_waves(
     size = blocks.inner.shape[-1]
     count = len(w)
     reach = size // layer
-    inner, _, _, up, down = (np.broadcast_to(block, (count, size, size)) for block in blocks)
+    inner = np.broadcast_to(blocks.inner, (count, size, size))
+    up = np.broadcast_to(blocks.up, (count, size, size))
+    down = np.broadcast_to(blocks.down, (count, size, size))
     steps = _list_steps(inner, up, down, w, layer)
     scale = float(np.max(np.abs(inner)))
     inverse, vectors = _solve_pencil(steps, size, scale)

@@ -174,6 +174,7 @@ def _find_nearest_modes(
     which the axis is approached; then the mean of these velocities is returned.
     """
     modes = lattice.modes(wavenumbers[:, None] * along, along)
+    # of each branch b with the reference, the sum over the motions m
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
     points = np.arange(len(wavenumbers))
     nearest = np.argmax(overlap, axis=1)
@@ -422,8 +423,8 @@ def _find_path_modes(
     """Return the modes of a ``lattice`` at wavenumbers q (n, k), 1/d, in directions ``along``
     (n, p), unit vectors.
 
-    ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these, for
-    their overlap with those at the first.
+    ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these
+    points, for the overlap with the eigenvectors at the first.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -432,6 +433,7 @@ def _find_path_modes(
     velocities = modes.group_velocities.reshape(*q.shape, size, -1)
     slopes = np.einsum("npba,na->npb", velocities, along)
     with_last = np.concatenate([last[:, None], vectors], axis=1)
+    # products of modes a at the point before and b at the point, summed over the motions m
     overlap = np.abs(np.einsum("npma,npmb->npab", with_last[:, :-1].conj(), vectors)) ** 2
     return _PathModes(modes.frequencies.reshape(*q.shape, size), slopes, vectors, overlap)
 

@@ -214,11 +214,9 @@ class Losses:
         motion, and that against all other motion, in a motion exp(-i omega t), ``omega`` (n_f,),
         rad/s.
         """
-        normal, other = (
-            1.0 - 1j * (omega[:, None] * tau + eta)
-            for tau, eta in zip(self.times, self.factors, strict=True)
-        )
-        return normal, other
+        products = omega[:, None, None] * self.times  # (n_f, 2, n_c)
+        softening: Complex = np.asarray(1.0 - 1j * (products + self.factors), complex)
+        return softening[:, 0], softening[:, 1]
 
     def find_even(self) -> tuple[float, float, float] | None:
         """Return the numbers eta, tau, s, and gamma, 1/s, of even losses; None if losses are not

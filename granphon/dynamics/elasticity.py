@@ -117,8 +117,8 @@ def find_stress_part(stress: Array) -> Array:
     contribution (F. Birch, Phys. Rev. 71, 809, 1947).
     """
     unit = np.eye(stress.shape[-1])
-    turning = np.einsum("...ik,jl->...ijkl", stress, unit)
-    stretching = np.einsum("...ij,kl->...ijkl", stress, unit)
+    turning = np.einsum("...ik,jl->...ijkl", stress, unit)  # stress_ik delta_jl
+    stretching = np.einsum("...ij,kl->...ijkl", stress, unit)  # stress_ij delta_kl
     return take_voigt(turning - stretching)
 
 

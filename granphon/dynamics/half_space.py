@@ -1158,6 +1158,7 @@ class _EdgeContinuum(NamedTuple):
         at an ``angle`` (...) to the edge, rad.
         """
         course = np.cos(angle)[..., None] * self.along + np.sin(angle)[..., None] * self.normal
+        # the acoustic tensor c_ijkl n_j n_l of the course n
         acoustic = np.einsum("ijkl,...j,...l->...ik", self.tensor, course, course)
         squared = np.linalg.eigvalsh(acoustic)[..., 0] / self.density
         return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)

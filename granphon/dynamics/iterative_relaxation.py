@@ -7,11 +7,11 @@ of the stiffness of each ball with its neighbours at rest.
 
 Motions that cost nothing take no part in the iteration, as no strain pushes them. But such motions
 are part of the answer: what is loose stays behind in sound, and a mechanism has no sound. They are
-found in two ways. Motions of a single ball, such as the rotation about the line through
-two contacts, and those of a small cluster that no contact joins to other balls, are the null
-vectors of small dense matrices. All others are found by random motions: what deforms contacts as a
-random motion does differs from it by a motion that costs nothing. Random motions, more than there
-are loose ones, leave a basis of all loose motions.
+found in two ways. Motions of a single ball, such as the rotation about the line through two
+contacts, and those of a small cluster that no contact joins to other balls, are the null vectors of
+small dense matrices. All others are found by random motions: what deforms contacts as a random
+motion does differs from it by a motion that costs nothing. Random motions, more than there are
+loose ones, leave a basis of all loose motions.
 
 The energy of a strain is the minimum over the inner motions. So the error of the energy is of
 second order in that of the motions, and never negative.

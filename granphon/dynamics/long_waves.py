@@ -677,11 +677,13 @@ class LongWaves(Compatibility):
 
         ``load`` and ``push_forms`` are those of :meth:`_find_load`.
         """
-        gradients, mixed, inner = (
-            spring - load * push
-            for spring, push in zip(self._spring_forms, push_forms, strict=True)
+        gradients, mixed, inner = self._spring_forms
+        push_gradients, push_mixed, push_inner = push_forms
+        return (
+            gradients - load * push_gradients,
+            mixed - load * push_mixed,
+            inner - load * push_inner,
         )
-        return gradients, mixed, inner
 
     def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
         """Return the energy forms ``form`` (..., m, m) of gradients, less what the ``relaxing``

@@ -422,8 +422,8 @@ class Bands(Result):
         heads = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", points.tolist())
         labels = list[str]()
         for ends in self._segment_ends:
-            first, last = (f"  label: {json.dumps(name)}\n" for name in ends)
-            labels += [first, *[""] * (p - 2), last][:p]
+            named = [f"  label: {json.dumps(name)}\n" for name in ends]
+            labels += [named[0], *[""] * (p - 2), named[1]][:p]
         numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
         bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
         bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it
