@@ -518,7 +518,7 @@ class Compatibility:
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        derivative : return the gradient with respect to q instead.
+        derivative : whether to return the gradient with respect to q instead.
 
         Returns
         -------
@@ -1003,8 +1003,8 @@ class Compatibility:
         n_springs = len(self.contacts) - self.n_between
 
         def weigh(numbers: Array) -> NDArray[Any]:
-            """Return C^H W C, where the weights W are ``numbers`` (2, n), of elongations and of
-            other deformations, and zero for springs.
+            """Return M^-1/2 C^H K W C M^-1/2, where the weights W are ``numbers`` (2, n), of
+            elongations and of other deformations, and zero for springs.
             """
             weights = weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs))))
             return np.asarray(adjoint @ (weights.reshape(-1, 1) * rows))

@@ -59,6 +59,20 @@ class _Wave(NamedTuple):
     below: Complex
 
 
+class _MeanSquares(NamedTuple):
+    """Mean squares in waves of one frequency.
+
+    Attributes
+    ----------
+    deformations : (n_c,) of the deformations of contacts, by the names of
+        :data:`~granphon.dynamics.sensitivities.STIFFNESSES`.
+    motions : (n, motions) of the mass-weighted motions of balls that move.
+    """
+
+    deformations: dict[str, Array]
+    motions: Array
+
+
 class EdgeEnergies:
     """The energies of the waves of the edge of a ``half_space``."""
 
@@ -163,12 +177,9 @@ class EdgeEnergies:
         """Number of balls of a block."""
         return self.half_space.reach * self.half_space.per_layer
 
-    def _measure(
-        self, wave: _Wave, q: Array
-    ) -> tuple[tuple[dict[str, Array], Array], tuple[dict[str, Array], Array]]:
-        """Return the mean squares of deformations (n_c,) by their kinds and of mass-weighted
-        motions (n, motions) in a ``wave`` at q (p - 1,), of the contacts and moving balls of the
-        cut, and of those of the crystal in all layers together.
+    def _measure(self, wave: _Wave, q: Array) -> tuple[_MeanSquares, _MeanSquares]:
+        """Return the mean squares in a ``wave`` at q (p - 1,): those of the contacts and balls of
+        the cut, and those of the crystal, which are sums over all layers.
         """
         half_space = self.half_space
         count = half_space.motions.count
@@ -196,7 +207,8 @@ class EdgeEnergies:
         turn = turn_motions(half_space.motions, half_space.layers.turn.T)
         # the motions of each ball n of each layer l, along the axes of the crystal
         turned = np.einsum("ab,lnbk->lnak", turn, whole)
-        return (squares, motions), (in_crystal, np.sum(np.abs(turned) ** 2, axis=(0, 3)))
+        motions_of_crystal = np.sum(np.abs(turned) ** 2, axis=(0, 3))
+        return _MeanSquares(squares, motions), _MeanSquares(in_crystal, motions_of_crystal)
 
     def _sum_over_layers(self, values: Array, is_counted: Flags) -> Array:
         """Return sums for each contact of the crystal: of the ``values`` (n_c,) of those contacts
@@ -243,7 +255,7 @@ class EdgeEnergies:
 
     def _make_sensitivities(
         self,
-        energies: list[tuple[dict[str, Array], Array]],
+        energies: list[_MeanSquares],
         angular: Array,
         degenerate: Flags,
         network: Any,
@@ -260,12 +272,13 @@ class EdgeEnergies:
         count = len(energies)
         squares = {
             name: np.reshape(
-                [by_kind[name] for by_kind, _ in energies], (count, network.n_contacts)
+                [of_wave.deformations[name] for of_wave in energies],
+                (count, network.n_contacts),
             )
             for name in kinds
         }
         of_balls = np.reshape(
-            [motions for _, motions in energies],
+            [of_wave.motions for of_wave in energies],
             (count, balls.size, self.half_space.motions.count),
         )
         of_modes = ModeEnergies(angular, degenerate, squares, of_balls)

@@ -461,7 +461,10 @@ class Phonons:
         ``qpoints`` are fractions of the reciprocal cell. There is a branch for each motion of each
         ball of the cell.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for another shape, for a number that is not
+        finite, and for results that do not fit into memory,
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return self.lattice.frequencies(q) * self.scales.frequency
@@ -530,7 +533,8 @@ class Phonons:
         or (n_q, p), Cartesian and of any length. The direction is by default that of q, and is
         required at Gamma.
 
-        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, and
+        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, for another
+        shape and for a number that is not finite, and
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
