@@ -17,6 +17,7 @@ STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 EQUAL = gp.Packing(STEEL, diameter=8e-3)
 DIFFER = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2e-6))
 CRYSTAL = gp.Crystal.on("triangular", [gp.Ball(STEEL, 8e-3)])
+SQUARE = gp.ContactLattice.of("square", 0.8)
 
 #: what no argument means, and numbers beyond all sense
 ANYTHING: list[Any] = [
@@ -146,7 +147,57 @@ CALLS: dict[str, tuple[Callable[[], Callable[..., Any]], dict[str, Any]]] = {
     "scattering_lengths": (lambda: gp.scattering_lengths, {"runs": []}),
     "Surface": (lambda: gp.Surface, {"x": bulk("fcc"), "axis": (1, 1, 1), "edge": "free"}),
     "velocity": (lambda: gp.Surface(bulk("fcc"), 2).velocity, {"direction": (1, 0)}),
-    "bands": (lambda: gp.Phonons(at_rest()).bands, {"path": "GK", "npoints": 2}),
+    "spectrum": (
+        lambda: gp.Surface(bulk("square"), 1).spectrum,
+        {"q": [[0.1]], "frequencies": [1e3, 2e3], "damping": None},
+    ),
+    "ContactLattice": (
+        lambda: gp.ContactLattice,
+        {
+            "cell": SQUARE.cell,
+            "positions": SQUARE.positions,
+            "contacts": SQUARE.contacts,
+            "mindlin_ratio": 0.8,
+            "stiffness": 1.0,
+            "prestress": 0.0,
+            "masses": 1.0,
+            "gyration": 0.3,
+            "torsion": 0.0,
+            "tangential_force": 0.0,
+            "distance": None,
+            "motions": SQUARE.named_motions,
+            "on_site": None,
+        },
+    ),
+    "ContactLattice.of": (
+        lambda: gp.ContactLattice.of,
+        {
+            "lattice": "square",
+            "mindlin_ratio": 0.8,
+            "spacing": 1.0,
+            "prestress": 0.0,
+            "motions": None,
+        },
+    ),
+    "from_network": (lambda: gp.ContactLattice.from_network, {"network": bulk("square")}),
+    "ContactLattice.modes": (
+        lambda: SQUARE.modes,
+        {"wavevectors": [[0.1, 0.2]], "direction": None},
+    ),
+    "elastic_tensor": (lambda: SQUARE.elastic_tensor, {"prestress": None}),
+    "contact_network": (
+        lambda: SQUARE.contact_network,
+        {"units": gp.Units(1.0, 1.0, 1.0), "normal_force": 0.0, "radii": 0.5},
+    ),
+    "optical_branch": (lambda: SQUARE.optical_branch, {"direction": None}),
+    "bands": (
+        lambda: gp.Phonons(at_rest()).bands,
+        {"path": "GK", "npoints": 2, "labels": None, "eigenvectors": True},
+    ),
+    "dos": (
+        lambda: gp.Phonons(at_rest()).dos,
+        {"mesh": (4, 4), "method": "smearing", "sigma": None, "points": 20},
+    ),
     "Crystal.on": (
         lambda: gp.Crystal.on,
         {

@@ -84,6 +84,14 @@ def require(name: str, rule: Rule, value: Any) -> Any:
         raise _name_argument(name, refused) from None
 
 
+def require_instance(name: str, value: object, kind: type, mend: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError`, with the argument's ``name`` and the remedy
+    ``mend``, unless a ``value`` is an instance of the class ``kind``.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{name} is {brief(value)}", mend=mend)
+
+
 def _name_argument(name: str, refused: Refused) -> InputError:
     """Return the error of the argument ``name`` whose value a rule has refused."""
     place = ".".join(map(str, (name, *refused.path)))

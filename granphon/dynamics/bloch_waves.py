@@ -164,7 +164,9 @@ def find_bloch_waves(
     size = blocks.inner.shape[-1]
     count = len(w)
     reach = size // layer
-    inner, _, _, up, down = (np.broadcast_to(block, (count, size, size)) for block in blocks)
+    inner = np.broadcast_to(blocks.inner, (count, size, size))
+    up = np.broadcast_to(blocks.up, (count, size, size))
+    down = np.broadcast_to(blocks.down, (count, size, size))
     steps = _list_steps(inner, up, down, w, layer)
     scale = float(np.max(np.abs(inner)))
     inverse, vectors = _solve_pencil(steps, size, scale)
@@ -358,10 +360,11 @@ def _solve_theta(
 
 
 def _require_senses(factors: Complex, vectors: Complex) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` if waves that run (|lambda| is 1 within
-    ``_EDGE``) and have the same lambda, within ``_EDGE``, have linearly dependent motions.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if the motions of running waves of one
+    lambda are linearly dependent. A wave counts as running if |lambda| is 1 within :data:`_EDGE`,
+    and two lambda as one if they differ by less than :data:`_EDGE`.
 
-    Their motions become dependent at the edge of a band, where the waves of both senses become one.
+    The motions become dependent at the edge of a band, where the waves of both senses become one.
     At a distance Delta w from the edge, the lambda of both senses differ by the root of Delta w.
     Therefore the rounding of w would decide, near the edge, whether the waves run, and how fast.
 

@@ -230,8 +230,8 @@ class Block:
 
         Two conditions must hold. There are at least as many rows as motions: with fewer rows some
         branches vanish everywhere, and tilted motions do not help. And a tilted motion deforms no
-        contact to first order in q. It does deform a contact whose normal is not along the line
-        between the two balls.
+        contact to first order in q. A tilted motion does deform a contact whose normal is not along
+        the line between the two balls.
         """
         if not self.bent or self.n_rows < self.size:
             return False
@@ -485,6 +485,7 @@ class Block:
         count = len(self.bent)
         untilted = np.eye(self.size)[:, self._order]
         motions = untilted + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
+        # the motions n that go with each bent displacement k at each q, summed over its components
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
         # a rigid rotation of two balls about the middle of their centres deforms no contact, so
@@ -514,7 +515,7 @@ class Block:
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         return (
             odd[:, self.bent],
-            np.einsum("mn,kna->mka", odd, self.tilt),
+            np.einsum("mn,kna->mka", odd, self.tilt),  # the sum over the motions n
             self.deforming.repeat_half_vectors(),
         )
 
@@ -587,12 +588,13 @@ class Block:
         if self.bent:
             displaced, rotated, half = self._tilted_factors
             angle = np.abs(q @ half.T)[..., None]
-            turned = np.abs(np.einsum("mka,qa->qmk", rotated, q))
+            turned = np.abs(np.einsum("mka,qa->qmk", rotated, q))  # |rotated.q| of each row m
             # bounds of |sin h - h cos h|, which is of third order in h, and of |sin h|
             tilted_sizes = np.minimum(angle, angle**3) * np.abs(displaced) + angle * turned
             tilted_squares = np.sum(tilted_sizes**2, axis=1)
             plain_squares = squares[:, self._order[len(self.bent) :]]
             squares = np.concatenate([tilted_squares, plain_squares], axis=1)
+        # of each mode b, the sum over the columns n
         lengths = np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(modes) ** 2))
         rounding = self._rounding * lengths
         frequencies = np.where(frequencies <= rounding, 0.0, frequencies)
@@ -724,6 +726,7 @@ class _Slopes:
         if self.point.basis is not None:
             frequencies = self.frequencies[:, None, :]
             deformations, changes = self._deform_tilted(slice(None), vectors, frequencies)
+            # of each mode b and component a of q, the sum over the deformations x
             return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
         for rows, slope, half in self.row_sets:
@@ -755,11 +758,12 @@ class _Slopes:
         motion[:, block._order[count:]] = tilted[:, count:]
         plain = half.T[:, :, None] * (slope[points] @ motion)[:, None]
         bent = self.tilted[points] @ tilted[:, None, :count]
-        lengths = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
+        # dT v: gradients of the motions n that go with the amplitudes of bent displacements k
+        tilt_changes = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
         motions = point.basis[points] @ vectors  # type: ignore[index]
         squares = frequencies.reshape(len(frequencies), 1, 1, -1) ** 2
         deformations = np.concatenate([rows[points] @ vectors, motions], axis=1)
-        changes = np.concatenate([plain + bent, -squares * lengths], axis=2)
+        changes = np.concatenate([plain + bent, -squares * tilt_changes], axis=2)
         return deformations, changes
 
 

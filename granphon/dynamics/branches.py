@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError
+from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError, brief
 from granphon.base.validation import finite_array
 from granphon.dynamics.blocks import DEGENERATE
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -57,12 +57,13 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     ------
     InputError : another shape, or no point.
     """
-    vectors = np.asarray(eigenvectors)
+    mend = "Give an array (n_q, n_dof, n_branches) of one or more points"
+    try:
+        vectors = np.asarray(eigenvectors)
+    except ValueError:  # lists of different lengths
+        raise InputError(f"eigenvectors is {brief(eigenvectors)}", mend=mend) from None
     if vectors.ndim != 3 or not len(vectors):
-        raise InputError(
-            f"eigenvectors has the shape {vectors.shape}",
-            mend="Give an array (n_q, n_dof, n_branches) of one or more points",
-        )
+        raise InputError(f"eigenvectors has the shape {vectors.shape}", mend=mend)
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
@@ -130,17 +131,32 @@ class AcousticBranch:
                 f" {float(target.max()):.10g}",
                 mend="Choose lower frequencies",
             )
-        # `above` is the first point of the branch whose frequency is at least the target. The point
-        # before it is below; before the first point that is Gamma, with zero wavenumber and
-        # frequency
-        above = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        low_q = np.where(above > 0, self.wavenumbers[above - 1], 0.0)
-        low_omega = np.where(above > 0, self.frequencies[above - 1], 0.0)
-        q = np.stack([low_q, self.wavenumbers[above]])
-        omega = np.stack([low_omega, self.frequencies[above]])
+        shape = (target.size, len(self.wavenumbers))
+        wavenumbers = np.broadcast_to(self.wavenumbers, shape)
+        frequencies = np.broadcast_to(self.frequencies, shape)
+        above, q, omega = _find_brackets(wavenumbers, frequencies, target)
         lattice = self.lattice
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
+
+
+def _find_brackets(
+    wavenumbers: Array, frequencies: Array, target: Array
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return the number (m,) of the first point of each of m branches whose frequency is at least
+    the ``target`` (m,), and the wavenumbers (2, m) and the frequencies (2, m) of the branch at the
+    point before and at this point. Before the first point that is Gamma, where both are zero.
+
+    ``wavenumbers`` and ``frequencies`` (m, n_points), ascending, are those of the points of the
+    branches. No target may be above all frequencies of its branch.
+    """
+    above = np.sum(frequencies < target[:, None], axis=1)
+    row = np.arange(len(target))
+    low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
+    low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
+    q = np.stack([low_q, wavenumbers[row, above]])
+    omega = np.stack([low_omega, frequencies[row, above]])
+    return above, q, omega
 
 
 def _find_nearest_modes(
@@ -158,6 +174,7 @@ def _find_nearest_modes(
     which the axis is approached; then the mean of these velocities is returned.
     """
     modes = lattice.modes(wavenumbers[:, None] * along, along)
+    # of each branch b with the reference, the sum over the motions m
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
     points = np.arange(len(wavenumbers))
     nearest = np.argmax(overlap, axis=1)
@@ -238,7 +255,7 @@ def _solve_wavenumbers(
 
 @dataclass(frozen=True, eq=False)
 class AcousticBranches:
-    """All acoustic branches along n directions, from Gamma up to the frequencies asked for.
+    """All acoustic branches along n directions, from Gamma up to requested frequencies.
 
     There are n_u branches in each direction, in the order of the lattice's ``wave_names``: in the
     plane the longitudinal branch, then the transverse.
@@ -372,17 +389,9 @@ class AcousticBranches:
         :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed through an
         avoided crossing.
         """
-        wavenumbers = self.wavenumbers[direction]
-        frequencies = self.frequencies[which, direction]
-        # `above` is the first point of the branch whose frequency is at least the target. The point
-        # before it is below; before the first point that is Gamma, with zero wavenumber and
-        # frequency
-        above = np.sum(frequencies < target[:, None], axis=1)
-        row = np.arange(len(target))
-        low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
-        low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
-        q = np.stack([low_q, wavenumbers[row, above]])
-        omega = np.stack([low_omega, frequencies[row, above]])
+        above, q, omega = _find_brackets(
+            self.wavenumbers[direction], self.frequencies[which, direction], target
+        )
         references = self.vectors[which, direction, above]
         name = self.lattice.wave_names[which]
         return _solve_wavenumbers(
@@ -414,8 +423,8 @@ def _find_path_modes(
     """Return the modes of a ``lattice`` at wavenumbers q (n, k), 1/d, in directions ``along``
     (n, p), unit vectors.
 
-    ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these, for
-    their overlap with those at the first.
+    ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these
+    points, for the overlap with the eigenvectors at the first.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -424,6 +433,7 @@ def _find_path_modes(
     velocities = modes.group_velocities.reshape(*q.shape, size, -1)
     slopes = np.einsum("npba,na->npb", velocities, along)
     with_last = np.concatenate([last[:, None], vectors], axis=1)
+    # products of modes a at the point before and b at the point, summed over the motions m
     overlap = np.abs(np.einsum("npma,npmb->npab", with_last[:, :-1].conj(), vectors)) ** 2
     return _PathModes(modes.frequencies.reshape(*q.shape, size), slopes, vectors, overlap)
 

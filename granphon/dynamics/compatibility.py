@@ -23,7 +23,13 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import Low, finite_array, not_negative, real_array
+from granphon.base.validation import (
+    Low,
+    finite_array,
+    not_negative,
+    real_array,
+    require_instance,
+)
 from granphon.dynamics.deformation_rows import (
     ANCHOR,
     Row,
@@ -63,7 +69,7 @@ _ROUNDED_EQUAL = 8.0 * float(np.finfo(np.float64).eps)
 _ROUNDED_AT_REST = 1e-13
 
 
-def _put_in_space(vectors: Array) -> Array:
+def put_in_space(vectors: Array) -> Array:
     """Return ``vectors`` (n, d) with zeros for the other components of three, (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
@@ -126,6 +132,25 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
     return finite_array(name, numbers) if numbers.size else numbers
 
 
+def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) -> Array | None:
+    """Return the stiffnesses ``on_site`` of springs to the ground as an array (n_g, motions); None
+    without springs.
+
+    Raises :class:`~granphon.base.errors.InputError` for another shape, for more springs than
+    ``n_contacts``, and for a stiffness below zero or not finite.
+    """
+    if on_site is None:
+        return None
+    springs = finite_array("on_site", on_site, low="zero or above")
+    if springs.ndim != 2 or springs.shape[1] != motions.count or len(springs) > n_contacts:
+        raise InputError(
+            f"on_site has the shape {springs.shape}",
+            f"There are {n_contacts} contacts, of which the last are the springs",
+            f"Give an array (n, {motions.count}), with a stiffness for each motion",
+        )
+    return springs
+
+
 class Compatibility:
     """Balls in contact on a periodic lattice, in reduced units, with their compatibility matrix
     C(q) and their dynamical matrix D(q).
@@ -147,21 +172,21 @@ class Compatibility:
     torsion : stiffness of twist over d^2 times that of elongation; a number, or (n_c,).
     bending : stiffness of rolling over d^2 times that of elongation; a number, or (n_c,).
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
-        none by default. They act on motions as in
+        none by default. The forces act on motions as in
         :func:`~granphon.dynamics.deformation_rows.carry_rows`, without the part that has no
         potential.
     contact_torque : (n_c, 3) static torques of rolling and twist, with which ball i acts on ball j;
-        none by default. They act on motions in space as in
+        none by default. The torques act on motions in space as in
         :func:`~granphon.dynamics.deformation_rows.torque_pairs`, without the part that has no
         potential; in a plane they do not change.
     tangential_growth : (n_c,) derivative of a tangential force with respect to the overlap, over
         the force, 1/d; 0 by default.
     lever_excesses : (2, n_c) differences, in d, of the levers of slip from the arms, at balls i and
-        at balls j; 0 by default. They act on motions as in
+        at balls j; 0 by default. The differences act on motions as in
         :func:`~granphon.dynamics.deformation_rows.excess_pairs`, without the part that has no
         potential.
     slip_stretch : (n_c,) by how much slip exceeds the displacement across a contact that makes it,
-        over that displacement; 0 by default. It acts together with ``lever_excesses``.
+        over that displacement; 0 by default. The stretch acts together with ``lever_excesses``.
     arm_rates : (n_c,) by how much the arms of a contact grow with its elongation, where tangential
         forces act; 1/2 by default.
     turns_with_balls : whether tangential forces turn about the normals with the balls; they do not
@@ -180,8 +205,8 @@ class Compatibility:
     Raises
     ------
     InputError : a wrong shape; a number other than ``distance`` that is not finite; a mass, a
-        radius of gyration or a stiffness that is not above zero; and a ratio of stiffnesses below
-        zero.
+        radius of gyration or a stiffness that is not above zero; a ratio of stiffnesses or a spring
+        to the ground below zero; contacts that are no table, and motions that are none.
     """
 
     def __init__(
@@ -206,14 +231,16 @@ class Compatibility:
         turns_with_balls: bool = False,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
-        on_site: Array | None = None,
+        on_site: ArrayLike | None = None,
         name: str = "of these contacts",
     ) -> None:
         """Keep the arguments: arrays read-only, and numbers repeated for each contact or ball, but
         for ratios, which stay numbers.
         """
+        require_instance("contacts", contacts, ContactTable, "Give a ContactTable")
+        require_instance("motions", motions, Motions, "Give gp.Motions")
         self.name = name
-        self.on_site = on_site
+        self.on_site = _read_springs(on_site, motions, len(contacts))
         self.cell: Array = read_only(_read_vectors("cell", cell))
         self.positions: Array = read_only(_read_vectors("positions", positions))
         p, d = self.cell.shape
@@ -228,7 +255,7 @@ class Compatibility:
         self.bending = self._read_ratio("bending", bending)
         self.named_motions = motions
         self.motions = select_motions(
-            self.mindlin_ratio, self.torsion, self.bending, motions, on_site
+            self.mindlin_ratio, self.torsion, self.bending, motions, self.on_site
         )
         of_contacts = (len(contacts),)
         self.stiffness = _repeat("stiffness", stiffness, of_contacts, "above zero")
@@ -491,7 +518,7 @@ class Compatibility:
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        derivative : return the gradient with respect to q instead.
+        derivative : whether to return the gradient with respect to q instead.
 
         Returns
         -------
@@ -564,8 +591,8 @@ class Compatibility:
             rows += excess_rows(*self._excess_arguments)
         if self.has_tangential_force and np.any(self.tangential_growth):
             rows += growth_rows(
-                _put_in_space(table.normal),
-                _put_in_space(self.tangential_force),
+                put_in_space(table.normal),
+                put_in_space(self.tangential_force),
                 table.arm_i,
                 table.arm_j,
                 self.motions,
@@ -631,7 +658,7 @@ class Compatibility:
             )
             rows += [(row, sign * size) for row, sign in split_pairs(pairs)]
         if self.has_tangential_force:
-            unit_force, size = _split_lengths(_put_in_space(self.tangential_force))
+            unit_force, size = _split_lengths(put_in_space(self.tangential_force))
             pairs = self._carry_unit_force(unit_force)
             rows += [(row, sign * size) for row, sign in split_pairs(pairs)]
         return rows
@@ -643,7 +670,7 @@ class Compatibility:
         table = self.contacts
         gyration_i, gyration_j = self._end_gyration
         return carry_rows(
-            _put_in_space(table.normal),
+            put_in_space(table.normal),
             unit_force,
             self.distance,
             table.arm_i,
@@ -696,8 +723,8 @@ class Compatibility:
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
-        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. They are real
-        for one ball in the cell, unless its contacts have unequal arms or a fixed end.
+        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. The rows are
+        real for one ball in the cell, unless its contacts have unequal arms or a fixed end.
         """
         # In a motion z exp(i q.r) a row is cos(half angle) times the difference of the effects of
         # its two ends, plus i sin(half angle) times their sum. Rotations and rows are divided by i.
@@ -976,8 +1003,8 @@ class Compatibility:
         n_springs = len(self.contacts) - self.n_between
 
         def weigh(numbers: Array) -> NDArray[Any]:
-            """Return C^H W C, where the weights W are ``numbers`` (2, n), of elongations and of
-            other deformations, and zero for springs.
+            """Return M^-1/2 C^H K W C M^-1/2, where the weights W are ``numbers`` (2, n), of
+            elongations and of other deformations, and zero for springs.
             """
             weights = weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs))))
             return np.asarray(adjoint @ (weights.reshape(-1, 1) * rows))
@@ -1027,6 +1054,7 @@ class Compatibility:
         InputError : balls touch bodies that do not move, or springs to the ground hold balls: the
             network would lack these. Also a wrong shape, and what the network refuses.
         """
+        require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
         table = self.contacts
         if np.any(table.j == self.n_balls):
             raise InputError(
@@ -1048,10 +1076,10 @@ class Compatibility:
             "motions": self.named_motions.name,
             "prestress": self.is_prestressed,
             "pbc": (p > 0, p > 1, p > 2),
-            "positions": d * _put_in_space(self.positions),
+            "positions": d * put_in_space(self.positions),
         }
         if self.is_prestressed:
-            defaults["tangential_force"] = units.force * _put_in_space(self.tangential_force)
+            defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
             if np.any(self.contact_torque):
                 defaults["contact_torque"] = units.force * units.length * self.contact_torque
         return ContactNetwork(
@@ -1062,7 +1090,7 @@ class Compatibility:
             i=table.i,
             j=table.j,
             shift=shift,
-            normal=_put_in_space(table.normal),
+            normal=put_in_space(table.normal),
             normal_force=units.force * _repeat("normal_force", normal_force, (count,)),
             normal_stiffness=spring,
             shear_stiffness=self.mindlin_ratio * spring,

@@ -28,7 +28,7 @@ from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units, write_quantity
 from granphon.base.threads import share_out, single_products
-from granphon.base.validation import not_negative, positive, real_array
+from granphon.base.validation import not_negative, positive, real_array, require_instance
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.deformation_rows import find_anchors, find_gyration
@@ -132,8 +132,8 @@ class ContactLattice(LongWaves):
         ``bending`` are the stiffness of a contact against twist and rolling over k d^2. ``motions``
         are the motions of each ball, by default the first choice of the lattice's dimension.
 
-        Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of
-        range.
+        Raises :class:`~granphon.base.errors.InputError` for an unknown lattice, for a number that
+        is not finite or out of range, and for ``motions`` that are none.
         """
         distance = positive("spacing", spacing)
         if distance >= 2.0:
@@ -144,9 +144,8 @@ class ContactLattice(LongWaves):
         eta = not_negative("mindlin_ratio", mindlin_ratio)
         push = not_negative("prestress", prestress)
         structure = find_lattice(lattice)
-        chosen_motions = motions
-        if chosen_motions is None:
-            chosen_motions = default_motions(structure.dimension)
+        chosen_motions = default_motions(structure.dimension) if motions is None else motions
+        require_instance("motions", chosen_motions, Motions, "Give gp.Motions, or leave them out")
         twist = not_negative("torsion", torsion)
         roll = not_negative("bending", bending)
         return cls._make_of_equal_balls(
@@ -175,7 +174,7 @@ class ContactLattice(LongWaves):
         """Return the lattice of :meth:`of` from arguments that have been checked.
 
         The lattice is cached, because velocities, moduli and validity of one state all start from
-        it. It is never changed after it has been made.
+        it. No lattice is changed after it has been made.
         """
         return cls(
             structure.vectors * spacing,
@@ -194,7 +193,7 @@ class ContactLattice(LongWaves):
         """Return the contact lattice of a network that repeats along one, two or three axes, in the
         reduced units of the network.
 
-        These units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
+        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
         gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
         Bodies that do not move hold the balls that touch them. Such bodies have no motions: the
         balls of the lattice are the moving ones, in the order of the network. The network is turned
@@ -204,10 +203,12 @@ class ContactLattice(LongWaves):
         With ``prestress`` the tangential forces of the network act as well, without the part that
         has no potential: D is that of :class:`granphon.Waves`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a network without a period, without
-        contacts or balls that move, and for one whose balls are not at rest
-        (:meth:`ContactNetwork.require_rest`).
+        Raises :class:`~granphon.base.errors.InputError` for anything but a network, for a network
+        without a period, without contacts or balls that move, and for one whose balls are not at
+        rest (:meth:`ContactNetwork.require_rest`).
         """
+        mend = "Give a ContactNetwork, such as the network of a state"
+        require_instance("the network", network, ContactNetwork, mend)
         return network.cached(cls._make_of_network)
 
     @classmethod
@@ -889,9 +890,19 @@ class ContactLattice(LongWaves):
         ----------
         wavevectors : (n_q, p), 1/d.
         frequencies : (n_q, n_branches), of :meth:`frequencies`, in any unit.
+
+        Raises
+        ------
+        InputError : another shape of wave vectors, or another number of frequencies.
         """
         q, _ = self._fold(wavevectors)
-        by_point = real_array("frequencies", frequencies).reshape(len(q), self.n_branches)
+        numbers = real_array("frequencies", frequencies)
+        if numbers.size != len(q) * self.n_branches:
+            raise InputError(
+                f"frequencies has the shape {numbers.shape}",
+                mend=f"Give an array ({len(q)}, {self.n_branches})",
+            )
+        by_point = numbers.reshape(len(q), self.n_branches)
         counts = np.count_nonzero(by_point == 0.0, axis=1)
         if not np.any(counts):
             return ()

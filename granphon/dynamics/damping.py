@@ -206,11 +206,9 @@ class Losses:
         motion, and that against all other motion, in a motion exp(-i omega t), ``omega`` (n_f,),
         rad/s.
         """
-        normal, other = (
-            1.0 - 1j * (omega[:, None] * tau + eta)
-            for tau, eta in zip(self.times, self.factors, strict=True)
-        )
-        return normal, other
+        products = omega[:, None, None] * self.times  # (n_f, 2, n_c)
+        softening: Complex = np.asarray(1.0 - 1j * (products + self.factors), complex)
+        return softening[:, 0], softening[:, 1]
 
     def find_even(self) -> tuple[float, float, float] | None:
         """Return the numbers eta, tau, s, and gamma, 1/s, of even losses; None if losses are not
@@ -358,7 +356,7 @@ def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0
     """Return the complex angular frequencies z of damped modes from ``omega``, those without
     losses, for even losses: eta, tau and gamma are ``loss_factor``, ``time`` and ``drag``.
 
-    They have the shape of ``omega``, and solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i
+    The z have the shape of ``omega``, and solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i
     eta). A mode that creeps has the slower of its two rates. The units of ``omega`` and ``time``
     are inverse to each other, and ``drag`` has the unit of ``omega``.
     """

@@ -336,9 +336,10 @@ def torque_pairs(
     the other arguments are those of :func:`carry_rows`.
     """
     n, t, b = contact_frames(normal)
-    along = np.einsum("ca,ca->c", torque, normal)
+    along = np.sum(torque * normal, axis=1)
     across = torque - along[:, None] * normal
-    turn_i, turn_j = (1.0 / radius for radius in gyration)
+    turn_i = 1.0 / gyration[0]
+    turn_j = 1.0 / gyration[1]
     none = [np.zeros(len(normal))] * 3
 
     def turn(axis: list[Array]) -> Row:

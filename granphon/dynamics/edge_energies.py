@@ -11,6 +11,7 @@ S^m times that over m times S^mH.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.dynamics.deformation_rows import Row, network_unit_rows
-from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.half_space import HalfSpace, make_pencil
 from granphon.dynamics.sensitivities import (
     STIFFNESSES,
     FrequencySensitivities,
@@ -56,6 +57,20 @@ class _Wave(NamedTuple):
     outer: Complex
     whole: Complex
     below: Complex
+
+
+class _MeanSquares(NamedTuple):
+    """Mean squares in waves of one frequency.
+
+    Attributes
+    ----------
+    deformations : (n_c,) of the deformations of contacts, by the names of
+        :data:`~granphon.dynamics.sensitivities.STIFFNESSES`.
+    motions : (n, motions) of the mass-weighted motions of balls that move.
+    """
+
+    deformations: dict[str, Array]
+    motions: Array
 
 
 class EdgeEnergies:
@@ -155,19 +170,16 @@ class EdgeEnergies:
     @property
     def _n_blocks(self) -> int:
         """Number of blocks in which balls of the cut move, the last one in part."""
-        return -(-int(np.count_nonzero(self.ball_number >= 0)) // self._per_block)
+        return math.ceil(np.count_nonzero(self.ball_number >= 0) / self._per_block)
 
     @property
     def _per_block(self) -> int:
         """Number of balls of a block."""
         return self.half_space.reach * self.half_space.per_layer
 
-    def _measure(
-        self, wave: _Wave, q: Array
-    ) -> tuple[tuple[dict[str, Array], Array], tuple[dict[str, Array], Array]]:
-        """Return the mean squares of deformations (n_c,) by their kinds and of mass-weighted
-        motions (n, motions) in a ``wave`` at q (p - 1,), of the contacts and moving balls of the
-        cut, and of those of the crystal in all layers together.
+    def _measure(self, wave: _Wave, q: Array) -> tuple[_MeanSquares, _MeanSquares]:
+        """Return the mean squares in a ``wave`` at q (p - 1,): those of the contacts and balls of
+        the cut, and those of the crystal, which are sums over all layers.
         """
         half_space = self.half_space
         count = half_space.motions.count
@@ -195,7 +207,8 @@ class EdgeEnergies:
         turn = turn_motions(half_space.motions, half_space.layers.turn.T)
         # the motions of each ball n of each layer l, along the axes of the crystal
         turned = np.einsum("ab,lnbk->lnak", turn, whole)
-        return (squares, motions), (in_crystal, np.sum(np.abs(turned) ** 2, axis=(0, 3)))
+        motions_of_crystal = np.sum(np.abs(turned) ** 2, axis=(0, 3))
+        return _MeanSquares(squares, motions), _MeanSquares(in_crystal, motions_of_crystal)
 
     def _sum_over_layers(self, values: Array, is_counted: Flags) -> Array:
         """Return sums for each contact of the crystal: of the ``values`` (n_c,) of those contacts
@@ -242,7 +255,7 @@ class EdgeEnergies:
 
     def _make_sensitivities(
         self,
-        energies: list[tuple[dict[str, Array], Array]],
+        energies: list[_MeanSquares],
         angular: Array,
         degenerate: Flags,
         network: Any,
@@ -259,12 +272,13 @@ class EdgeEnergies:
         count = len(energies)
         squares = {
             name: np.reshape(
-                [by_kind[name] for by_kind, _ in energies], (count, network.n_contacts)
+                [of_wave.deformations[name] for of_wave in energies],
+                (count, network.n_contacts),
             )
             for name in kinds
         }
         of_balls = np.reshape(
-            [motions for _, motions in energies],
+            [of_wave.motions for of_wave in energies],
             (count, balls.size, self.half_space.motions.count),
         )
         of_modes = ModeEnergies(angular, degenerate, squares, of_balls)
@@ -297,12 +311,7 @@ def _find_decay(inner: Complex, hop: Complex, w: float) -> tuple[Complex, Comple
     from scipy.linalg import ordqz
 
     size = len(inner)
-    eye = np.eye(size)
-    none = np.zeros((size, size))
-    # motions u of three blocks: A^H u_1 + (E - w) u_2 + A u_3 = 0, with the factor from u_1 to u_2
-    # and from u_2 to u_3
-    left = np.block([[none, eye], [-hop.conj().T, w * eye - inner]])
-    right = np.block([[eye, none], [none, hop]])
+    left, right = make_pencil(inner, hop, w)
     upper, divisor, alpha, beta, _, vectors = ordqz(left, right, "iuc", "complex")
     if np.count_nonzero(np.abs(alpha) < np.abs(beta)) != size:
         raise PrecisionError(

@@ -117,8 +117,8 @@ def find_stress_part(stress: Array) -> Array:
     contribution (F. Birch, Phys. Rev. 71, 809, 1947).
     """
     unit = np.eye(stress.shape[-1])
-    turning = np.einsum("...ik,jl->...ijkl", stress, unit)
-    stretching = np.einsum("...ij,kl->...ijkl", stress, unit)
+    turning = np.einsum("...ik,jl->...ijkl", stress, unit)  # stress_ik delta_jl
+    stretching = np.einsum("...ij,kl->...ijkl", stress, unit)  # stress_ij delta_kl
     return take_voigt(turning - stretching)
 
 
@@ -255,7 +255,7 @@ def anisotropy(shear: Array) -> Array:
     C33/(C11 - C12) in the plane, from their shear moduli ``shear`` (..., 5) or (..., 2), as
     :func:`shears` returns them.
 
-    It is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947).
+    The anisotropy is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947).
     """
     # shears such as xx - yy come first, then those such as xy
     axial = shear.shape[-1] // 2
@@ -276,7 +276,7 @@ def longitudinal_modulus(tensor: Array) -> Array:
 
 def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     """Return the names of the long waves of balls that move along ``axes`` (0 for x, ...), on a
-    lattice with so many ``periods``.
+    lattice with this number of ``periods``.
 
     The first is "longitudinal", if balls move along all periods. Then follows "transverse", or
     "transverse_slow" and "transverse_fast", for the other displacements. If balls in a plane leave

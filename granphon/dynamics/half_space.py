@@ -314,14 +314,20 @@ class HalfSpace:
             f"Take a network of {n_fitting:,} balls or fewer in each layer",
         )
 
+    def _compute_rows(self, q: Array) -> Complex:
+        """Return C M^-1/2 (..., rows, 2 size) of the contacts of the two outer blocks, as
+        coefficients of the motions of these blocks, at wave vectors q (..., p - 1).
+        """
+        phase = np.exp(2.0j * np.pi * (q @ self._edge_steps.T))
+        two_blocks = self._matrix[:, :, : 2 * self.size]
+        return np.asarray(np.tensordot(phase, two_blocks, 1), complex)
+
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of
         the reciprocal cell.
         """
         size = self.size
-        phase = np.exp(2.0j * np.pi * (q @ self._edge_steps.T))
-        two_blocks = self._matrix[:, :, : 2 * size]
-        rows: Complex = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
+        rows = self._compute_rows(q)
         matrices = rows.conj().swapaxes(1, 2) @ (self._stiffness[:, None] * rows)
         matrices += np.diag(self._spring_squares)
         return matrices[:, :size, :size], matrices[:, size:, size:], matrices[:, :size, size:]
@@ -334,9 +340,7 @@ class HalfSpace:
         blocks are then (n_f, size, size). By default stiffnesses are as they are.
         """
         size = self.size
-        phase = np.exp(2.0j * np.pi * (self._edge_steps @ q))
-        two_blocks = self._matrix[:, :, : 2 * size]
-        rows = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
+        rows = self._compute_rows(q)
         stiffness = self._stiffness
         if factors is not None:
             elongation, other = factors
@@ -1045,6 +1049,20 @@ class _Decay(NamedTuple):
     vectors: Complex
 
 
+def make_pencil(inner: Complex, hop: Complex, w: complex) -> tuple[Complex, Complex]:
+    """Return the two matrices (2 size, 2 size) of the generalised eigenproblem of the waves at w:
+    the eigenvalues are the factors from block to block, and the vectors the motions of two blocks.
+    The blocks ``inner`` E and ``hop`` A are (size, size).
+    """
+    eye = np.eye(len(inner))
+    zeros = np.zeros_like(eye)
+    # motions u of three blocks: A^H u_1 + (E - w) u_2 + A u_3 = 0, with the factor from u_1 to u_2
+    # and from u_2 to u_3
+    left = np.block([[zeros, eye], [-hop.conj().T, w * eye - inner]])
+    right = np.block([[eye, zeros], [zeros, hop]])
+    return left, right
+
+
 class _EdgeBlocks(NamedTuple):
     """The blocks E_0, E and A (size, size) of a half space at one wave vector.
 
@@ -1074,8 +1092,6 @@ class _EdgeBlocks(NamedTuple):
         from scipy.optimize import linear_sum_assignment
 
         size = len(self.outer)
-        eye = np.eye(size)
-        zeros = np.zeros((size, size))
         choices = list[tuple[Complex, Array]]()
 
         def choose(alpha: Any, beta: Any) -> Any:
@@ -1093,10 +1109,7 @@ class _EdgeBlocks(NamedTuple):
             choices.append((factors[columns], np.min(distances, axis=1)))
             return is_chosen
 
-        # motions u of three blocks: A^H u_1 + (E - w) u_2 + A u_3 = 0, with the factor from u_1 to
-        # u_2 and from u_2 to u_3
-        left = np.block([[zeros, eye], [-self.hop.conj().T, w * eye - self.inner]])
-        right = np.block([[eye, zeros], [zeros, self.hop]])
+        left, right = make_pencil(self.inner, self.hop, w)
         schur_vectors = ordqz(left, right, choose, "complex")[5]
         # LAPACK calls ``choose`` once; the factors that it returns have an order of their own
         factors, distances = choices[0]
@@ -1145,6 +1158,7 @@ class _EdgeContinuum(NamedTuple):
         at an ``angle`` (...) to the edge, rad.
         """
         course = np.cos(angle)[..., None] * self.along + np.sin(angle)[..., None] * self.normal
+        # the acoustic tensor c_ijkl n_j n_l of the course n
         acoustic = np.einsum("ijkl,...j,...l->...ik", self.tensor, course, course)
         squared = np.linalg.eigvalsh(acoustic)[..., 0] / self.density
         return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)

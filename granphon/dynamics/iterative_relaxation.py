@@ -5,10 +5,10 @@ Conjugate gradients find the motions for all strains at once. All strains share 
 the sparse matrix, and every strain has a step length of its own. The preconditioner is the inverse
 of the stiffness of each ball with its neighbours at rest.
 
-Motions that cost nothing take no part in the iteration, as no strain pushes them. But they are
-part of the answer: what is loose stays behind in sound, and a mechanism has no sound. They are
+Motions that cost nothing take no part in the iteration, as no strain pushes them. But such motions
+are part of the answer: what is loose stays behind in sound, and a mechanism has no sound. They are
 found in two ways. Motions of a single ball, such as the rotation about the line through two
-contacts, and those of a small cluster that no contact joins to the rest, are the null vectors of
+contacts, and those of a small cluster that no contact joins to other balls, are the null vectors of
 small dense matrices. All others are found by random motions: what deforms contacts as a random
 motion does differs from it by a motion that costs nothing. Random motions, more than there are
 loose ones, leave a basis of all loose motions.
@@ -99,7 +99,7 @@ class IterativeRelaxation:
 
     def keep_back(self, staying: Array) -> Self:
         """Return the same relaxation, but for orthonormal motions ``staying`` (n_branches, k),
-        which do not relax although they deform contacts. Those that deform none do not matter.
+        which do not relax although they deform contacts. Motions that deform none do not matter.
         """
         relaxation = copy(self)
         relaxation.staying = staying
@@ -227,7 +227,7 @@ class IterativeRelaxation:
 
     @cached_property
     def _first_remainders(self) -> Array:
-        """(n_branches, PROBES) what :meth:`_probe` finds first."""
+        """(n_branches, PROBES) what the first random motions leave, see :meth:`_probe`."""
         return self._probe(PROBES, self.staying[:, :0])
 
     def _probe(self, count: int, known: Array) -> Array:

@@ -4,7 +4,7 @@ LAPACK's SVD is accurate relative to the largest singular value. Near Gamma the 
 values are smaller than the optical one by a factor |q|d, and the norms of the columns of C(q) are
 graded by the same factor. Orthogonalising the columns by plane rotations keeps every digit of a
 graded matrix (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1204, 1992). LAPACK is many
-times faster: it does whatever it can do without losing a digit, and the rotations do the rest.
+times faster: LAPACK does whatever loses no digit, and the rotations do all other work.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     Matrices of up to three columns are left to :func:`jacobi_svd`. For others there are three
     steps, each for the matrices that the step before has not solved.
 
-    1. If there are more rows than columns, LAPACK finds the eigenvectors V of A^H A. They are
-       accepted if the columns of A V are so nearly orthogonal that a rotation of first order makes
-       them orthogonal to rounding.
-    2. LAPACK's SVD follows, whose errors are eps sigma_max. It is accepted if these are below 1e-13
-       of sigma_min, or if the columns of A are not graded.
+    1. If there are more rows than columns, LAPACK finds the eigenvectors V of A^H A. V is accepted
+       if the columns of A V are so nearly orthogonal that a rotation of first order makes them
+       orthogonal to rounding.
+    2. LAPACK's SVD follows, whose errors are eps sigma_max. The SVD is accepted if the errors are
+       below 1e-13 of sigma_min, or if the columns of A are not graded.
     3. The columns are brought into an order in which LAPACK keeps the digits of each, and a
        rotation of first order, or :func:`jacobi_svd`, makes them orthogonal. The errors are eps
        kappa, where kappa is the condition number of the columns scaled to length 1.
@@ -412,8 +412,8 @@ def is_independent(rows: NDArray[Any]) -> bool:
     """Return whether the columns of A = ``rows`` (m, n) are many and independent by far, such that
     a singular value decomposition is not needed.
 
-    They are independent by far if A^H A, less a small part of its norm on the diagonal, is positive
-    definite, that is, if a Cholesky decomposition succeeds.
+    The columns are independent by far if A^H A, less a small part of its norm on the diagonal, is
+    positive definite, that is, if a Cholesky decomposition succeeds.
     """
     n_rows, n_columns = rows.shape
     if not n_rows >= n_columns > MANY_COLUMNS:

@@ -16,7 +16,7 @@ with it the second order of the force.
 
 On the triangular lattice two more elongations give all results: those of the contacts between the
 corona and the second neighbours on top of it and at its bridges. The tension of the star is
-balanced on the central ball. It is the load with which the appendix of Velicky and Caroli (2002)
+balanced on the central ball. This is the load with which the appendix of Velicky and Caroli (2002)
 begins: unit radial forces on the corona, in the whole lattice with the contacts of the central
 ball. That ball does not move, and u_1 is the radial displacement of the corona. Numbers are in
 reduced units: length d, stiffness k. Equations of the kind (32) are those of that paper.
@@ -107,7 +107,7 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
     """Return the local field with the alpha and beta that Velicky and Caroli (2002) print (A14) and
     use at every ``mindlin_ratio`` eta; Xi follows from their equation (45).
 
-    These numbers do not satisfy their own definition (see the errata). They are kept to reproduce
+    The two numbers do not satisfy their own definition (see the errata). They serve to reproduce
     the curves of that paper. Raises :class:`~granphon.base.errors.InputError` if eta is below zero.
     """
     eta = not_negative("mindlin_ratio", mindlin_ratio)
@@ -309,8 +309,8 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
     periods, d, and a table (m, n_c) that is 1 where a midpoint is that of a contact of the lattice,
     up to periods, and else 0.
 
-    Only the triangular lattice has more kinds than the star. It is recognised, in any cell, as the
-    lattice in the plane with three contacts per ball.
+    Only the triangular lattice has more kinds than the star. This lattice is recognised, in any
+    cell, as the lattice in the plane with three contacts per ball.
     """
     table = medium.contacts
     p = medium.periods

@@ -33,7 +33,7 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
-from granphon.base.validation import real_array
+from granphon.base.validation import finite_array
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.deformation_rows import Row, push_rows, strain_rows
 from granphon.dynamics.elasticity import (
@@ -53,7 +53,11 @@ from granphon.dynamics.linalg import (
     is_independent,
     jacobi_svd,
 )
-from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
+from granphon.dynamics.sparse_relaxation import (
+    SparseRelaxation,
+    compose_ends,
+    find_rounded_columns,
+)
 
 #: singular value, over the largest, up to which a deformation costs nothing: that of the softest
 #: strain of a mechanism, and that of an inner motion that deforms no contact
@@ -78,6 +82,8 @@ MOST_FIRM_RELAXED_BY_FACTORS = 27_000
 #: largest number of motions of a cell that are relaxed by dense matrices where gears are to stay
 #: behind: 3,072 motions take 20 s and 1.3 GB, by iteration 0.2 s
 MOST_DENSE_WITH_GEARS = 3_000
+#: largest force over spacing, k, whose products stay within the range of floats
+_LARGEST_PRESTRESS = 1e100
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
 #: largest number of directions whose long waves a lattice caches
@@ -323,12 +329,9 @@ class LongWaves(Compatibility):
         if not count:
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = self._inner_sizes
-        # a column that is only rounding, compared with others of its kind, belongs to a motion that
-        # deforms nothing. Inner motions are the last of all motions: shifts of all balls come first
+        # inner motions are the last of all motions: shifts of all balls come first
         is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
-        largest_turn = np.max(size, where=is_turn, initial=0.0)
-        largest_shift = np.max(size, where=~is_turn, initial=0.0)
-        is_rounding = size <= _SOFT * np.where(is_turn, largest_turn, largest_shift)
+        is_rounding = find_rounded_columns(size, is_turn, _SOFT)
         deformations, free, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
         # combinations of the scaled columns become motions by the division by the scale
         return deformations, free / scale[:, None]
@@ -353,7 +356,7 @@ class LongWaves(Compatibility):
         recognised: each ball whose lever arms differ by no more than overlaps explain has their
         mean as its only lever arm, and no static forces act.
 
-        It is this lattice itself if there is no such ball.
+        If there is no such ball, the limit is this lattice itself.
         """
         table = self.contacts
         between = slice(0, self.n_between)  # springs to the ground have no arms
@@ -436,8 +439,9 @@ class LongWaves(Compatibility):
         """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions
         relaxed.
 
-        A gradient of a displacement across the periods is a rotation of the whole lattice. It
-        deforms no contact once the balls turn along, and its column is set to exactly zero.
+        A gradient of a displacement across the periods is a rotation of the whole lattice. Such a
+        rotation deforms no contact once the balls turn along, and its column is set to exactly
+        zero.
         """
         affine, _ = self._strain_rows
         relaxed = self._relax(affine)
@@ -635,6 +639,7 @@ class LongWaves(Compatibility):
 
         Raises
         ------
+        InputError : ``prestress`` holds no number, or one that is not finite or far too large.
         InstabilityError : static forces make an inner motion unstable that a gradient moves.
         """
         n_u = len(self.motions.translations)
@@ -643,10 +648,11 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
-        if prestress is not None and self._uses_sparse_matrices and np.ndim(prestress):
+        loads = None if prestress is None else _read_prestress(prestress)
+        if loads is not None and loads.ndim and self._uses_sparse_matrices:
             # sparse factors belong to one load
-            return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
-        load, push_forms = self._find_load(prestress)
+            return np.stack([self.gradient_stiffness(load) for load in loads])
+        load, push_forms = self._find_load(loads)
         *energy_forms, stress = push_forms
         forms = self._combine_forms(load, energy_forms)
         if self._relaxation is not None:
@@ -671,11 +677,13 @@ class LongWaves(Compatibility):
 
         ``load`` and ``push_forms`` are those of :meth:`_find_load`.
         """
-        gradients, mixed, inner = (
-            spring - load * push
-            for spring, push in zip(self._spring_forms, push_forms, strict=True)
+        gradients, mixed, inner = self._spring_forms
+        push_gradients, push_mixed, push_inner = push_forms
+        return (
+            gradients - load * push_gradients,
+            mixed - load * push_mixed,
+            inner - load * push_inner,
         )
-        return gradients, mixed, inner
 
     def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
         """Return the energy forms ``form`` (..., m, m) of gradients, less what the ``relaxing``
@@ -742,7 +750,9 @@ class LongWaves(Compatibility):
         those of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
 
         ``prestress`` is that of :meth:`gradient_stiffness`. If it is None, the load is 1, and the
-        forms are those of the lattice's own forces f; tangential forces then add to the sum.
+        forms are those of the lattice's own forces f; tangential forces then add to the sum. Raises
+        :class:`~granphon.base.errors.InputError` for a prestress that is not finite or far too
+        large.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
@@ -753,7 +763,7 @@ class LongWaves(Compatibility):
                 stress = stress + 0.5 * (tangential + tangential.T)
             forms = self._compute_push_forms(rows, self.static_signs * root**2)
             return 1.0, (*forms, stress)
-        loads = real_array("prestress", prestress)
+        loads = _read_prestress(prestress)
         factor = loads[..., None, None] if loads.ndim else float(loads)
         return factor, self._uniform_push_forms
 
@@ -830,10 +840,10 @@ class LongWaves(Compatibility):
         """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
         contacts under each displacement gradient, with the inner motions relaxed.
 
-        They give the derivatives of :meth:`gradient_stiffness`. Its derivative with respect to the
-        stiffness of a contact is the product of the deformations of that contact under both
-        gradients: the inner motions make the energy least, so that their change does not matter.
-        Its derivative with respect to a force over the distance is minus the product of the
+        The deformations give the derivatives of :meth:`gradient_stiffness`. Its derivative with
+        respect to the stiffness of a contact is the product of the deformations of that contact
+        under both gradients: the inner motions make the energy least, so that their change does not
+        matter. Its derivative with respect to a force over the distance is minus the product of the
         displacements across the contact.
         """
         self.require_rigid()
@@ -916,7 +926,8 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : bodies that do not move, or springs to the ground, hold the balls.
+        InputError : bodies that do not move, or springs to the ground, hold the balls; or a number
+            of the arguments is not finite.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : the prestress makes a squared velocity negative.
         """
@@ -1037,9 +1048,9 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : balls do not move along the periods or touch bodies that do not move; or
-            springs to the ground resist their displacements, or with two or three periods their
-            rotations.
+        InputError : balls do not move along the periods or touch bodies that do not move; springs
+            to the ground resist their displacements, or with two or three periods their rotations;
+            or a prestress is not finite.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : under prestress some strain has a modulus below zero, or moves an inner
             motion of negative energy.
@@ -1158,6 +1169,23 @@ class LongWaves(Compatibility):
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         curvature = (narrowing - float(coupling @ coupling) / squared) / squared
         return squared, curvature
+
+
+def _read_prestress(prestress: ArrayLike) -> Array:
+    """Return the compressive forces over spacings ``prestress`` (...), k, as an array.
+
+    Raises :class:`~granphon.base.errors.InputError` for no number, and for one that is not finite
+    or larger than :data:`_LARGEST_PRESTRESS`.
+    """
+    loads = finite_array("prestress", prestress)
+    largest = float(np.max(np.abs(loads)))
+    if largest > _LARGEST_PRESTRESS:
+        raise InputError(
+            f"prestress is {largest:.3g}",
+            "It is the force of a contact over the spacing and the stiffness, below one for balls"
+            " that touch",
+        )
+    return loads
 
 
 def _leave_pushed(staying: Array, push: Any) -> Array:

@@ -2,9 +2,9 @@
 
 Under a strain, balls turn and shift until no force is left on them. That is a problem of least
 squares: the sum of the squares of the deformations of all contacts becomes least. The normal
-equations are sparse, and factorised by :mod:`granphon.dynamics.fronts`. They lose half of the
-digits, and a correction with the deformations themselves gives these back (the corrected seminormal
-equations, A. Bjorck, Linear Algebra Appl. 88/89, 31, 1987).
+equations are sparse, and factorised by :mod:`granphon.dynamics.fronts`. The equations lose half of
+the digits, and a correction with the deformations themselves gives the digits back (the corrected
+seminormal equations, A. Bjorck, Linear Algebra Appl. 88/89, 31, 1987).
 
 The factors set aside motions that cost nothing, or so little that the factors cannot tell. Such
 motions are few. Singular values of the deformations that they make, once all others have relaxed,
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InstabilityError
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
@@ -64,6 +64,16 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
         shape = (len(rows) * len(table), lattice.n_branches)
         ends.append(coo_array((effects.ravel(), (lines, columns)), shape=shape).tocsr())
     return ends[0], ends[1]
+
+
+def find_rounded_columns(size: Array, is_turn: Flags, soft: float) -> Flags:
+    """Return (n,) whether each column of the deformations by inner motions is only rounding, so
+    that its motion deforms nothing: if its ``size`` (n,) is no more than the part ``soft`` of the
+    largest of its kind, rotations, for which ``is_turn`` (n,) is true, or displacements.
+    """
+    largest_turn = np.max(size, where=is_turn, initial=0.0)
+    largest_shift = np.max(size, where=~is_turn, initial=0.0)
+    return np.asarray(size <= soft * np.where(is_turn, largest_turn, largest_shift))
 
 
 class SparseRelaxation:
@@ -134,12 +144,8 @@ class SparseRelaxation:
         lattice = self.lattice
         motions = self.lattice.motions
         size = np.sqrt(np.asarray(difference.power(2).sum(axis=0)))
-        # a column that is only rounding, compared with others of its kind, belongs to a motion that
-        # deforms nothing
         is_turn = np.tile(motions.is_rotation, lattice.n_balls)
-        largest_turn = np.max(size, where=is_turn, initial=0.0)
-        largest_shift = np.max(size, where=~is_turn, initial=0.0)
-        is_rounding = size <= soft * np.where(is_turn, largest_turn, largest_shift)
+        is_rounding = find_rounded_columns(size, is_turn, soft)
         self._scale = np.where(is_rounding, 1.0, size)
         inverse_scale = np.where(is_rounding, 0.0, 1.0 / self._scale)
         self._rows: Any = (difference @ diags_array(inverse_scale)).tocsr()

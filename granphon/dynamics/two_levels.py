@@ -162,7 +162,7 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     is_motion = sizes > _DEPENDENT * sizes[:, -1:]
     scale = np.divide(1.0, np.sqrt(np.abs(sizes)), out=np.zeros_like(sizes), where=is_motion)
     weights = vectors * scale[:, None, :]
-    blocks = np.einsum("nki,nij->nkj", effects, weights[boxes.box])
+    blocks = effects @ weights[boxes.box]  # (n, motions, 6)
     if q is not None:
         phase = np.exp(-2.0j * np.pi * (boxes.cells @ q))
         blocks = blocks * phase[:, None, None]

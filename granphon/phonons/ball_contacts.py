@@ -38,7 +38,7 @@ from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
-from granphon.base.validation import finite_array, require, spell_out, truth
+from granphon.base.validation import finite_array, require, require_instance, spell_out, truth
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
@@ -53,7 +53,12 @@ _ROUNDING = 1e-12
 #: motions of balls whose rotations nothing resists
 _ROLLING_FREELY = select_motions(0.0, among=ALL)
 #: rows and columns of the entries of a (3, 3) matrix in Voigt order: xx, yy, zz, yz, xz, xy
-VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+
+
+def list_stress(stress: Array) -> Array:
+    """Return the symmetric part of a ``stress`` (3, 3) in Voigt order, (6,)."""
+    return np.asarray((0.5 * (stress + stress.T))[_VOIGT])
 
 
 class ContactCalculator(Calculator):  # type: ignore[misc]
@@ -143,6 +148,7 @@ class BallContacts(ContactCalculator):
         ``radius`` that is not a number above zero for each ball, and for positions that are not
         finite.
         """
+        require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         missing = sorted(set(kinds) - set(self.balls))
         if missing:
@@ -306,8 +312,7 @@ class BallContacts(ContactCalculator):
         volume = abs(float(np.linalg.det(balls.cell.array)))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
-            stress = -virial / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
+            self.results["stress"] = list_stress(-virial / volume)
         elif "stress" in properties:
             raise InputError(
                 "the cell has no volume", "Stress is force over area", "Give it three vectors"

@@ -31,7 +31,7 @@ from granphon.base.text import (
     seal,
     warn_unverified,
 )
-from granphon.base.validation import require, whole
+from granphon.base.validation import require, truth, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import Modes
@@ -233,7 +233,7 @@ class Bands(Result):
         """Fraction of the kinetic energy that is displacement out of a plane lattice, (s, p, b), 0
         to 1.
 
-        It is zero for lattices with one or three periods.
+        The fraction is zero for lattices with one or three periods.
         """
         components = list[int]()
         if self.periods == 2 and 2 in self.motions.translations:
@@ -321,10 +321,13 @@ class Bands(Result):
 
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
         wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Errors of another
-        shape raise :class:`~granphon.base.errors.InputError`.
+        shape, and a ``pad`` that is not true or false, raise
+        :class:`~granphon.base.errors.InputError`.
         """
         unit = HertzPrefix.for_top(float(self.frequencies.max()))
-        n_still = len(self.masses) * len(self.motions.still_slots) if pad else 0
+        n_still = 0
+        if require("pad", truth, pad):
+            n_still = len(self.masses) * len(self.motions.still_slots)
         lines = [
             *self._write_head(unit, n_still),
             "points:",
@@ -419,8 +422,8 @@ class Bands(Result):
         heads = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", points.tolist())
         labels = list[str]()
         for ends in self._segment_ends:
-            first, last = (f"  label: {json.dumps(name)}\n" for name in ends)
-            labels += [first, *[""] * (p - 2), last][:p]
+            named = [f"  label: {json.dumps(name)}\n" for name in ends]
+            labels += [named[0], *[""] * (p - 2), named[1]][:p]
         numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
         bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
         bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it

@@ -46,16 +46,16 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
-from granphon.base.validation import is_one_of, one_of
-from granphon.dynamics.compatibility import GYRATION
+from granphon.base.validation import is_one_of, one_of, require_instance
+from granphon.dynamics.compatibility import GYRATION, put_in_space
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import (
-    VOIGT,
     BallContacts,
     ContactCalculator,
+    list_stress,
     require_apart,
 )
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls, place_in_space
@@ -78,15 +78,15 @@ _EXTENTS = ("length along x", "area in the plane", "volume")
 #: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice
 #: for the pair to count as that contact
 _CATCH = 0.25
-#: greatest rotation of the whole lattice that is accepted when energies are found. It is measured
-#: by the overlap that the rotation would add to contacts of fixed direction, over their overlap
+#: greatest rotation of the whole lattice that is accepted when energies are found, measured by the
+#: overlap that the rotation would add to contacts of fixed direction, over their overlap
 _TURN_PER_OVERLAP = 1e-2
 #: greatest rotation of the whole lattice that is accepted when force constants are found, as added
 #: overlap over the spacing. More is allowed, because positions then only tell which balls touch
 _TURN_PER_SPACING = 1e-4
 #: distance, in diameters, by which a list of pairs reaches beyond the cutoff. A list serves until a
-#: ball has moved by half of this distance. It is so small that a list does not reach the second
-#: neighbours of the lattices
+#: ball has moved by half of this distance. On the triangular lattice a list reaches 1.55, and so no
+#: second neighbours, which are at 1.73
 _SKIN = 0.3
 #: length, area or volume of a cell, in units of the diameter, below which it counts as zero
 _FLAT = 1e-12
@@ -166,24 +166,23 @@ class HarmonicContacts(ContactCalculator):
     """ASE calculator of a network of contacts, to second order about its state, in the reduced
     units of the network.
 
-    The energy is counted from that of the state. It has two parts. The first is V S:(F - 1), with
+    The energy is counted from that of the state, and has two parts. The first is V S:(F - 1), with
     the volume V of the cell, the stress S of the normal forces, and the deformation F of the cell.
     The second is a sum over contacts: k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2, where e
     is the elongation and s the slip, and with prestress less f t^2/(2 r), where t is the
     displacement across the contact and r the distance of the centres. Springs to the ground add
-    theirs, g u^2/2 and g phi^2/2, and static tangential forces, as well as slip by levers that
-    exceed the arms, the part of theirs that has a potential. Forces and torques are zero at rest,
+    g u^2/2 and g phi^2/2. Static tangential forces, and slip by levers that exceed the arms, add
+    the part of their energy that has a potential. Forces and torques are zero at rest,
     and their derivatives are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither
     open nor stiffen, so that displacements must be small against the overlap. Stress is defined as
     for :class:`HertzMindlin`. Rotations, about the axes of the motions, are read from the array
     ``rotations``.
 
     :func:`~granphon.atoms` attaches the calculator to the Atoms of a network, whose positions it
-    keeps as those at rest. It serves the same balls in the same order; the Atoms
+    keeps as those at rest. The calculator serves the same balls in the same order; the Atoms
     ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
     :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter,
-    and if a stress is asked for although bodies without motion, or springs to the ground, hold the
-    balls.
+    and for a stress where bodies without motion, or springs to the ground, hold the balls.
     """
 
     follows = ("rotations",)
@@ -220,7 +219,7 @@ class HarmonicContacts(ContactCalculator):
         n = len(balls)
         displacement = self._find_displacements(balls)
         rotations = self._find_rotations(balls)
-        vector = _in_space(table.vector) + displacement
+        vector = put_in_space(table.vector) + displacement
         # a body that does not move comes after the balls
         contacts = ContactForces(table.i, table.j, vector, n + 1, lattice.motions)
         for row, stiffness in _list_springs(lattice):
@@ -240,7 +239,7 @@ class HarmonicContacts(ContactCalculator):
             # across the periods the cell is one diameter thick
             volume = abs(np.linalg.det(balls.cell.array[:p, :p]))
             stress = (static + strain.T @ static - virial) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
+            self.results["stress"] = list_stress(stress)
         elif "stress" in properties:
             raise InputError(
                 "a network that is held has no stress of its own",
@@ -301,10 +300,10 @@ class HarmonicContacts(ContactCalculator):
         sizes = network.normal_force[network.in_lattice] / self.state.scales.force
         # springs to the ground come behind the contacts, and bear none
         rows = slice(len(sizes))
-        vectors = np.ascontiguousarray(_in_space(table.vector[rows]))
+        vectors = np.ascontiguousarray(put_in_space(table.vector[rows]))
         ends = (table.i[rows], table.j[rows])
         contacts = ContactForces(*ends, vectors, lattice.n_balls + 1, lattice.motions)
-        contacts.press(sizes, _in_space(table.normal[rows]))
+        contacts.press(sizes, put_in_space(table.normal[rows]))
         # compressive forces are above zero, and make a stress below zero
         return -contacts.collect()[1].T
 
@@ -619,6 +618,7 @@ class HertzMindlin(ContactCalculator):
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or
         if the Atoms belong to another state.
         """
+        require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         kind = FINITE if self.finite_overlap else LATTICE
         balls = adopt(atoms, self.scales, kind, like, self._coordinates)
         find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
@@ -690,8 +690,7 @@ class HertzMindlin(ContactCalculator):
             return None
         # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across
         # the periods
-        stress = -virial / volume
-        return np.asarray((0.5 * (stress + stress.T))[VOIGT])
+        return list_stress(-virial / volume)
 
     def _find_closed_contacts(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""
@@ -874,6 +873,7 @@ class HertzMindlin(ContactCalculator):
         Raises :class:`~granphon.base.errors.InputError` if the balls cannot belong to the state, or
         if their arrays hold numbers that are not finite.
         """
+        require_instance("atoms", balls, Atoms, "Give an ase.Atoms")
         self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         arrays = [balls.positions, np.asarray(balls.cell), *(balls.arrays[name] for name in ARRAYS)]
@@ -968,7 +968,7 @@ class HertzMindlin(ContactCalculator):
         ``motions`` names some of the motions of the state, "longitudinal", "in_plane",
         "out_of_plane" or "all", and the others are left out; by default the lattice has all motions
         of the state. Raises :class:`~granphon.base.errors.InputError` for a name of motions that
-        the state does not have.
+        the state does not have, and for Atoms that the class refuses.
         """
         lattice, _, _ = self._find_lattice(atoms, motions)
         return lattice
@@ -1203,11 +1203,6 @@ def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
-
-
-def _in_space(vectors: Array) -> Array:
-    """Return ``vectors`` (n, d) with zeros for the other components of three, (n, 3)."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:

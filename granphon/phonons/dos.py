@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
 from granphon.base.standard_errors import read_errors
@@ -101,7 +101,12 @@ class DensityOfStates(Result):
         """
         columns = [self.frequencies, self.total, self.translational, self.rotational]
         names = [*_DOS_COLUMNS]
-        for name, errors_of_density in (errors or {}).items():
+        named_errors = {} if errors is None else errors
+        if not isinstance(named_errors, Mapping):
+            raise InputError(
+                f"errors is {brief(errors)}", mend=f"Give a mapping of {', '.join(_DENSITIES)}"
+            )
+        for name, errors_of_density in named_errors.items():
             density = one_of("the name of errors", name, _DENSITIES)
             names.append(f"{density}_error_per_Hz")
             columns.append(read_errors("errors", errors_of_density, self.frequencies.shape))

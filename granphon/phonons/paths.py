@@ -64,7 +64,7 @@ _EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/
 
 def choose_gap_mesh(balls: int, periods: int) -> tuple[int, ...]:
     """Return the numbers of wave vectors (p,) of the mesh on which the edges of bands are sought,
-    for a cell of so many ``balls`` with p = ``periods``.
+    for a cell with a number of ``balls`` and p = ``periods``.
     """
     # the zone of a large cell is small, so fewer points do: along each axis by the p-th root
     coarsening = (balls / 4.0) ** (1.0 / periods) if balls > _FEW_BALLS else 1.0
@@ -102,9 +102,9 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
     """Return the letters of the path from corner to corner of the irreducible zone, for a cell with
     lattice vectors (p, d).
 
-    They are GX on a line, GKMG and GXMG for hexagonal and square cells of the plane, and GXWKGL for
-    face-centred cubic cells. For other cells they are those of ASE, in which a comma marks a jump.
-    ``pbc`` is that of :func:`special_points`.
+    The letters are GX on a line, GKMG and GXMG for hexagonal and square cells of the plane, and
+    GXWKGL for face-centred cubic cells. For other cells the letters are those of ASE, in which a
+    comma marks a jump. ``pbc`` is that of :func:`special_points`.
     """
     path = _find_band_path(vectors, pbc)
     if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points
@@ -479,7 +479,7 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the pieces and the labels, and hold the pieces as tuples of floats."""
+        """Check the pieces and the labels, and hold them as tuples of floats and of texts."""
         paths: Any = self.paths
         if not isinstance(paths, list | tuple) or not paths:
             raise InputError(
@@ -497,11 +497,14 @@ class BandPath:
         # tuples of floats, because these can be hashed, whatever was given
         paths_of_floats = tuple(tuple(tuple(point) for point in piece.tolist()) for piece in pieces)
         object.__setattr__(self, "paths", paths_of_floats)
+        if self.labels is None:
+            return
+        labels = texts("labels", self.labels)
+        object.__setattr__(self, "labels", labels)
         count = sum(len(piece) for piece in pieces)
-        if self.labels is not None and len(self.labels) != count:
+        if len(labels) != count:
             raise InputError(
-                f"found {len(self.labels)} labels; allowed: {count}, one for each point of"
-                f" the band."
+                f"found {len(labels)} labels; allowed: {count}, one for each point of the band."
             )
 
     @classmethod

@@ -30,6 +30,9 @@ from granphon.base.validation import (
     one_of,
     positive,
     real_array,
+    require,
+    require_instance,
+    truth,
     whole_number,
 )
 from granphon.dynamics.bloch_waves import (
@@ -184,13 +187,12 @@ class Phonons:
         """Find the lattice of the cell, and check the arguments; frequencies are found later."""
         self.state: State = as_state(state)
         self.scales: Units = self.state.scales
-        if not isinstance(atoms, Atoms | None):
-            raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
         if atoms is None:
             # one cell of the lattice has the contacts of the state, so no search is needed
             self.lattice: ContactLattice = self.state.contact_lattice()
             self._cell = _Cell.of_lattice(self.lattice)
         else:
+            require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
             self._cell = _Cell.of_atoms(atoms, self.state.reference_lattice.periods)
             self.atoms = self._cell.put_on(atoms.copy())
             self.lattice = self.calculator.contact_lattice(self.atoms)
@@ -459,7 +461,10 @@ class Phonons:
         ``qpoints`` are fractions of the reciprocal cell. There is a branch for each motion of each
         ball of the cell.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for another shape, for a number that is not
+        finite, and for results that do not fit into memory,
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return self.lattice.frequencies(q) * self.scales.frequency
@@ -528,7 +533,8 @@ class Phonons:
         or (n_q, p), Cartesian and of any length. The direction is by default that of q, and is
         required at Gamma.
 
-        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, and
+        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, for another
+        shape and for a number that is not finite, and
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
@@ -636,9 +642,11 @@ class Phonons:
         Raises
         ------
         InputError : :func:`~granphon.phonons.paths.interpolate_path` refuses the path or the
-            labels, or the bands are too large for the memory.
+            labels, ``eigenvectors`` is not true or false, or the bands are too large for the
+            memory.
         InstabilityError : a squared frequency is negative.
         """
+        has_eigenvectors = require("eigenvectors", truth, eigenvectors)
         chosen_path: Any = path
         if path is None:
             chosen_path = default_letters(self._lattice_vectors, self._repeats.tolist())
@@ -649,10 +657,10 @@ class Phonons:
         d = self._periods
         wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), over the mean diameter
         q = wavevectors.reshape(-1, d)
-        self._require_memory_of_bands(len(q), eigenvectors)
+        self._require_memory_of_bands(len(q), has_eigenvectors)
         velocities = None
         vectors = None
-        if eigenvectors:
+        if has_eigenvectors:
             modes = self.lattice.modes(q, _directions_along(wavevectors))
             frequencies = modes.frequencies
             vectors = modes.eigenvectors.reshape(s, p, b, b)
@@ -704,7 +712,8 @@ class Phonons:
         hundreds of branches the time is extrapolated from that of a small matrix.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
-        return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)
+        has_eigenvectors = require("eigenvectors", truth, eigenvectors)
+        return costs.bands(count, self.lattice.n_branches, has_eigenvectors, file=False)
 
     def complex_bands(
         self,
@@ -928,9 +937,9 @@ class Phonons:
         which no branch lies.
 
         The edges of bands are sought on a mesh of the whole zone and at its special points, and
-        from the best of these along group velocities. If something holds the balls, the interval
-        below the lowest branch is a gap too. Intervals narrower than a millionth of the top
-        frequency are no gaps: there branches touch.
+        from the best of these points along group velocities. If something holds the balls, the
+        interval below the lowest branch is a gap too. Intervals narrower than a millionth of the
+        top frequency are no gaps: there branches touch.
 
         Parameters
         ----------
@@ -989,8 +998,9 @@ class Phonons:
         An edge is the greatest or the least frequency of a branch, so that a change of its wave
         vector does not matter to first order. If several wave vectors have the frequency of the
         edge, such as those that the symmetry of the lattice makes equivalent, the derivative is
-        that at one of them. It is the derivative of the edge if the change of the parameters keeps
-        the symmetry. The lower edge of a gap below all branches is zero, and has no derivative.
+        that at one of them. This is the derivative of the edge if the change of the parameters
+        keeps the symmetry. The lower edge of a gap below all branches is zero, and has no
+        derivative.
         """
         from granphon.dynamics.sensitivities import ModeEnergies
 
@@ -1022,8 +1032,7 @@ class Phonons:
         frequencies = zone.frequencies
         bottoms = frequencies.min(axis=0)
         tops = frequencies.max(axis=0)
-        # the highest frequency of all branches below each branch
-        floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+        floors = _find_floors(tops)
         narrowest = _NO_GAP * float(tops[-1])
         is_open = bottoms - floors > narrowest
         if only_from_zero:
@@ -1174,14 +1183,20 @@ class _Gaps(NamedTuple):
     points: Array
 
 
+def _find_floors(tops: Array) -> Array:
+    """Return the highest frequency (n_branches,) of all branches below each branch, zero below the
+    lowest, from the highest frequency ``tops`` (n_branches,) of each.
+    """
+    return np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+
+
 def find_gaps_between(cutoffs: Array) -> tuple[Index, Array]:
     """Return the number of branches below each gap, (n,), and the gaps, (n, 2) Hz, as
     :meth:`Phonons.find_gaps` does, from the ``cutoffs`` (n_branches, 2), Hz, of all branches; no
     zone is searched.
     """
     bottoms, tops = cutoffs.T
-    # the highest frequency of all branches below each branch
-    floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+    floors = _find_floors(tops)
     is_gap = bottoms - floors > _NO_GAP * tops[-1]
     return np.flatnonzero(is_gap), np.stack([floors, bottoms], axis=1)[is_gap]
 

@@ -272,7 +272,8 @@ class Surface:
         The path is that of the bands of a cut. Returned are wave vectors (n_q, 3) in fractions of
         the reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
         distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
-        and no corner.
+        and no corner. Raises :class:`~granphon.base.errors.InputError` for ``npoints`` below 2,
+        except at the end of a chain.
         """
         p = len(self.cell)
         if not p:
@@ -308,7 +309,8 @@ class Surface:
         crystal over all wave vectors across the edge, at each q along it.
 
         Branches are ordered by frequency, and are those of a cell that spans as many layers as
-        contacts reach across.
+        contacts reach across. Raises :class:`~granphon.base.errors.InputError` for wave vectors of
+        another shape or that leave the edge.
         """
         squares = self.half_space.bands(self._read(q)[0])
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
@@ -377,12 +379,11 @@ class Surface:
         ----------
         npoints : wave vectors in each segment of the path, both ends counted.
         frequencies : (n_f,) Hz; by default 241 from zero to just above the crystal's bands.
-        damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
+        damping, leaky : as in :meth:`spectrum` and :meth:`branches`, with the same errors.
         """
         q, distances, corners, labels = self.path(npoints)
-        n_frequencies = N_FREQUENCIES if frequencies is None else np.size(frequencies)
-        self._require_memory(len(q), n_frequencies)
         if frequencies is None:
+            self._require_memory(len(q), N_FREQUENCIES)
             highest = float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
             frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, N_FREQUENCIES)
         spectrum = self.spectrum(q, frequencies, damping)
@@ -402,6 +403,10 @@ class Surface:
         contact and are no waves. ``free`` lists these motions too, if a thousandth of their energy
         is in the outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer
         to Gamma than 1e-4 of the zone lose digits.
+
+        Raises :class:`~granphon.base.errors.InputError` for wave vectors of another shape or that
+        leave the edge, for flags that are not true or false, and for waves that do not fit into
+        memory.
         """
         fractions, points = self._read(q)
         self._require_memory(len(points), _POLES)
@@ -428,7 +433,8 @@ class Surface:
 
         Waves of one frequency, to 1e-8 of it, have the derivative of their mean. Leaky waves, whose
         frequencies are complex, and motions without energy are not among them. Raises
-        :class:`~granphon.base.errors.InputError` for arrays larger than the memory, and
+        :class:`~granphon.base.errors.InputError` for wave vectors that :meth:`branches` refuses and
+        for arrays larger than the memory, and
         :class:`~granphon.base.errors.PrecisionError` for a wave so near to an edge of a band that
         it cannot be told from waves of the bulk.
         """

@@ -256,6 +256,18 @@ def test_numbers_out_of_range_are_named(name, value):
 
 
 @pytest.mark.parametrize(
+    "on_site", [np.ones(3), np.ones((1, 2)), np.ones((9, 3)), -np.ones((1, 3))]
+)
+def test_springs_of_another_shape_or_below_zero_are_refused(on_site):
+    lattice = gp.ContactLattice.of("triangular", 0.5)
+    of_cell = (lattice.cell, lattice.positions, lattice.contacts)
+    with pytest.raises(InputError, match="on_site"):
+        gp.ContactLattice(*of_cell, 0.5, on_site=on_site)
+    with pytest.raises(InputError, match="contacts"):
+        gp.ContactLattice(lattice.cell, lattice.positions, None, 0.5)
+
+
+@pytest.mark.parametrize(
     ("cell", "positions"),
     [([1.0, 0.0], [[0.0, 0.0]]), (np.eye(2), [[0.0]]), (np.eye(3)[:, :2], [[0.0, 0.0]])],
 )

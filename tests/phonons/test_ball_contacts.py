@@ -227,6 +227,12 @@ def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
     assert np.flatnonzero(balls.arrays["rattler"]).tolist() == [26]  # LAMMPS' ball 27
 
 
+def test_the_reader_of_dumps_for_viewers_ignores_no_stiffness():
+    files = [ROOT / "examples" / "packings" / f"disks_{what}.dump" for what in ("atoms", "pairs")]
+    with pytest.raises(InputError, match="shear_stiffness"):
+        read_granphon_lammps(*files, shear_stiffness=-1.0)
+
+
 def test_readers_for_viewers_keep_balls_that_are_held(tmp_path):
     """A ball on a ball that is held, above a flat wall: a wall has no size, and is none of the
     Atoms.

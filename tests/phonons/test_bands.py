@@ -518,3 +518,13 @@ def test_standard_errors_of_another_shape_are_refused(phonons, tmp_path):
     with pytest.raises(InputError, match="errors"):
         bands.write(tmp_path / "band.yaml", errors=np.ones(3))
     assert not list(tmp_path.iterdir())
+
+
+def test_flags_and_labels_of_another_kind_are_named(phonons, tmp_path):
+    with pytest.raises(InputError, match="eigenvectors"):
+        phonons.bands("GK", 2, eigenvectors="no")
+    with pytest.raises(InputError, match="pad"):
+        phonons.bands("GK", 2).write(tmp_path / "band.yaml", pad="yes")
+    with pytest.raises(InputError, match="labels"):
+        BandPath([[[0, 0, 0], [0, 0, 1]]], 5)
+    assert not list(tmp_path.iterdir())

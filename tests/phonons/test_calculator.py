@@ -1441,3 +1441,14 @@ def test_balls_with_diameters_of_their_own_have_no_mean_law(medium):
     for ask in (balls.calc.get_potential_energy, balls.calc.get_force_constants):
         with pytest.raises(InputError, match="count twice"):
             ask(balls)
+
+
+def test_only_atoms_are_atoms():
+    calculator = gp.HertzMindlin(gp.AveragedLattice(gp.Packing(STEEL, DIAMETER)).at_force(18.4))
+    for take in (
+        calculator.contact_lattice,
+        calculator.adopt,
+        gp.HertzMindlin({"A": STEEL}).find_radii,
+    ):
+        with pytest.raises(InputError, match="atoms"):
+            take("Fe")
