@@ -1450,7 +1450,8 @@ class Crystal(Result):
             components = components[None]
         if components.shape[-2:] == (p, p):
             asymmetry = np.abs(components - np.swapaxes(components, -1, -2))
-            if np.any(asymmetry > _ROUNDED * np.max(np.abs(components))):
+            sizes = np.max(np.abs(components), axis=(-2, -1), keepdims=True)  # of each tensor
+            if np.any(asymmetry > _ROUNDED * sizes):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
             return components
         if components.shape[-1:] != (len(voigt),):

@@ -1071,9 +1071,9 @@ class DirectSimulation(Medium[SimulatedState]):
             try:
                 require_load(self.packing, start.applied, self._largest_excess)
             except InputError as error:
-                refused = InputError(f"the start of the loading: {error}")
-                refused.option = "start"
-                raise refused from None
+                start_error = InputError(f"the start of the loading: {error}")
+                start_error.option = "start"
+                raise start_error from None
 
     @cached_property
     def history(self) -> FrictionHistory:
