@@ -188,8 +188,10 @@ class AutoMedium(Medium[ContactState]):
         if there is a load at which no medium is accurate enough.
         """
         candidates, errors = self._find_errors(Load(kind, loads).flat)
-        sufficient = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        return candidates[sufficient[0]] if sufficient.size else candidates[-1]
+        sufficient_candidates = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
+        return (
+            candidates[sufficient_candidates[0]] if sufficient_candidates.size else candidates[-1]
+        )
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the candidates and their expected relative errors (n_candidates, n_loads).

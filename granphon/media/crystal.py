@@ -641,10 +641,11 @@ class Crystal(Result):
 
         ``index`` is the number of a ball, or a list of numbers. The ball must have the radius of
         the ball that it replaces, to half a millionth, so that it touches the same neighbours. In a
-        sample it has the mean diameter of its kind. Other kinds keep their names, and a new kind
-        whose ball has no name gets the next free letter. Raises
-        :class:`~granphon.base.errors.InputError` for another radius, what is no ball, a number that
-        no ball has, a name that another kind has, and a law that lacks a pair with the new kind.
+        sample the new ball has the mean diameter of its kind. Other kinds keep their names, and a
+        new kind whose ball has no name gets the next free letter. Raises
+        :class:`~granphon.base.errors.InputError` for another radius, an argument that is no ball, a
+        number that no ball has, a name that another kind has, and a law that lacks a pair with the
+        new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -1642,7 +1643,7 @@ class Crystal(Result):
             why = NO_TENSION if is_tensile else NO_STIFFNESS
             mend = f"Give a {kind} above zero"
             if self._laws.adhere:
-                why = "A mean of contacts that adhere has no one pressure there"
+                why = "A mean of contacts that adhere belongs to no single pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {sign}", why, mend)
         is_exact = read_finite_overlap(finite_overlap)

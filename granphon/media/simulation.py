@@ -1375,10 +1375,14 @@ class DirectSimulation(Medium[SimulatedState]):
 
         Each equilibrium from another process has copies of its own, which would fill the memory.
         """
-        first = next(iter(equilibria.values()))
-        stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
+        first_equilibrium = next(iter(equilibria.values()))
+        stencils = Stencils(
+            first_equilibrium.stencils.shape,
+            workers=self.workers,
+            lattice=first_equilibrium.lattice,
+        )
         return {
-            index: equilibrium.share(first.deviations, stencils)
+            index: equilibrium.share(first_equilibrium.deviations, stencils)
             for index, equilibrium in equilibria.items()
         }
 
