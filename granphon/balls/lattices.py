@@ -86,11 +86,11 @@ class Lattice:
             raise InputError(
                 f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers"
             )
-        largest = max(np.max(np.abs(cell)), np.max(np.abs(sites)))
-        if largest > _LARGEST:
+        largest_number = max(np.max(np.abs(cell)), np.max(np.abs(sites)))
+        if largest_number > _LARGEST:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
-                f"lattice {self.name!r} has a number of size {largest:g}",
+                f"lattice {self.name!r} has a number of size {largest_number:g}",
                 why,
                 f"Give numbers up to {_LARGEST:g}",
             )

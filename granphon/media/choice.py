@@ -767,11 +767,12 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     return MediumChoice(name, tuple(read_options.items()))
 
 
-def default_medium(balls: Balls, differ: bool = False) -> str:
+def default_medium(balls: Balls, diameters_differ: bool = False) -> str:
     """Return the name of the medium that balls have if none is named: that of crystals or of
-    packings in files, or else an average that depends on whether diameters ``differ``.
+    packings in files, or else the effective medium if ``diameters_differ``, the averaged lattice if
+    not.
     """
-    name = EffectiveMedium.name if differ else AveragedLattice.name
+    name = EffectiveMedium.name if diameters_differ else AveragedLattice.name
     return balls.medium_name or name
 
 

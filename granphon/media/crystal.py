@@ -1232,12 +1232,12 @@ class Crystal(Result):
         serve, and its state is put back into the order of the crystal; not so if forces act on
         single balls.
         """
-        on_grid = self._sample_on_grid
-        if on_grid is None or np.any(load.force):
+        sample_on_grid = self._sample_on_grid
+        if sample_on_grid is None or np.any(load.force):
             return find_rest(self._assembly, load, geometry, boundary, start)
-        start_on_grid = None if start is None else on_grid.sort(start)
-        rest_on_grid = find_rest(on_grid.assembly, load, geometry, boundary, start_on_grid)
-        return on_grid.restore(rest_on_grid)
+        start_on_grid = None if start is None else sample_on_grid.sort(start)
+        rest_on_grid = find_rest(sample_on_grid.assembly, load, geometry, boundary, start_on_grid)
+        return sample_on_grid.restore(rest_on_grid)
 
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
@@ -1688,8 +1688,8 @@ class Crystal(Result):
         laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        differ = assembly.differs
-        search = PressureSearch(goal, SAMPLE_TOLERANCE if differ else MEAN_TOLERANCE)
+        balls_differ = assembly.differs
+        search = PressureSearch(goal, SAMPLE_TOLERANCE if balls_differ else MEAN_TOLERANCE)
         start: Rest | None = None
         state: Rest | None = None
         for _ in range(MOST_MEANS):
@@ -1699,24 +1699,24 @@ class Crystal(Result):
                 # the state in the exact geometry is found from that in the directions of the sites.
                 # But where balls differ it is found from the last one: from another state loose
                 # balls would come to rest elsewhere, and the mean would jump
-                start_of_exact = state if differ and state else lattice_state
+                start_of_exact = state if balls_differ and state else lattice_state
                 state = self._find_rest(load, "exact", boundary, start_of_exact)
             else:
                 state = lattice_state
-            contacts = MeanContacts.of(state, laws, differ)
+            contacts = MeanContacts.of(state, laws, balls_differ)
             if not np.any(contacts.is_counted):
                 problem = f"all contacts are open under {load.words}"
                 why = "Those that adhere have come apart"
                 raise InputError(problem, why, f"Give a larger {kind}")
             mean = contacts.find_mean(kind)
-            rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
+            rounding = contacts.bound_rounding(kind, goal, balls_differ, laws.adhere)
             if search.is_reached(mean, rounding):
                 return state, load
             if acceleration is not None and search.is_stuck(mean, rounding):
                 break  # gravity alone presses more than the goal
             pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
-            if differ:
+            if balls_differ:
                 # overlaps that balls of different diameters have on their sites do not depend on
                 # the pressure: the mean follows no power, and the last state is not scaled
                 overlap_growth = 1.0
