@@ -714,13 +714,13 @@ def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[Med
     history = tuple(truth.options.items())
     structure = packing.structure
     for side in SIDES[structure.periods]:
-        shape = even_shape(structure, side)
+        shape = choose_shape(structure, side)
         options = (("shape", shape), *history)
         candidates.append(MediumChoice(SIMULATION, options))
     return candidates
 
 
-def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
+def choose_shape(structure: Lattice, side: float) -> tuple[int, ...]:
     """Return the number of cells along each period, (p,), of a sample whose sides are about
     ``side`` diameters.
     """
