@@ -197,6 +197,30 @@ class _Bodies(NamedTuple):
         """
         return self.n_balls + len(self.walls)
 
+    @property
+    def body_of_ball(self) -> Index:
+        """(n,) the number of the body with which each ball moves: the balls that move by themselves
+        come first, then the walls that move, and then one body for all that is held.
+        """
+        wall_or_held = np.where(
+            self.wall_of_ball >= 0, self.n_balls + self.wall_of_ball, self.held_body
+        )
+        return np.where(self.ball_number >= 0, self.ball_number, wall_or_held)
+
+
+class _Rows(NamedTuple):
+    """Some of the m contacts of the statics.
+
+    ``i`` and ``j`` (m,) are the bodies, numbered as :attr:`_Bodies.body_of_ball`, ``vector`` (m, d)
+    leads from the centre of i to that of j at touch, m, and ``offset`` (m,) is the overlap there,
+    m.
+    """
+
+    i: Index
+    j: Index
+    vector: Array
+    offset: Array
+
 
 @result_class
 class Crystal(Result):
@@ -1152,35 +1176,14 @@ class Crystal(Result):
         self._require_drawn()
         bodies = self._bodies
         d = self.dimension
-        table = self.contacts
-        bulges = self._bulges
-        # numbers of bodies: the balls that move, the walls that move, and one for all that is held
-        wall_or_held = np.where(
-            bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held_body
-        )
-        body_of_ball = np.where(bodies.ball_number >= 0, bodies.ball_number, wall_or_held)
-        first_bodies = [body_of_ball[table.i]]
-        second_bodies = [body_of_ball[table.j]]
-        vectors = [table.vector]
-        # overlaps of the drawn balls at the positions at which the mean balls touch
-        offsets = [bulges[table.i] + bulges[table.j]]
-        for floor in self._floors:
-            radii = self._mean_radii[floor.balls]
-            wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
-            first_bodies.append(body_of_ball[floor.balls])
-            second_bodies.append(np.full(len(floor.balls), wall))
-            # from the centre of the ball to the flat body
-            vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
-            offsets.append(bulges[floor.balls])
-        spring_balls, spring_axes, constants = self._springs
-        first_bodies.append(body_of_ball[spring_balls])
-        second_bodies.append(np.full(len(constants), bodies.held_body))
-        vectors.append(_NO_LENGTH * np.eye(d)[spring_axes])
-        offsets.append(np.zeros(len(constants)))
-        i = np.concatenate(first_bodies).astype(np.int64)
-        vector = np.zeros((len(i), 3))
-        vector[:, :d] = np.concatenate(vectors)
+        rows = [self._list_ball_rows(), *map(self._list_floor_rows, self._floors)]
+        rows.append(self._list_spring_rows())
+        # the columns of all rows, each in one array
+        columns = _Rows(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+        vector = np.zeros((len(columns.vector), 3))
+        vector[:, :d] = columns.vector
         # one law for all springs of the same stiffness, with the numbers of these springs
+        _, _, constants = self._springs
         spring_laws = [
             (SpringLaw(constant), np.flatnonzero(constants == constant))
             for constant in np.unique(constants).tolist()
@@ -1188,16 +1191,52 @@ class Crystal(Result):
         axes = [face.axis for face in bodies.walls]
         return Assembly(
             n_balls=bodies.n_balls,
-            i=i,
-            j=np.concatenate(second_bodies).astype(np.int64),
+            i=columns.i.astype(np.int64),
+            j=columns.j.astype(np.int64),
             vector=vector,
-            is_flat=np.arange(len(i)) >= len(table),  # all but the contacts between balls
-            offset=np.concatenate(offsets),
+            is_flat=np.arange(len(vector)) >= len(self.contacts),  # all but those between balls
+            offset=columns.offset,
             laws=self._laws.append(spring_laws, len(constants)),
             cell=self.cell[:, : self.periods],
             dimension=d,
             directions=np.eye(d)[axes].reshape(len(axes), d),  # also with no wall that moves
             wall_balls=np.array([float(len(face.balls[1])) for face in bodies.walls]),
+        )
+
+    def _list_ball_rows(self) -> _Rows:
+        """Return the contacts between balls; their offsets are the overlaps that drawn balls have
+        at the positions at which the mean balls touch.
+        """
+        table = self.contacts
+        body_of_ball = self._bodies.body_of_ball
+        offset = self._bulges[table.i] + self._bulges[table.j]
+        return _Rows(body_of_ball[table.i], body_of_ball[table.j], table.vector, offset)
+
+    def _list_floor_rows(self, floor: Side) -> _Rows:
+        """Return the contacts with a ``floor`` or wall; their vectors lead from the centre of the
+        ball to the flat body.
+        """
+        bodies = self._bodies
+        n = len(floor.balls)
+        flat_body = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
+        radii = self._mean_radii[floor.balls]
+        vector = floor.sign * radii[:, None] * np.eye(self.dimension)[floor.axis]
+        return _Rows(
+            bodies.body_of_ball[floor.balls],
+            np.full(n, flat_body),
+            vector,
+            self._bulges[floor.balls],
+        )
+
+    def _list_spring_rows(self) -> _Rows:
+        """Return the springs to the ground as contacts with what is held."""
+        bodies = self._bodies
+        balls, axes, _ = self._springs
+        return _Rows(
+            bodies.body_of_ball[balls],
+            np.full(len(balls), bodies.held_body),
+            _NO_LENGTH * np.eye(self.dimension)[axes],
+            np.zeros(len(balls)),
         )
 
     @cached_property
