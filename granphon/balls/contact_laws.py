@@ -763,9 +763,9 @@ def check_law(law: PairLaw, radius: float) -> None:
     steps = overlaps[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
     numbers = {method: _call_for_numbers(law, name, method, steps) for method in _DERIVATIVES}
     for method, derivative in pairwise(_DERIVATIVES):
-        called = f"{derivative} of the contact law {name}"
+        subject = f"{derivative} of the contact law {name}"
         derivatives = numbers[derivative][:, 0]
-        _compare_derivative(called, method, overlaps, numbers[method], derivatives)
+        _compare_derivative(subject, method, overlaps, numbers[method], derivatives)
     is_flat = numbers["stiffness"][:, 0] <= 0.0
     if np.any(is_flat):
         problem = f"the force of the contact law {name} does not rise"
@@ -773,9 +773,9 @@ def check_law(law: PairLaw, radius: float) -> None:
     inverse = _call_for_numbers(law, name, "overlap", numbers["force"][:, 0])
     is_off = np.abs(inverse - overlaps) > _ALLOWED * np.abs(overlaps)
     if np.any(is_off):
-        first = int(np.argmax(is_off))
-        problem = f"overlap(force(overlap)) of the contact law {name} is {inverse[first]:.6g} m"
-        raise _refuse_at(overlaps[first], problem)
+        index = int(np.argmax(is_off))
+        problem = f"overlap(force(overlap)) of the contact law {name} is {inverse[index]:.6g} m"
+        raise _refuse_at(overlaps[index], problem)
 
 
 def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
@@ -844,27 +844,27 @@ def _call_for_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> 
 
 
 def _compare_derivative(
-    called: str, method: str, overlaps: Array, numbers: Array, derivatives: Array
+    subject: str, method: str, overlaps: Array, numbers: Array, derivatives: Array
 ) -> None:
-    """Raise InputError unless ``derivatives`` (n,), which the message names as ``called``, are
-    those of the ``numbers`` (n, 3) that a method returns at the overlaps (n,), m, a step above them
-    and a step below.
+    """Raise InputError unless ``derivatives`` (n,), which the message calls ``subject``, are those
+    of the ``numbers`` (n, 3) that a ``method`` returns at the ``overlaps`` (n,), m, a step above
+    them and a step below.
     """
     slopes = (numbers[:, 1] - numbers[:, 2]) / (2.0 * _STEP * overlaps)
     # beside a slope that is nearly zero, the number over the overlap is the measure of an error
     size = np.maximum(np.abs(derivatives), np.abs(numbers[:, 0] / overlaps))
     is_off = np.abs(slopes - derivatives) > _ALLOWED * size
     if np.any(is_off):
-        first = int(np.argmax(is_off))
+        index = int(np.argmax(is_off))
         problem = (
-            f"{called} is {derivatives[first]:.6g}, and the derivative of its {method}"
-            f" {slopes[first]:.6g}"
+            f"{subject} is {derivatives[index]:.6g}, and the derivative of its {method}"
+            f" {slopes[index]:.6g}"
         )
-        raise _refuse_at(overlaps[first], problem)
+        raise _refuse_at(overlaps[index], problem)
 
 
 def _refuse_at(overlap: float, problem: str) -> InputError:
-    """Return the error of a law that has a ``problem`` at an overlap, m."""
+    """Return the error of a law that has a ``problem`` at an ``overlap``, m."""
     return InputError(f"{problem} at an overlap of {overlap:.4g} m", mend="Mend the law")
 
 

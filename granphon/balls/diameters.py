@@ -506,11 +506,11 @@ def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> t
     weights: the first, the last, and two in each of the cells between; a cell of one or two places
     keeps these. Places that are ``most_points`` or fewer are returned as they are.
 
-    The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that
-    only pairs near the kink are in error. Cells are narrower where there are many balls: the edges
-    are evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the fraction of
-    the range below. As the widths of cells differ, their pairs open at different places, and the
-    errors do not add up.
+    The two places are a Gauss quadrature: each cell keeps its weight and its first three moments,
+    so that only pairs near the kink are in error. Cells are narrower where there are many balls:
+    the edges are evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the
+    fraction of the range below. As the widths of cells differ, their pairs open at different
+    places, and the errors do not add up.
 
     Errors against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with
     192 places: 4e-6 of F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12

@@ -244,7 +244,7 @@ class HertzLaw(EnergyLaw):
         no material, a diameter that is not above zero, and balls beyond double precision.
         """
         if not isinstance(material, Material):
-            problem = f"the material of a contact is {brief(material)}"
+            problem = f"the material of a contact is {brief(material)}"  # type: ignore[unreachable]
             raise InputError(problem, mend="Give a granphon.Material")
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")

@@ -86,11 +86,11 @@ class Lattice:
             raise InputError(
                 f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers"
             )
-        largest = max(np.max(np.abs(cell)), np.max(np.abs(sites)))
-        if largest > _LARGEST:
+        largest_number = max(np.max(np.abs(cell)), np.max(np.abs(sites)))
+        if largest_number > _LARGEST:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
-                f"lattice {self.name!r} has a number of size {largest:g}",
+                f"lattice {self.name!r} has a number of size {largest_number:g}",
                 why,
                 f"Give numbers up to {_LARGEST:g}",
             )
@@ -364,16 +364,17 @@ def register_lattice(lattice: Lattice) -> Lattice:
     return LATTICES.add(lattice.name, lattice, lattice)
 
 
-def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lattice:
+def find_lattice(lattice: str | Lattice, names: Iterable[str] = LATTICES) -> Lattice:
     """Return the lattice of a name, or a given :class:`Lattice` itself.
 
-    Raises :class:`InputError` for an unknown name; the message lists the ``known`` names.
+    Raises :class:`InputError` for an unknown name; the message lists the ``names``, by default
+    those of all lattices.
     """
     if isinstance(lattice, Lattice):
         return lattice
     if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
-    mend = "Use " + ", ".join(known) + ", or a granphon.Lattice"
+    mend = "Use " + ", ".join(names) + ", or a granphon.Lattice"
     raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
 
 

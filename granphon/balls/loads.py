@@ -112,8 +112,9 @@ class Load:
 
     @classmethod
     def only(cls, **values_of_kinds: ArrayLike | None) -> Self:
-        """Make a load from the one keyword that is not None: its name is the kind, its value a
-        number or a list of n of them. The array of the load is (n,), of a number (1,).
+        """Make a load from the one of the keywords ``values_of_kinds`` that is not None: its name
+        is the kind, its value a number or a list of n numbers, in the SI unit of the kind. The
+        array of the load is (n,), of a number (1,).
 
         Raises :class:`~granphon.base.errors.InputError` if all keywords are None or several are
         not, if the value is neither a number nor a list of numbers, and where the class does.

@@ -363,12 +363,12 @@ def _require_resisted(
     if ball_motions.rotate:
         missing_motions = "rotations about the normals of contacts"
         why = "turn balls across the normals only: no contact twists"
-    suitable = [name for name, motions in allowed.items() if not list_idle(motions)]
+    suitable_names = [name for name, motions in allowed.items() if not list_idle(motions)]
     pronoun = "it" if len(idle_stiffnesses) == 1 else "both"
     raise InputError(
         f"{' and '.join(idle_stiffnesses)} without {missing_motions}",
         f"The motions {ball_motions.name!r} of {subject} {why}",
-        f"Use motions {', '.join(suitable)}, or leave {pronoun} out",
+        f"Use motions {', '.join(suitable_names)}, or leave {pronoun} out",
     )
 
 

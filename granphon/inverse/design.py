@@ -20,7 +20,7 @@ from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import one_of, texts
 from granphon.inverse.goals import Goal
-from granphon.inverse.search import Found, Numbers, Parameters, Problem
+from granphon.inverse.search import Numbers, Parameters, Problem, SearchOutcome
 from granphon.inverse.variables import PER, RESTARTS, SEED, STEPS, read_bounds
 from granphon.networks.network import ContactNetwork, given_network
 
@@ -180,7 +180,9 @@ class _Choice(NamedTuple):
     sentences: list[str]
 
 
-def choose_best(problem: Problem, searches: Sequence[Found], warnings: Sequence[str]) -> Design:
+def choose_best(
+    problem: Problem, searches: Sequence[SearchOutcome], warnings: Sequence[str]
+) -> Design:
     """Return the design whose network is the best that the searches of a ``problem`` have found.
 
     ``searches`` holds what each search has found, in the order of their starts, and ``warnings``
@@ -234,7 +236,7 @@ def choose_best(problem: Problem, searches: Sequence[Found], warnings: Sequence[
 
 
 def _choose_certified(
-    problem: Problem, searches: Sequence[Found], order: Sequence[int], start: ContactNetwork
+    problem: Problem, searches: Sequence[SearchOutcome], order: Sequence[int], start: ContactNetwork
 ) -> _Choice:
     """Return the network that is kept for a gap, whose width, Hz, is that on the finer mesh.
 

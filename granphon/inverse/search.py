@@ -138,7 +138,7 @@ def _read_goal(answer: Any) -> tuple[Array, Mapping[str, Any]]:
 Space = Numbers | Parameters
 
 
-class Found(NamedTuple):
+class SearchOutcome(NamedTuple):
     """What a search from one start has found.
 
     Attributes
@@ -290,7 +290,7 @@ class Problem:
         """Return the goal of the start of this ``number``."""
         return self.goals[number % len(self.goals)]
 
-    def search(self, number: int) -> Found:
+    def search(self, number: int) -> SearchOutcome:
         """Search from the start of this ``number``, and return what is found; start 0 is the given
         network. A start without the sums is first moved within the bounds until it has them, as
         only networks with the sums may be kept as the best.
@@ -301,7 +301,7 @@ class Problem:
         start = self._meet_sums(self._draw_start(number) if number else self.space.start)
         search = _Search(self.space, self.find_goal(number), self.sums)
         search.run(start, self.steps, must_start=not number)
-        return Found(np.array(search.history), search.best, search.stopped)
+        return SearchOutcome(np.array(search.history), search.best, search.stopped)
 
 
 class _Stopped(Exception):

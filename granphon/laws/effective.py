@@ -887,74 +887,149 @@ def solve_curve(
     curve ends at low forces as :class:`EffectiveCurve` describes it. Raises
     :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
-    averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
-    points, derivative, coefficients = radau(stages)
-    series = high_pressure_series(shape, xi)
-    # steps to be solved, in ascending order; the last of them is solved next
-    pending_steps = _divide_range([*shape.openings.tolist(), series.start], longest)
-    first_opening = pending_steps[0][0]
-    # those at the upper end of the step that is solved next
-    stiffness = series.value(series.start, STIFFNESS)
-    force = series.value(series.start, FORCE)
-    solved_steps = []
-    solved_tables = []
-    count = 1  # number of steps that are solved at once
-    guess = None  # overlaps and k/<K^Q> of the last attempt, if it has to be repeated
-    while force > LEAST_SOLVED_FORCE:
-        origin, low, high = pending_steps[-1]
-        if stiffness * (origin - first_opening + high**2) <= _VANISHED * force:
-            break
-        # at the overlap where the first contact closes, force and stiffness are both zero. Steps
-        # are halved towards this end, and never contain it
-        if (origin, low) == (first_opening, 0.0):
-            pending_steps[-1:] = _halve(pending_steps[-1])
-            continue
-        next_steps = reversed(pending_steps[-count:])  # in descending order
-        steps = [step for step in next_steps if step[:2] != (first_opening, 0.0)]
-        block = Block.of(steps, points)
-        # steps of a density are long and few: one is solved at a time, because a step that must be
-        # halved makes the work on the steps below it useless
-        most_steps = averages.limit_steps(block) if averages else 1
-        if most_steps < len(steps):
-            count = most_steps
-            continue
-        balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
-        start = _estimate(balls, block, guess, stiffness)
-        solution = _relax(balls, derivative, block, start, stiffness)
+    return _CurveSolver(shape, xi, stages, tolerance, longest, order).run()
+
+
+class _CurveSolver:
+    """The solution of equation (36), downwards from the high-pressure series, several steps at a
+    time. The arguments are those of :func:`solve_curve`.
+
+    Attributes
+    ----------
+    pending : steps to be solved, in ascending order; the last of them is solved next.
+    stiffness, force : k and f* at the upper end of the step that is solved next.
+    count : number of steps to be solved at once.
+    guess : overlaps and k/<K^Q> of the last attempt, if it has to be repeated; else None.
+    steps, tables : of each solved block, in descending order: the origin, the middle and the half
+        length of its steps, (B, 3), and the Chebyshev coefficients of k on them, (B, s + 1).
+    """
+
+    def __init__(
+        self, shape: Shape, xi: float, stages: int, tolerance: float, longest: float, order: int
+    ) -> None:
+        self.shape = shape
+        self.xi = xi
+        self.tolerance = tolerance
+        self.order = order
+        self.averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
+        self.points, self.derivative, self.coefficients = radau(stages)
+        self.series = high_pressure_series(shape, xi)
+        start = self.series.start
+        self.pending = _divide_range([*shape.openings.tolist(), start], longest)
+        self.first_opening = self.pending[0][0]
+        self.stiffness = self.series.value(start, STIFFNESS)
+        self.force = self.series.value(start, FORCE)
+        self.count = 1
+        self.guess: tuple[Array, Array] | None = None
+        self.steps: list[Array] = []
+        self.tables: list[Array] = []
+
+    def run(self) -> EffectiveCurve:
+        """Solve steps until the curve ends, and return the curve.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` as :func:`solve_curve` does.
+        """
+        goes_on = True
+        while goes_on and self.force > LEAST_SOLVED_FORCE and not self._has_vanished():
+            goes_on = self._advance()
+        return _make_curve(self.shape, self.xi, self.series, self.steps, self.tables, self.force)
+
+    def _has_vanished(self) -> bool:
+        """Return whether the stiffness counts as zero (:data:`_VANISHED`) at the upper end of the
+        next step.
+        """
+        origin, _, high = self.pending[-1]
+        depth = origin - self.first_opening + high**2
+        return self.stiffness * depth <= _VANISHED * self.force
+
+    def _begins_at_first_contact(self, step: Step) -> bool:
+        """Return whether the lower end of a ``step`` is the overlap at which the first contact
+        closes, where force and stiffness are both zero.
+        """
+        return step[:2] == (self.first_opening, 0.0)
+
+    def _advance(self) -> bool:
+        """Solve the next steps, or divide them if they are not resolved; return False if the curve
+        ends at their upper end, as they are not resolved however short they are.
+        """
+        # steps are halved towards the first contact, and never contain it
+        if self._begins_at_first_contact(self.pending[-1]):
+            self.pending[-1:] = _halve(self.pending[-1])
+            return True
+        steps, block = self._take_steps()
+        balls = self._average(block)
+        start = _estimate(balls, block, self.guess, self.stiffness)
+        solution = _relax(balls, self.derivative, block, start, self.stiffness)
         # steps on which the solution fails, or is not resolved, must be halved
         is_rough = np.ones(len(steps), bool)
         if solution is not None:
-            k, forces = solution
-            table = k @ coefficients.T
-            is_rough = _find_rough(table, k, np.maximum(tolerance, balls.noise))
+            k, _ = solution
+            table = k @ self.coefficients.T
+            is_rough = _find_rough(table, k, np.maximum(self.tolerance, balls.noise))
         # doubles cannot tell apart the points of a step that is shorter than the shortest
         is_shortest = block.half < _SHORTEST * block.middle
         is_hopeless = bool(np.any(is_shortest[is_rough]))
         if len(steps) > 1 and (solution is None or is_hopeless):
-            count = len(steps) // 2
-            continue
-        if is_hopeless and force < VALID_FORCE:
-            break
-        if is_hopeless:
+            self.count = len(steps) // 2
+            return True
+        if is_hopeless and self.force >= VALID_FORCE:
             raise _explain_divergence(block)
-        if np.any(is_rough):
-            finer_steps = _halve_rough(steps, is_rough)
-            pending_steps[-len(steps) :] = finer_steps
-            count = len(finer_steps)
-            if solution is not None:
-                guess = _sort_by_overlap(block.y, k / balls.mean)
-            continue
-        # steps below the first one that reaches the least force are dropped
-        solved_count = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
+        if is_hopeless:
+            return False
+        if solution is None:
+            self._refine(steps, is_rough)
+        elif np.any(is_rough):
+            self._refine(steps, is_rough)
+            self.guess = _sort_by_overlap(block.y, k / balls.mean)
+        else:
+            self._keep(block, solution)
+        return True
+
+    def _take_steps(self) -> tuple[list[Step], Block]:
+        """Return the next steps, in descending order, and their block. They are as many as
+        :attr:`count`, which becomes less if the work on so many would be too much.
+        """
+        next_steps = reversed(self.pending[-self.count :])
+        steps = [step for step in next_steps if not self._begins_at_first_contact(step)]
+        while True:
+            block = Block.of(steps, self.points)
+            # steps of a density are long and few: one is solved at a time, because a step that must
+            # be halved makes the work on the steps below it useless
+            most_steps = self.averages.limit_steps(block) if self.averages else 1
+            if most_steps >= len(steps):
+                return steps, block
+            self.count = most_steps
+            steps = steps[:most_steps]
+
+    def _average(self, block: Block) -> DensityBalls | PointBalls:
+        """Return the averages over balls at the points of a ``block``."""
+        if self.averages is not None:
+            return self.averages.balls(block)
+        return DensityBalls(self.shape, self.xi, self.order, block)
+
+    def _refine(self, steps: list[Step], is_rough: Flags) -> None:
+        """Put the halves of those ``steps`` for which ``is_rough`` (steps,) is true in their place;
+        all of them are to be solved next, at once.
+        """
+        finer_steps = _halve_rough(steps, is_rough)
+        self.pending[-len(steps) :] = finer_steps
+        self.count = len(finer_steps)
+
+    def _keep(self, block: Block, solution: tuple[Array, Array]) -> None:
+        """Keep a ``solution`` of :func:`_relax` on the steps of a ``block``, which are then no
+        longer pending. Steps below the first one that reaches the least force are dropped.
+        """
+        k, forces = solution
+        block_size = len(block.origin)
+        solved_count = min(block_size, 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
         geometry = np.concatenate([block.origin, block.middle, block.half], axis=1)
-        solved_steps.append(geometry[:solved_count])
-        solved_tables.append(table[:solved_count])
-        stiffness = float(k[solved_count - 1, 0])
-        force = float(forces[solved_count - 1])
-        del pending_steps[-len(steps) :]
-        count = 2 * count
-        guess = None
-    return _make_curve(shape, xi, series, solved_steps, solved_tables, force)
+        self.steps.append(geometry[:solved_count])
+        self.tables.append((k @ self.coefficients.T)[:solved_count])
+        self.stiffness = float(k[solved_count - 1, 0])
+        self.force = float(forces[solved_count - 1])
+        del self.pending[-block_size:]
+        self.count *= 2
+        self.guess = None
 
 
 def _explain_divergence(block: Block) -> PrecisionError:

@@ -47,8 +47,8 @@ def read_table() -> Mapping[str, Any]:
 
 
 def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
-    """Return the skewness and the excess kurtosis of a distribution of diameters. Both are zero for
-    a normal distribution without cutoff.
+    """Return the skewness and the excess kurtosis of a distribution of diameters that differ. Both
+    are zero for a normal distribution without cutoff.
     """
     x, weights = shape.nodes(0.0, 64, whole=True)  # the mean of x is zero
     second_moment = float(np.sum(weights * x**2))

@@ -418,10 +418,9 @@ class Arrangement:
         {"A.diameter": 8e-3}, m.
 
         A mass that was given stays if the material or the diameter changes. The diameter of a kind
-        changes the distances of balls, so that balls must lie on a named lattice. The springs to
-        the ground of all balls take the value of a spring. Raises
-        :class:`~granphon.base.errors.InputError` for a parameter that the crystal does not have,
-        and for balls that make no crystal.
+        changes the distances of balls, so that balls must lie on a named lattice. A stiffness is
+        that of the springs of all balls. Raises :class:`~granphon.base.errors.InputError` for a
+        parameter that the crystal does not have, and for balls that make no crystal.
         """
         balls = dict(self.kinds)
         walls = dict[str, Wall]()

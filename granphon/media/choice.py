@@ -188,8 +188,10 @@ class AutoMedium(Medium[ContactState]):
         if there is a load at which no medium is accurate enough.
         """
         candidates, errors = self._find_errors(Load(kind, loads).flat)
-        sufficient = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        return candidates[sufficient[0]] if sufficient.size else candidates[-1]
+        sufficient_candidates = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
+        return (
+            candidates[sufficient_candidates[0]] if sufficient_candidates.size else candidates[-1]
+        )
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
         """Return the candidates and their expected relative errors (n_candidates, n_loads).
@@ -712,13 +714,13 @@ def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[Med
     history = tuple(truth.options.items())
     structure = packing.structure
     for side in SIDES[structure.periods]:
-        shape = even_shape(structure, side)
+        shape = choose_shape(structure, side)
         options = (("shape", shape), *history)
         candidates.append(MediumChoice(SIMULATION, options))
     return candidates
 
 
-def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
+def choose_shape(structure: Lattice, side: float) -> tuple[int, ...]:
     """Return the number of cells along each period, (p,), of a sample whose sides are about
     ``side`` diameters.
     """
@@ -765,11 +767,12 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     return MediumChoice(name, tuple(read_options.items()))
 
 
-def default_medium(balls: Balls, differ: bool = False) -> str:
+def default_medium(balls: Balls, diameters_differ: bool = False) -> str:
     """Return the name of the medium that balls have if none is named: that of crystals or of
-    packings in files, or else an average that depends on whether diameters ``differ``.
+    packings in files, or else the effective medium if ``diameters_differ``, the averaged lattice if
+    not.
     """
-    name = EffectiveMedium.name if differ else AveragedLattice.name
+    name = EffectiveMedium.name if diameters_differ else AveragedLattice.name
     return balls.medium_name or name
 
 

@@ -221,9 +221,11 @@ def write_duration(seconds: float) -> str:
 
 
 def _write_digits(value: float) -> str:
-    """Return a number as a text of two significant digits."""
-    rounded = f"{value:.2g}"
-    return rounded if value < 100.0 else f"{float(rounded):,.0f}"
+    """Return a number above zero as a text of two significant digits, without an exponent from 1e-4
+    on.
+    """
+    rounded = float(f"{value:.2g}")
+    return f"{rounded:.2g}" if rounded < 100.0 else f"{rounded:,.0f}"
 
 
 # -- what is timed ---------------------------------------------------------------------------------

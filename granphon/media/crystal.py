@@ -197,6 +197,30 @@ class _Bodies(NamedTuple):
         """
         return self.n_balls + len(self.walls)
 
+    @property
+    def body_of_ball(self) -> Index:
+        """(n,) the number of the body with which each ball moves: the balls that move by themselves
+        come first, then the walls that move, and then one body for all that is held.
+        """
+        wall_or_held = np.where(
+            self.wall_of_ball >= 0, self.n_balls + self.wall_of_ball, self.held_body
+        )
+        return np.where(self.ball_number >= 0, self.ball_number, wall_or_held)
+
+
+class _Rows(NamedTuple):
+    """Some of the m contacts of the statics.
+
+    ``i`` and ``j`` (m,) are the bodies, numbered as :attr:`_Bodies.body_of_ball`, ``vector`` (m, d)
+    leads from the centre of i to that of j at touch, m, and ``offset`` (m,) is the overlap there,
+    m.
+    """
+
+    i: Index
+    j: Index
+    vector: Array
+    offset: Array
+
 
 @result_class
 class Crystal(Result):
@@ -641,10 +665,11 @@ class Crystal(Result):
 
         ``index`` is the number of a ball, or a list of numbers. The ball must have the radius of
         the ball that it replaces, to half a millionth, so that it touches the same neighbours. In a
-        sample it has the mean diameter of its kind. Other kinds keep their names, and a new kind
-        whose ball has no name gets the next free letter. Raises
-        :class:`~granphon.base.errors.InputError` for another radius, what is no ball, a number that
-        no ball has, a name that another kind has, and a law that lacks a pair with the new kind.
+        sample the new ball has the mean diameter of its kind. Other kinds keep their names, and a
+        new kind whose ball has no name gets the next free letter. Raises
+        :class:`~granphon.base.errors.InputError` for another radius, an argument that is no ball, a
+        number that no ball has, a name that another kind has, and a law that lacks a pair with the
+        new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -1151,35 +1176,14 @@ class Crystal(Result):
         self._require_drawn()
         bodies = self._bodies
         d = self.dimension
-        table = self.contacts
-        bulges = self._bulges
-        # numbers of bodies: the balls that move, the walls that move, and one for all that is held
-        wall_or_held = np.where(
-            bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held_body
-        )
-        body_of_ball = np.where(bodies.ball_number >= 0, bodies.ball_number, wall_or_held)
-        first_bodies = [body_of_ball[table.i]]
-        second_bodies = [body_of_ball[table.j]]
-        vectors = [table.vector]
-        # overlaps of the drawn balls at the positions at which the mean balls touch
-        offsets = [bulges[table.i] + bulges[table.j]]
-        for floor in self._floors:
-            radii = self._mean_radii[floor.balls]
-            wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
-            first_bodies.append(body_of_ball[floor.balls])
-            second_bodies.append(np.full(len(floor.balls), wall))
-            # from the centre of the ball to the flat body
-            vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
-            offsets.append(bulges[floor.balls])
-        spring_balls, spring_axes, constants = self._springs
-        first_bodies.append(body_of_ball[spring_balls])
-        second_bodies.append(np.full(len(constants), bodies.held_body))
-        vectors.append(_NO_LENGTH * np.eye(d)[spring_axes])
-        offsets.append(np.zeros(len(constants)))
-        i = np.concatenate(first_bodies).astype(np.int64)
-        vector = np.zeros((len(i), 3))
-        vector[:, :d] = np.concatenate(vectors)
+        rows = [self._list_ball_rows(), *map(self._list_floor_rows, self._floors)]
+        rows.append(self._list_spring_rows())
+        # the columns of all rows, each in one array
+        columns = _Rows(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+        vector = np.zeros((len(columns.vector), 3))
+        vector[:, :d] = columns.vector
         # one law for all springs of the same stiffness, with the numbers of these springs
+        _, _, constants = self._springs
         spring_laws = [
             (SpringLaw(constant), np.flatnonzero(constants == constant))
             for constant in np.unique(constants).tolist()
@@ -1187,16 +1191,52 @@ class Crystal(Result):
         axes = [face.axis for face in bodies.walls]
         return Assembly(
             n_balls=bodies.n_balls,
-            i=i,
-            j=np.concatenate(second_bodies).astype(np.int64),
+            i=columns.i.astype(np.int64),
+            j=columns.j.astype(np.int64),
             vector=vector,
-            is_flat=np.arange(len(i)) >= len(table),  # all but the contacts between balls
-            offset=np.concatenate(offsets),
+            is_flat=np.arange(len(vector)) >= len(self.contacts),  # all but those between balls
+            offset=columns.offset,
             laws=self._laws.append(spring_laws, len(constants)),
             cell=self.cell[:, : self.periods],
             dimension=d,
             directions=np.eye(d)[axes].reshape(len(axes), d),  # also with no wall that moves
             wall_balls=np.array([float(len(face.balls[1])) for face in bodies.walls]),
+        )
+
+    def _list_ball_rows(self) -> _Rows:
+        """Return the contacts between balls; their offsets are the overlaps that drawn balls have
+        at the positions at which the mean balls touch.
+        """
+        table = self.contacts
+        body_of_ball = self._bodies.body_of_ball
+        offset = self._bulges[table.i] + self._bulges[table.j]
+        return _Rows(body_of_ball[table.i], body_of_ball[table.j], table.vector, offset)
+
+    def _list_floor_rows(self, floor: Side) -> _Rows:
+        """Return the contacts with a ``floor`` or wall; their vectors lead from the centre of the
+        ball to the flat body.
+        """
+        bodies = self._bodies
+        n = len(floor.balls)
+        flat_body = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
+        radii = self._mean_radii[floor.balls]
+        vector = floor.sign * radii[:, None] * np.eye(self.dimension)[floor.axis]
+        return _Rows(
+            bodies.body_of_ball[floor.balls],
+            np.full(n, flat_body),
+            vector,
+            self._bulges[floor.balls],
+        )
+
+    def _list_spring_rows(self) -> _Rows:
+        """Return the springs to the ground as contacts with what is held."""
+        bodies = self._bodies
+        balls, axes, _ = self._springs
+        return _Rows(
+            bodies.body_of_ball[balls],
+            np.full(len(balls), bodies.held_body),
+            _NO_LENGTH * np.eye(self.dimension)[axes],
+            np.zeros(len(balls)),
         )
 
     @cached_property
@@ -1231,12 +1271,12 @@ class Crystal(Result):
         serve, and its state is put back into the order of the crystal; not so if forces act on
         single balls.
         """
-        on_grid = self._sample_on_grid
-        if on_grid is None or np.any(load.force):
+        sample_on_grid = self._sample_on_grid
+        if sample_on_grid is None or np.any(load.force):
             return find_rest(self._assembly, load, geometry, boundary, start)
-        start_on_grid = None if start is None else on_grid.sort(start)
-        rest_on_grid = find_rest(on_grid.assembly, load, geometry, boundary, start_on_grid)
-        return on_grid.restore(rest_on_grid)
+        start_on_grid = None if start is None else sample_on_grid.sort(start)
+        rest_on_grid = find_rest(sample_on_grid.assembly, load, geometry, boundary, start_on_grid)
+        return sample_on_grid.restore(rest_on_grid)
 
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
@@ -1450,7 +1490,8 @@ class Crystal(Result):
             components = components[None]
         if components.shape[-2:] == (p, p):
             asymmetry = np.abs(components - np.swapaxes(components, -1, -2))
-            if np.any(asymmetry > _ROUNDED * np.max(np.abs(components))):
+            sizes = np.max(np.abs(components), axis=(-2, -1), keepdims=True)  # of each tensor
+            if np.any(asymmetry > _ROUNDED * sizes):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
             return components
         if components.shape[-1:] != (len(voigt),):
@@ -1641,7 +1682,7 @@ class Crystal(Result):
             why = NO_TENSION if is_tensile else NO_STIFFNESS
             mend = f"Give a {kind} above zero"
             if self._laws.adhere:
-                why = "A mean of contacts that adhere has no one pressure there"
+                why = "A mean of contacts that adhere belongs to no single pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {sign}", why, mend)
         is_exact = read_finite_overlap(finite_overlap)
@@ -1686,8 +1727,8 @@ class Crystal(Result):
         laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        differ = assembly.differs
-        search = PressureSearch(goal, SAMPLE_TOLERANCE if differ else MEAN_TOLERANCE)
+        balls_differ = assembly.differs
+        search = PressureSearch(goal, SAMPLE_TOLERANCE if balls_differ else MEAN_TOLERANCE)
         start: Rest | None = None
         state: Rest | None = None
         for _ in range(MOST_MEANS):
@@ -1697,24 +1738,24 @@ class Crystal(Result):
                 # the state in the exact geometry is found from that in the directions of the sites.
                 # But where balls differ it is found from the last one: from another state loose
                 # balls would come to rest elsewhere, and the mean would jump
-                start_of_exact = state if differ and state else lattice_state
+                start_of_exact = state if balls_differ and state else lattice_state
                 state = self._find_rest(load, "exact", boundary, start_of_exact)
             else:
                 state = lattice_state
-            contacts = MeanContacts.of(state, laws, differ)
+            contacts = MeanContacts.of(state, laws, balls_differ)
             if not np.any(contacts.is_counted):
                 problem = f"all contacts are open under {load.words}"
                 why = "Those that adhere have come apart"
                 raise InputError(problem, why, f"Give a larger {kind}")
             mean = contacts.find_mean(kind)
-            rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
+            rounding = contacts.bound_rounding(kind, goal, balls_differ, laws.adhere)
             if search.is_reached(mean, rounding):
                 return state, load
             if acceleration is not None and search.is_stuck(mean, rounding):
                 break  # gravity alone presses more than the goal
             pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
-            if differ:
+            if balls_differ:
                 # overlaps that balls of different diameters have on their sites do not depend on
                 # the pressure: the mean follows no power, and the last state is not scaled
                 overlap_growth = 1.0

@@ -113,7 +113,7 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
 
 
 def estimate_shear_deficit(
-    contact_fraction: ArrayLike, ratio: float, periods: int, history: bool = False
+    contact_fraction: ArrayLike, ratio: float, periods: int, is_loaded: bool = False
 ) -> Array:
     """Return the part, at most 1, by which the shear modulus of an array with friction is expected
     to be too small if its contacts have the directions of the lattice, the limit W/d = 0. The part
@@ -124,29 +124,29 @@ def estimate_shear_deficit(
     contact_fraction : fraction of contacts that carry load.
     ratio : W/d.
     periods : of the lattice, 2 or 3; contacts on a line do not shear.
-    history : whether the array has been loaded with friction; otherwise it is at rest without
+    is_loaded : whether the array has been loaded with friction; otherwise it is at rest without
         friction.
     """
-    amplitude = _DEFICITS[periods] * (_BY_HISTORY if history else 1.0)
+    amplitude = _DEFICITS[periods] * (_BY_HISTORY if is_loaded else 1.0)
     open_fraction = 1.0 - np.asarray(contact_fraction)
     deficit = amplitude * open_fraction**_OPEN_POWER * ratio**_WIDTH_POWER
     return np.asarray(np.minimum(deficit, 1.0))
 
 
 def expect_shear_deficit(
-    packing: Packing, load: Load, history: bool = False, ratio: float | None = None
+    packing: Packing, load: Load, is_loaded: bool = False, ratio: float | None = None
 ) -> Array:
     """Return the part of the shear modulus that :func:`estimate_shear_deficit` gives, (n,) at each
     value of an applied load, for the expected fraction of open contacts: nothing is simulated.
 
-    ``history`` says whether the array is loaded with friction. ``ratio`` is W/d, by default that of
-    the packing. The part is zero for balls that resist no slip, for equal balls and on a line.
+    ``is_loaded`` says whether the array is loaded with friction. ``ratio`` is W/d, by default that
+    of the packing. The part is zero for balls that resist no slip, for equal balls and on a line.
     """
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
     contact_fraction = 1.0 - estimate_open_contacts(packing, load)
     ratio = packing.relative_width if ratio is None else ratio
-    return estimate_shear_deficit(contact_fraction, ratio, packing.structure.periods, history)
+    return estimate_shear_deficit(contact_fraction, ratio, packing.structure.periods, is_loaded)
 
 
 def find_left_out(deficit: Array, geometry: str | None) -> Array:

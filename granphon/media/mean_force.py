@@ -107,16 +107,16 @@ class MeanContacts(NamedTuple):
     is_counted: Flags
 
     @classmethod
-    def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
-        """Return the contacts, with their ``laws``, of a state at rest. If the balls ``differ`` in
-        diameter, means are over all contacts; if not, over those that carry a load, or touch if
-        they adhere.
+    def of(cls, state: Rest, laws: ContactLaws, balls_differ: bool) -> Self:
+        """Return the contacts, with their ``laws``, of a state at rest. If balls differ in diameter
+        (``balls_differ``), means are over all contacts; if not, over those that carry a load, or
+        touch if they adhere.
         """
         overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
         force = laws.force(overlap)
         stiffness = laws.stiffness(overlap)
         is_counted = stiffness > 0.0 if laws.adhere else force != 0.0
-        if differ:
+        if balls_differ:
             is_counted = np.ones(force.size, bool)
         return cls(overlap, force, stiffness, is_counted)
 
@@ -146,18 +146,20 @@ class MeanContacts(NamedTuple):
             return growth, growth**self.power
         return growth ** (1.0 / self.power), growth
 
-    def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
+    def bound_rounding(
+        self, kind: str, goal: float, balls_differ: bool, contacts_adhere: bool
+    ) -> float:
         """Return the error of the mean of a ``kind``, "force" or "overlap", relative to the
-        ``goal``, that is put down to rounding. ``differ`` says whether balls differ in diameter,
-        ``adhere`` whether contacts adhere.
+        ``goal``, that is put down to rounding. ``balls_differ`` says whether balls differ in
+        diameter, ``contacts_adhere`` whether contacts adhere.
         """
         rounding = _ROUNDED_MEAN
-        if differ:
+        if balls_differ:
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
             rounding = 10.0 * SAMPLE_TOLERANCE * max(1.0, ratio)
-        if not adhere:
+        if not contacts_adhere:
             return rounding
         # where contacts adhere, the mean may be small against its parts, attraction and repulsion,
         # which are as large as the change of a force with its overlap, or of an overlap with its

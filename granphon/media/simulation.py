@@ -1071,9 +1071,9 @@ class DirectSimulation(Medium[SimulatedState]):
             try:
                 require_load(self.packing, start.applied, self._largest_excess)
             except InputError as error:
-                refused = InputError(f"the start of the loading: {error}")
-                refused.option = "start"
-                raise refused from None
+                start_error = InputError(f"the start of the loading: {error}")
+                start_error.option = "start"
+                raise start_error from None
 
     @cached_property
     def history(self) -> FrictionHistory:
@@ -1375,10 +1375,14 @@ class DirectSimulation(Medium[SimulatedState]):
 
         Each equilibrium from another process has copies of its own, which would fill the memory.
         """
-        first = next(iter(equilibria.values()))
-        stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
+        first_equilibrium = next(iter(equilibria.values()))
+        stencils = Stencils(
+            first_equilibrium.stencils.shape,
+            workers=self.workers,
+            lattice=first_equilibrium.lattice,
+        )
         return {
-            index: equilibrium.share(first.deviations, stencils)
+            index: equilibrium.share(first_equilibrium.deviations, stencils)
             for index, equilibrium in equilibria.items()
         }
 

@@ -81,7 +81,7 @@ class ContactLaw(PairLaw, Protocol):
 
 
 #: type of the result of a function of a state
-Found = TypeVar("Found")
+ResultT = TypeVar("ResultT")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
 
 
@@ -208,13 +208,13 @@ class State(ABC):
         """
         self.reference_lattice.relax_inner_motions(progress)
 
-    def cached(self, find: Callable[..., Found], *more: Hashable) -> Found:
-        """Return ``find(self, *more)``. The result of the first call is kept, and returned by every
-        later call with equal arguments.
+    def cached(self, find: Callable[..., ResultT], *arguments: Hashable) -> ResultT:
+        """Return ``find(self, *arguments)``. The result of the first call is kept, and returned by
+        every later call with equal arguments.
         """
-        key = (find, *more)
+        key = (find, *arguments)
         if key not in self._cache:
-            self._cache[key] = find(self, *more)
+            self._cache[key] = find(self, *arguments)
         return self._cache[key]  # type: ignore[no-any-return]
 
     @cached_property

@@ -19,7 +19,7 @@ from granphon.balls.packing import change_packing
 from granphon.base.text import counted
 from granphon.inverse.design import Design, choose_best
 from granphon.inverse.goals import WidestGap
-from granphon.inverse.search import Found, Numbers, Parameters, Problem
+from granphon.inverse.search import Numbers, Parameters, Problem, SearchOutcome
 from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.parameters import read_number
@@ -250,7 +250,8 @@ class PosedDesign:
         """Return the best of the designs that the tasks have found, whose ``results`` are in the
         order of the tasks.
         """
-        found = [
-            Found(result["history"], result["best"], str(result["stopped"])) for result in results
+        searches = [
+            SearchOutcome(result["history"], result["best"], str(result["stopped"]))
+            for result in results
         ]
-        return choose_best(self.problem, found, self.warnings)
+        return choose_best(self.problem, searches, self.warnings)

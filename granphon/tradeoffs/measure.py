@@ -51,7 +51,7 @@ from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
 from granphon.media.array_options import REFERENCE_OPTIONS, REST, FrictionHistory
-from granphon.media.choice import even_shape
+from granphon.media.choice import choose_shape
 from granphon.media.cost import Cost, estimate, write_duration
 from granphon.media.left_out import LATTICE
 from granphon.media.medium import AveragedForce, AveragedLattice, EffectiveMedium
@@ -463,7 +463,7 @@ class MediaStudy:
         sides = self.sides or _SIDES[structure.periods]
         histories = dict.fromkeys((REST, self.truth))  # each once
         for history, samples, side in itertools.product(histories, self.counts, sides):
-            shape = even_shape(structure, side)
+            shape = choose_shape(structure, side)
             points.append(self._make_simulated_point(history, samples, shape))
         return sorted(points, key=lambda point: point.seconds)
 
@@ -555,7 +555,7 @@ class MediaStudy:
         """Numbers of cells of the reference's samples."""
         structure = self.packing.structure
         sides = _LOADED_SIDES if self.truth.is_loaded else _REFERENCE_SIDES
-        return even_shape(structure, self.reference_side or sides[structure.periods])
+        return choose_shape(structure, self.reference_side or sides[structure.periods])
 
     def _summarise(self, ensemble: Ensemble, check: str, differences: Array) -> Reference:
         """Return the reference from the samples of the ``ensemble`` so far.
@@ -584,7 +584,7 @@ class MediaStudy:
         :class:`~granphon.base.errors.GranphonError` if the ``deadline`` passes meanwhile.
         """
         structure = self.packing.structure
-        shape = even_shape(structure, _CHECKED_SIDES[structure.periods])
+        shape = choose_shape(structure, _CHECKED_SIDES[structure.periods])
         if self.truth.is_loaded:
             words = "velocities in steps of a tenth of the tolerance"
             differences = self._compare_steps(shape, deadline)

@@ -48,7 +48,7 @@ from granphon.dynamics.elasticity import (
     waves_of_tensor,
 )
 from granphon.media.accuracy import SIMULATION, compute_form_coefficients
-from granphon.media.choice import even_shape
+from granphon.media.choice import choose_shape
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.tradeoffs.measure import observe
@@ -465,7 +465,7 @@ def measure_shape(label: str, lattice: str, loaded: bool) -> list[Row]:
     """All rows of one distribution."""
     scope = (LOADED_SCOPES if loaded else REST_SCOPES)[lattice]
     spread = shapes()[label]
-    samples = Samples(even_shape(find_lattice(lattice), scope.side), SEED, scope.samples)
+    samples = Samples(choose_shape(find_lattice(lattice), scope.side), SEED, scope.samples)
     if not loaded:
         ratios = (None, *POISSON_RATIOS[lattice])
         return list(measure(rest_truths(lattice, spread, scope.forces, samples, ratios), False))
@@ -517,7 +517,7 @@ def tabulate(lattice: str, loaded: bool) -> dict[str, Any]:
     mindlin_ratios = [packing(gp.Uniform(WIDTH), nu).mindlin_ratio for nu in LOADED_POISSON_RATIOS]
     of_history = {"mindlin_ratios": mindlin_ratios, "friction_coefficient": min(COEFFICIENTS)}
     return {
-        "shape": even_shape(find_lattice(lattice), scope.side),
+        "shape": choose_shape(find_lattice(lattice), scope.side),
         "samples": scope.samples,
         "distributions": scope.distributions,
         "most": {"skewness": float(skewness) + 1e-6, "kurtosis": float(kurtosis) + 1e-6},
@@ -560,7 +560,7 @@ def try_tolerances(truth: Truth, largest: int, history: Mapping[str, Any]) -> It
     more balls to judge it.
     """
     right = numbers(truth.state)
-    most_cells = even_shape(truth.balls.structure, largest)[0]
+    most_cells = choose_shape(truth.balls.structure, largest)[0]
     for kind in ("force", "overlap"):
         loads = truth.loads(kind)
         realised: dict[Any, float] = {}
@@ -645,7 +645,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if options.lattice not in (None, lattice) or (options.loaded and not loaded):
                 continue
             if options.held_back:
-                side = even_shape(find_lattice(lattice), scope.true_side)
+                side = choose_shape(find_lattice(lattice), scope.true_side)
                 samples = Samples(side, HELD_BACK_SEED, scope.true_samples)
                 ratios = 3 if lattice == "triangular" else 2
                 loads = 8 if lattice == "triangular" else 6

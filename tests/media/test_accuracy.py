@@ -33,7 +33,7 @@ from granphon.media.accuracy import (
     read_table,
 )
 from granphon.media.array_options import REST, FrictionHistory
-from granphon.media.choice import even_shape
+from granphon.media.choice import choose_shape
 from granphon.tradeoffs.measure import Ensemble, observe
 
 WIDTH = 2e-6
@@ -170,7 +170,7 @@ def test_the_table_knows_the_script_that_made_it(maker, arrays, lattice):
     assert (BENCHMARKS.parents[1] / read_table()["made_by"]).samefile(maker.__file__)
     assert part["distributions"] == list(scope.distributions)
     assert part["loads"] == {"force": list(scope.forces), "overlap": list(scope.spacings)}
-    assert part["shape"] == list(even_shape(find_lattice(lattice), scope.side))
+    assert part["shape"] == list(choose_shape(find_lattice(lattice), scope.side))
     assert part["samples"] == scope.samples
     assert maker.text(read_table()) == maker.DATA.read_text(encoding="utf-8")
 
@@ -429,7 +429,7 @@ def test_on_what_was_held_back_the_tolerance_is_met(maker, lattice):
         "two kinds, 0.3 of them larger",
         "a lot of 40 balls, lognormal",
     )
-    samples = maker.Samples(even_shape(find_lattice(lattice), side), 20_000, 3)
+    samples = maker.Samples(choose_shape(find_lattice(lattice), side), 20_000, 3)
     trials = list(maker.rest_trials(lattice, 3, samples, loads, 2, spreads))
     assert {trial.medium for trial in trials} == set(MEDIA)
     check_trials(trials, most)
@@ -440,7 +440,7 @@ def test_on_what_was_held_back_the_tolerance_is_met(maker, lattice):
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
 def test_with_friction_the_tolerance_is_met_on_what_was_held_back(maker, lattice):
     side = maker.LOADED_SCOPES[lattice].true_side
-    samples = maker.Samples(even_shape(find_lattice(lattice), side), 20_000, 3)
+    samples = maker.Samples(choose_shape(find_lattice(lattice), side), 20_000, 3)
     spreads = ["two kinds, 0.3 of them larger"]
     trials = list(maker.loaded_trials(lattice, 3, samples, 2, spreads))
     assert {trial.medium for trial in trials} >= {"ala", SIMULATION}

@@ -24,7 +24,7 @@ from granphon.base.errors import InputError, SceneError
 from granphon.base.scales import write_quantity
 from granphon.cli.main import main
 from granphon.media.accuracy import find_error, find_rows
-from granphon.media.choice import SIDES, MediumChoice, even_shape, list_candidates
+from granphon.media.choice import SIDES, MediumChoice, choose_shape, list_candidates
 from granphon.media.left_out import expect_shear_deficit
 from granphon.runs.dataset import load_sweep
 from granphon.runs.sweep import sweep
@@ -130,7 +130,7 @@ def test_at_one_per_cent_the_averaged_lattice_serves_high_loads_and_small_arrays
 @pytest.mark.parametrize("side", [8, 16, 24, 40, 96])
 def test_samples_are_as_wide_in_all_directions_as_their_cells_allow(lattice, side):
     structure = find_lattice(lattice)
-    shape = even_shape(structure, side)
+    shape = choose_shape(structure, side)
     lengths = np.array(shape) * np.linalg.norm(structure.vectors, axis=1)
     assert np.all(np.abs(lengths - side) <= 0.5 * np.linalg.norm(structure.vectors, axis=1))
     if structure.n_balls == 1:

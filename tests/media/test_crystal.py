@@ -1038,6 +1038,10 @@ ERRORS = {
         lambda: SQUARE.at_stress([-1e3, -1e3, 1.0]),
         "cannot bear .* stress .* sides",
     ),
+    "skew of the smaller": (
+        lambda: SQUARE.at_stress([-1e9 * np.eye(2), [[-1e-4, 5e-5], [0.0, -1e-4]]]),
+        "stress is not symmetric",
+    ),
     "skew": (lambda: SQUARE.at_stress([[-1.0, 0.5], [0.0, -1.0]]), "stress is not symmetric"),
     "shape": (lambda: SQUARE.at_stress([-1.0, -1.0]), "stress has the shape"),
     "falls": (
