@@ -76,19 +76,20 @@ def warn(warnings: Sequence[str], most: int = 10) -> None:
     """Print at most ``most`` warnings on standard error, and then how many more there are. What a
     warning about a file has said before is left out.
     """
-    warnings = [
-        warning
-        for warning in warnings
-        # the one about a file begins with its name
-        if not any(
-            printed.endswith(f": {warning[:1].lower()}{warning[1:]}") for printed in _PRINTED
-        )
-    ]
-    lines = list(warnings[:most])
-    if len(warnings) > most:
-        lines.append(f"and {len(warnings) - most} more")
-    for warning in lines:
-        print(f"granphon: warning: {one_line(warning)}", file=sys.stderr)
+    new_warnings = [warning for warning in warnings if not _was_printed(warning)]
+    lines = new_warnings[:most]
+    if len(new_warnings) > most:
+        lines.append(f"and {len(new_warnings) - most} more")
+    for line in lines:
+        print(f"granphon: warning: {one_line(line)}", file=sys.stderr)
+
+
+def _was_printed(warning: str) -> bool:
+    """Whether a warning about a file has said what this ``warning`` says: a warning about a file
+    begins with the name of the file, and goes on with a small letter.
+    """
+    end = f": {warning[:1].lower()}{warning[1:]}"
+    return any(printed.endswith(end) for printed in _PRINTED)
 
 
 def fail(text: str, code: int) -> int:

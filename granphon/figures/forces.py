@@ -381,7 +381,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     """
     lines, forces_of_lines = layer.find_lines()
     if not forces_of_lines.size:
-        raise InputError("there is no contact to draw")
+        raise InputError("there is no contact to draw", mend="Give balls that touch")
     low = np.array(edges[:2])
     high = np.array(edges[2:])
     is_near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
@@ -424,7 +424,8 @@ def _estimate_diameter(layer: _Map, ax: Axes, size: Array) -> float:
 
 def _find_widths(network: ContactNetwork | None, forces: Array) -> Array:
     """Return the widths (n,) of the lines of contacts, over that of the mean force, from their
-    ``forces`` (n,): those of a sample are over their mean, those of a ``network`` in N.
+    ``forces`` (n,): those of a sample are over their mean, those of a ``network`` in N. The lines
+    of a network have widths within ``_WIDTHS``, and the least if the mean force is not above zero.
     """
     if network is None:
         return forces
@@ -759,8 +760,9 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """Draw the probability density of f/<f> of the contacts that carry load, averaged over the
     samples, on a log scale.
 
-    Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError`
-    for several loads, and for a state without samples.
+    Bins are a quarter of the rms fluctuation wide, but there are at least 20 and at most 400 of
+    them; empty bins at the ends are left out. Raises :class:`~granphon.base.errors.InputError` for
+    several loads, and for a state without samples.
     """
     samples = _list_samples(state)
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
@@ -844,8 +846,8 @@ def forces_figure(state: ContactState) -> Figure:
     with styled_figure(height, PAGE_WIDTH) as figure:
         *panels, distribution = figure.subplots(1, n_panels)
         if is_large:
-            whole_array, window = panels
-            _draw_whole_and_window(sample, whole_array, window, _choose_window(layer, None))
+            edges = _choose_window(layer, None)
+            _draw_array_and_window(sample, *panels, edges)
             figure.suptitle(_write_title(sample), fontsize=STYLE["axes.titlesize"])
         else:
             plot_forces(sample, panels[0], show="all")
@@ -853,11 +855,11 @@ def forces_figure(state: ContactState) -> Figure:
     return figure
 
 
-def _draw_whole_and_window(
-    sample: Sample, whole: Axes, part: Axes, edges: tuple[float, ...]
+def _draw_array_and_window(
+    sample: Sample, ax_of_array: Axes, ax_of_window: Axes, edges: tuple[float, ...]
 ) -> None:
-    """Draw the density of the force in a whole array, with a window marked, on the Axes ``whole``,
-    and the chains in the window on the Axes ``part``.
+    """Draw the density of the force in a whole array, with a window marked, on ``ax_of_array``, and
+    the chains in the window on ``ax_of_window``.
 
     ``edges`` are the left, lower, right and upper edge of the window, in diameters.
     """
@@ -871,10 +873,10 @@ def _draw_whole_and_window(
         linewidth=1.0,
         gid="window",
     )
-    plot_forces(sample, whole, show="density")
-    whole.add_patch(outline)
-    whole.set(title="whole array")
-    plot_forces(sample, part, window=edges)
-    part.set(title="window", ylabel="")
-    for spine in part.spines.values():
+    plot_forces(sample, ax_of_array, show="density")
+    ax_of_array.add_patch(outline)
+    ax_of_array.set(title="whole array")
+    plot_forces(sample, ax_of_window, window=edges)
+    ax_of_window.set(title="window", ylabel="")
+    for spine in ax_of_window.spines.values():
         spine.set(color=VERMILION, linewidth=1.0)

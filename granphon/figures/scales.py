@@ -452,7 +452,8 @@ def add_legend(
     """Draw the legend of a figure below its panels, in as many columns as its labels allow.
 
     The figure has room for ``room`` rows of the legend, and grows by all further rows, so that the
-    panels keep their size.
+    panels keep their size. A ``room`` below zero is that of a figure which lacks rows for other
+    texts, such as a title. ``options`` are those of ``Figure.legend``.
     """
     labels = [str(handle.get_label()) for handle in handles]
     columns = count_columns(labels)
@@ -508,6 +509,7 @@ def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
             handletextpad=0.2,
             labelspacing=0.3,
         )
+    # 6 points are matplotlib's own distance of a title
     points_per_row = 11.0
     ax.set_title(title, pad=6.0 + points_per_row * rows)
 

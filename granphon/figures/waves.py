@@ -900,7 +900,7 @@ def animate_pulse(
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
 
-    draw: Callable[..., Any] = show
+    draw: Callable[..., Any] = show  # the stubs know functions of other types only
     return FuncAnimation(figure, draw, frames=len(pulse.frames), interval=milliseconds, blit=False)
 
 

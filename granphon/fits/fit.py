@@ -330,8 +330,8 @@ class FitProblem:
 
     @classmethod
     def of(cls, model: VelocityModel, data: Measurements) -> Self:
-        """Set up the problem; :class:`~granphon.base.errors.InputError` if the data cannot be
-        right, or are too few.
+        """Return the problem of a ``model`` and its ``data``;
+        :class:`~granphon.base.errors.InputError` if the data cannot be right, or are too few.
         """
         model.require_carried()
         _require_units(model, data.velocity)
@@ -547,9 +547,9 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
         return InputError(fault, why, _MEASURE)
     if model.names == ("width",):
-        explained = _explain_excess(problem, logs)
-        if explained is not None:
-            return explained
+        excess_error = _explain_excess(problem, logs)
+        if excess_error is not None:
+            return excess_error
     if model.names[worst] != "width" and errors[worst] > 1.0:
         fault = (
             f"the data do not determine {model.names[worst]}: its standard error is"
@@ -759,7 +759,7 @@ class Fitted(Result):
         require_fitted(self.parameters, self._units_of_parameters)
 
     def _list_columns(self) -> dict[str, Any]:
-        """The columns of fit.csv, (n,), by their headings."""
+        """Return the columns of fit.csv, (n,), by their headings."""
         raise NotImplementedError
 
     def write(self, folder: str | os.PathLike[str]) -> None:
@@ -855,7 +855,7 @@ class WidthFit(Fitted):
 
     @property
     def medium(self) -> str:
-        """The medium in words."""
+        """The label of the medium: its name, with the options that are not the defaults."""
         return self.choice.label
 
     @property
@@ -894,7 +894,7 @@ class WidthFit(Fitted):
         return velocities[()]
 
     def _list_columns(self) -> dict[str, Any]:
-        """The columns of fit.csv, (n,), by their headings."""
+        """Return the columns of fit.csv, (n,), by their headings."""
         columns = {
             "force (N)": self.force,
             "velocity (m/s)": self.velocity,

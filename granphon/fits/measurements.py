@@ -360,9 +360,9 @@ def _require_conversion(
 
 
 def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> None:
-    """Raise InputError for cut-off frequencies of the table at ``path`` unless they can be
-    converted to velocities, ``can_convert``, and if frequencies of pulses stand beside them,
-    ``has_pulses``.
+    """Raise InputError for a table of cut-off frequencies at ``path`` that also ``has_pulses``,
+    frequencies of pulses, or of which no function ``can_convert`` the cut-off frequencies to
+    velocities.
     """
     if has_pulses:
         why = "These are no pulses of a given frequency"

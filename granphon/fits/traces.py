@@ -184,13 +184,13 @@ class Traces(Result, array="signals"):
             and distance have an attribute ``units``. A table may have no column of times, but a
             line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
             file an attribute ``time_step``, s.
-        distances : of the sensors, m, in the order of the columns or by their names, where the
-            headings have none.
+        distances : of the sensors, m, in the order of the columns or by their names, in place of
+            those in the headings.
         time_step : s, where the file has no times.
 
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
-        read, times or distances that are missing or given twice, files whose times differ, and what
-        the constructor refuses.
+        read, times that are missing or given twice, distances that are missing, files whose times
+        differ, and what the constructor refuses.
         """
         from granphon.fits.trace_files import read_traces
 
@@ -492,8 +492,8 @@ class _Pulses:
         return self._make_arrivals(np.array(places), np.array(weights), self.first_time)
 
     def find_delays(self) -> _Arrivals:
-        """Return the delay of each signal after the first, where their cross-correlation is
-        greatest, by the parabola through three of its values.
+        """Return the delay of each signal after the first, where the cross-correlation of both is
+        greatest in magnitude, by the parabola through three of its values.
 
         The slope of the correlation there is the product of one signal with the derivative of the
         other: an error of either is weighed with the derivative of the other, over the curvature.
@@ -503,10 +503,10 @@ class _Pulses:
 
         reference = self.signals[0]
         n = reference.size
-        sensors = len(self.signals)
-        places = np.zeros(sensors)
-        weights = np.zeros((sensors, n))
-        for sensor in range(1, sensors):
+        n_sensors = len(self.signals)
+        places = np.zeros(n_sensors)
+        weights = np.zeros((n_sensors, n))
+        for sensor in range(1, n_sensors):
             signal = self.signals[sensor]
             correlation = correlate(signal, reference, mode="full", method="fft")
             top = int(np.argmax(np.abs(correlation)))
@@ -525,7 +525,7 @@ class _Pulses:
             slope_of_signal = np.gradient(_shift(signal, -whole_shift))
             weights[sensor] = slope_of_reference / curvature
             # all delays have the same error of the first signal, if the pulse keeps its shape
-            weights[0] += slope_of_signal / curvature / (sensors - 1)
+            weights[0] += slope_of_signal / curvature / (n_sensors - 1)
         return self._make_arrivals(places, weights, 0.0)
 
     def find_phases(self, frequency: float) -> _Arrivals:
