@@ -629,7 +629,10 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
-    """Return the components (p,) of a direction from a text of numbers between spaces or commas."""
+    """Return the components (p,) of a direction from a text of numbers between spaces or commas.
+
+    Raises Refused for another text.
+    """
     try:
         return [float(word) for word in value.replace(",", " ").split()]
     except ValueError:

@@ -31,6 +31,8 @@ _OF_CONTACTS = (
     ("normal_stiffness", "N/m"),
     ("shear_stiffness", "N/m"),
 )
+#: least width of the names of a table, characters: tables of one command have their texts in line
+_NAME_WIDTH = 22
 #: greatest number of chosen media that a line names; the others are counted together
 _MOST_CHOICES = 4
 #: warnings about files that the command has printed already
@@ -43,9 +45,9 @@ GO_ON = "The finished parts are kept: run the same command again to continue."
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
     """Print ``rows`` of a name and a text each in two columns, of which the first is as wide as the
-    longest name, and at least 22 characters.
+    longest name, and at least ``_NAME_WIDTH`` characters.
     """
-    width = max(22, *(len(name) + 1 for name, _ in rows)) if rows else 0
+    width = max(_NAME_WIDTH, *(len(name) + 1 for name, _ in rows)) if rows else 0
     for name, text in rows:
         say(f"  {name:<{width}}{text}")
 

@@ -95,6 +95,10 @@ _DATA_STYLE: dict[str, Any] = {
     "capsize": 0.0,
     "zorder": 2.0,
 }
+#: width of a line that is alone; limits of the widths of several lines, of which the later lie on
+#: the earlier; points
+_LONE_WIDTH = 1.6
+_WIDEST, _NARROWEST = 2.2, 1.0
 #: the largest number on an axis; matplotlib overflows at margins and ticks beyond larger numbers
 _LARGEST = 1e280
 #: dashes of lines of the same colour, the first solid; they differ from those outside the range
@@ -315,8 +319,8 @@ def choose_widths(count: int) -> list[float]:
     are seen.
     """
     if count == 1:
-        return [1.6]
-    widths: list[float] = np.linspace(2.2, 1.0, count + 1)[1:].tolist()
+        return [_LONE_WIDTH]
+    widths: list[float] = np.linspace(_WIDEST, _NARROWEST, count + 1)[1:].tolist()
     return widths
 
 

@@ -262,7 +262,9 @@ class NotebookFigure(Figure):
 
 @contextmanager
 def styled_figure(height: float, width: float = COLUMN_WIDTH, dpi: float = DPI) -> Iterator[Figure]:
-    """Make an empty figure of this size, inches, in the style that holds within the block."""
+    """Make an empty figure of a height and a width, inches, and of ``dpi`` dots an inch, in the
+    style of the project, which holds within the block.
+    """
     with matplotlib.rc_context(STYLE):
         yield Figure((width, height), dpi=dpi, layout="constrained")
 

@@ -214,7 +214,9 @@ def _judge_waves(problem: FitProblem) -> list[str]:
 
 
 def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
-    """Return a warning if one datum decides the fit almost alone, by the leverages (n,)."""
+    """Return a warning if one datum decides the fit almost alone; ``leverages`` are the
+    leverages (n,) of the data.
+    """
     datum = int(np.argmax(leverages))
     if leverages[datum] <= _DECIDING_LEVERAGE:
         return []

@@ -461,8 +461,8 @@ class _SourceColumns:
         return np.hypot(real, imag), np.arctan2(imag, real)
 
     def read_sigma(self, magnitude: Array) -> Array | None:
-        """Return the standard errors of magnitudes (n,), in the unit of these; None if the table
-        has none.
+        """Return the standard errors (n,) of magnitudes (n,), in the unit of the magnitudes; None
+        if the table has no column of sigma. Errors in % or dB are relative to the magnitudes.
         """
         if not self.has("sigma"):
             return None
@@ -474,7 +474,7 @@ class _SourceColumns:
 
     def read_angle(self, kind: str) -> Array | None:
         """Return the angles of the column of a ``kind``, (n,), rad; None if the table has no such
-        column.
+        column. Raises InputError for a column in another unit than rad or deg.
         """
         angle = self.convert(kind, _ANGLES)
         if angle is None and self.has(kind):
