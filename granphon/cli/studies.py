@@ -385,7 +385,9 @@ def _prepare_files(
 
 
 def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the parameters that are fitted; InputError for a name given twice."""
+    """Return the names of the parameters that are fitted, () if none is given; InputError for a
+    name given twice.
+    """
     parameters = tuple(names or ())
     for name in parameters:
         if parameters.count(name) > 1:

@@ -1414,8 +1414,8 @@ class Run:
 
 
 def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
-    """Return the run of a ``fit``, called ``name`` and perhaps ``named`` in legends: a data set of
-    the curve, and one of the measured data.
+    """Return the run of a ``fit``, called ``name``: a data set of the curve, and one of the
+    measured data. ``named`` says whether a legend gives the name.
     """
     frequency = fit.waves.frequency
     branch = fit.waves.branch

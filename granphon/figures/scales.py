@@ -115,6 +115,8 @@ ROTATION = LinearSegmentedColormap.from_list(
 FORCES = matplotlib.colormaps["cividis_r"]
 #: colours of spectral functions, from none, white, to much, dark: uniform to every eye
 SPECTRUM = matplotlib.colormaps["Blues"]
+#: least limit of a scale of colours or of an axis, where nothing moves
+LEAST_LIMIT = 1e-300
 #: colours of velocities, from backward to forward
 MOTION = matplotlib.colormaps["RdBu_r"]
 #: colours from transverse (0) to longitudinal (1)

@@ -140,8 +140,8 @@ class Measurements(Result):
             (km/s)"}.
         distance : distance that sound travels in each of the times, m, where no column gives it; or
             (distance, standard error): its relative error is added in quadrature to that of each
-            velocity, as if these were independent, and is their only error where the table has
-            none.
+            velocity, as if the errors of the velocities were independent. If the table gives no
+            errors, it is the only error of each velocity.
         frame : function of the force on a side of the hexagonal frame, N, that returns the force of
             a contact, N, such as :func:`~granphon.balls.loads.force_of_frame` with its number of
             balls; needed by a column side_force.
