@@ -305,7 +305,9 @@ def _find_height(layer: _Map, *, is_default_window: bool) -> float:
 
 
 def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
-    """Limit the axes by these edges, the left, lower, right and upper one, and name them."""
+    """Limit the axes by the ``edges``, left, lower, right and upper, in the lengths of a ``layer``,
+    and name the axes. The axis of y of a single row of balls has its tick at the row alone.
+    """
     left, bottom, right, top = edges
     network = layer.network
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -637,8 +639,8 @@ def _find_lines_of_layer(
     """Return the lines (n, 2, 2) of contacts under load, and their forces (n,).
 
     ``first`` and ``second`` are the places of the balls of all contacts, ``arms`` the vectors from
-    ball to ball, each (m, 2). A contact across an edge of the array has a line at each of its two
-    balls.
+    ball to ball, each (m, 2), in diameters. A contact across an edge of the array has a line at
+    each of its two balls.
     """
     images_of_first = second - arms  # where the first ball would be beside the second
     is_loaded = forces > 0.0

@@ -333,8 +333,8 @@ def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
     of length 1 may differ.
     """
     values = real_array("errors", errors)
-    long_axes = tuple(length for length in values.shape if length > 1)
-    if long_axes != tuple(length for length in shape if length > 1):
+    axes = [length for length in values.shape if length != 1]
+    if axes != [length for length in shape if length != 1]:
         raise InputError(f"errors have the shape {values.shape}", mend=f"Give {shape}")
     return values.reshape(shape)
 

@@ -409,6 +409,7 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
+        # at most three: longitudinal, transverse and rotational
         for (number, spectrum), colour in zip(attenuated, (BLUE, VERMILION, PURPLE), strict=False):
             line_errors = {name: table[number] for name, table in tables.items()}
             plot_attenuation(spectrum, panels[-1], colour=colour, errors=line_errors)
