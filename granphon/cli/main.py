@@ -121,9 +121,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GranphonError as error:
         return fail(str(error), 1)
     except MemoryError:
-        problem = "there is not enough memory for this scene"
         mend = "Take a coarser mesh, or fewer points, loads, balls or samples"
-        return fail(f"{problem}. {mend}.", 1)
+        return fail(f"there is not enough memory. {mend}.", 1)
     except Interrupted as interrupted:
         return fail(f"interrupted; {interrupted}", 130)
     except (KeyboardInterrupt, typer.Abort):

@@ -225,9 +225,10 @@ def make_scene_page(
 
     The page is one file, which works without a network. Sliders change the load, the width of the
     spread, friction, torsion and bending; a switch changes finite overlap. The page shows bands,
-    density of states, the balls as they move in a mode, sound velocities and moduli. It computes
-    all of this itself, except for the stiffness of contacts of balls that differ. That stiffness is
-    computed when the page is made, and interpolated; the page names the error of the interpolation.
+    density of states, the balls as they move in a mode, sound velocities and moduli. The browser
+    computes all of this, except for the stiffness of contacts of balls that differ. That stiffness
+    is computed when the page is made, and interpolated; the page names the error of the
+    interpolation.
     A scene of several loads or media makes one page, which begins at the first. From a block
     'sweep' the page takes the first value of each parameter. With an effective medium in space this
     command takes up to half a minute.
@@ -236,7 +237,6 @@ def make_scene_page(
     Examples:
       granphon page scene.yaml -o page.html
     """
-
     with write_of_scene(scene_file, out, (".html", ".htm"), force) as (scene, staged_file):
         packing = scene.plan.cases[0].case.packing
         options: dict[str, Any] = {

@@ -385,7 +385,9 @@ def _prepare_files(
 
 
 def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the parameters that are fitted; InputError for a name given twice."""
+    """Return the names of the parameters that are fitted, () if none is given; InputError for a
+    name given twice.
+    """
     parameters = tuple(names or ())
     for name in parameters:
         if parameters.count(name) > 1:
@@ -629,7 +631,10 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
-    """Return the components (p,) of a direction from a text of numbers between spaces or commas."""
+    """Return the components (p,) of a direction from a text of numbers between spaces or commas.
+
+    Raises Refused for another text.
+    """
     try:
         return [float(word) for word in value.replace(",", " ").split()]
     except ValueError:
@@ -664,13 +669,13 @@ def measure_tradeoff(
 ) -> None:
     """Measure time, memory and error of the media for a scene.
 
-    For the balls and the loads of the scene it compares the averaged lattice, the averaged force,
-    the effective medium, and simulations of several sizes, with arrays at rest without friction or,
-    if a medium of the scene has friction_history, with arrays loaded with friction. An error is
-    that of the observed quantities, against an ensemble of such arrays that another algorithm has
-    checked. A time is the median of warm runs, measured by the worker: --workers and --scheduler
-    need an idle processor. What does not fit into the budget is listed as not run. The folder gets
-    tradeoff.csv and tradeoff.png, the work-precision diagram.
+    For the balls and the loads of the scene, the averaged lattice, the averaged force, the
+    effective medium and simulations of several sizes are compared with arrays at rest without
+    friction or, if a medium of the scene has friction_history, with arrays loaded with friction. An
+    error is that of the observed quantities, against an ensemble of such arrays that another
+    algorithm has checked. A time is the median of warm runs, measured by the worker: --workers and
+    --scheduler need an idle processor. What does not fit into the budget is listed as not run. The
+    folder gets tradeoff.csv and tradeoff.png, the work-precision diagram.
 
     \b
     Examples:

@@ -31,6 +31,8 @@ _OF_CONTACTS = (
     ("normal_stiffness", "N/m"),
     ("shear_stiffness", "N/m"),
 )
+#: least width of the names of a table, characters: tables of one command have their texts in line
+_NAME_WIDTH = 22
 #: greatest number of chosen media that a line names; the others are counted together
 _MOST_CHOICES = 4
 #: warnings about files that the command has printed already
@@ -43,9 +45,9 @@ GO_ON = "The finished parts are kept: run the same command again to continue."
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
     """Print ``rows`` of a name and a text each in two columns, of which the first is as wide as the
-    longest name, and at least 22 characters.
+    longest name, and at least ``_NAME_WIDTH`` characters.
     """
-    width = max(22, *(len(name) + 1 for name, _ in rows)) if rows else 0
+    width = max(_NAME_WIDTH, *(len(name) + 1 for name, _ in rows)) if rows else 0
     for name, text in rows:
         say(f"  {name:<{width}}{text}")
 
@@ -76,19 +78,20 @@ def warn(warnings: Sequence[str], most: int = 10) -> None:
     """Print at most ``most`` warnings on standard error, and then how many more there are. What a
     warning about a file has said before is left out.
     """
-    warnings = [
-        warning
-        for warning in warnings
-        # the one about a file begins with its name
-        if not any(
-            printed.endswith(f": {warning[:1].lower()}{warning[1:]}") for printed in _PRINTED
-        )
-    ]
-    lines = list(warnings[:most])
-    if len(warnings) > most:
-        lines.append(f"and {len(warnings) - most} more")
-    for warning in lines:
-        print(f"granphon: warning: {one_line(warning)}", file=sys.stderr)
+    new_warnings = [warning for warning in warnings if not _was_printed(warning)]
+    lines = new_warnings[:most]
+    if len(new_warnings) > most:
+        lines.append(f"and {len(new_warnings) - most} more")
+    for line in lines:
+        print(f"granphon: warning: {one_line(line)}", file=sys.stderr)
+
+
+def _was_printed(warning: str) -> bool:
+    """Whether a warning about a file has said what this ``warning`` says: a warning about a file
+    begins with the name of the file, and goes on with a small letter.
+    """
+    end = f": {warning[:1].lower()}{warning[1:]}"
+    return any(printed.endswith(end) for printed in _PRINTED)
 
 
 def fail(text: str, code: int) -> int:

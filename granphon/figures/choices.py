@@ -75,8 +75,8 @@ def find_longest_parameter(dataset: Dataset) -> str | None:
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
-    """Return the data set with the parameter ``x`` in the place of the load, if the parameter has
-    numbers: curves lie over the parameter.
+    """Return the data set with the parameter ``x`` in the place of the load, so that curves lie
+    over the parameter; the data set itself if ``x`` is None or no parameter of numbers.
     """
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
         return dataset

@@ -95,6 +95,10 @@ _DATA_STYLE: dict[str, Any] = {
     "capsize": 0.0,
     "zorder": 2.0,
 }
+#: width of a line that is alone; limits of the widths of several lines, of which the later lie on
+#: the earlier; points
+_LONE_WIDTH = 1.6
+_WIDEST, _NARROWEST = 2.2, 1.0
 #: the largest number on an axis; matplotlib overflows at margins and ticks beyond larger numbers
 _LARGEST = 1e280
 #: dashes of lines of the same colour, the first solid; they differ from those outside the range
@@ -315,8 +319,8 @@ def choose_widths(count: int) -> list[float]:
     are seen.
     """
     if count == 1:
-        return [1.6]
-    widths: list[float] = np.linspace(2.2, 1.0, count + 1)[1:].tolist()
+        return [_LONE_WIDTH]
+    widths: list[float] = np.linspace(_WIDEST, _NARROWEST, count + 1)[1:].tolist()
     return widths
 
 
@@ -1367,8 +1371,9 @@ class Run:
 
     @classmethod
     def of(cls, name: str, result: Any, named: bool = False) -> Run:
-        """Return the run of a result of the library; :class:`~granphon.base.errors.InputError` for
-        a result that shares no figure with others.
+        """Return the run of a ``result`` of the library, called ``name``, and ``named`` in legends
+        or not; a run is returned as it is. :class:`~granphon.base.errors.InputError` for a result
+        that shares no figure with others.
         """
         if isinstance(result, Run):
             return result
@@ -1409,7 +1414,9 @@ class Run:
 
 
 def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
-    """Return the run of a fit, called ``name``: a data set of its curve, and one of its data."""
+    """Return the run of a ``fit``, called ``name``: a data set of the curve, and one of the
+    measured data. ``named`` says whether a legend gives the name.
+    """
     frequency = fit.waves.frequency
     branch = fit.waves.branch
     # a fit of pulses that each have a frequency is known at the data alone
@@ -1675,21 +1682,23 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
     share. A run of one curve stands below the heading of another run, if it shares these facts.
     Other curves have an empty heading.
     """
-    differing, common = find_differing([curve.facts for curve in curves])
+    differing_kinds, shared_facts = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
         label = curves[0].facts.get("medium", curves[0].run)
-        return [("", label)], [text for text in common if text != label]
+        return [("", label)], [text for text in shared_facts if text != label]
     kinds_by_curve = list[list[str]]()  # the kinds of facts in heading and label
     heading_kinds = list[list[str]]()  # the kinds of facts in the heading
     for curve in curves:
         facts_of_run = [model.facts for model in curves if model.run == curve.run]
-        kinds = [kind for kind in differing if kind in curve.facts]
-        shared = [kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1]
-        if "name" in shared:  # the name stands for all facts that the curves of the run share
-            kinds = [kind for kind in kinds if kind == "name" or kind not in shared]
-            shared = ["name"]
+        kinds = [kind for kind in differing_kinds if kind in curve.facts]
+        shared_kinds = [
+            kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1
+        ]
+        if "name" in shared_kinds:  # the name stands for all facts that the curves of the run share
+            kinds = [kind for kind in kinds if kind == "name" or kind not in shared_kinds]
+            shared_kinds = ["name"]
         kinds_by_curve.append(kinds)
-        heading_kinds.append(shared if len(facts_of_run) > 1 else [])
+        heading_kinds.append(shared_kinds if len(facts_of_run) > 1 else [])
     labels = []
     for curve, kinds, own_kinds in zip(curves, kinds_by_curve, heading_kinds, strict=True):
         kinds_above = own_kinds or _find_heading(curve, kinds, curves, heading_kinds)
@@ -1699,7 +1708,7 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
         facts_below = [curve.facts[kind] for kind in kinds if kind not in kinds_above]
         label = join_facts(facts_below or [curve.run], _LETTERS)
         labels.append((heading, label))
-    return labels, common
+    return labels, shared_facts
 
 
 def _find_heading(
@@ -1749,13 +1758,13 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
     facts that vary within a colour (:func:`_tabulate_by`). The facts that are the same in all
     curves of a run may have dashes instead.
     """
-    differing, _ = find_differing([curve.facts for curve in curves])
+    differing_kinds, _ = find_differing([curve.facts for curve in curves])
     # of tables with equally short legends the first is taken: media have colours in a sweep too
-    differing.sort(key=lambda kind: kind != "medium")
-    of_runs = _list_constant(differing, curves, [curve.run for curve in curves])
+    differing_kinds.sort(key=lambda kind: kind != "medium")
+    kinds_of_runs = _list_constant(differing_kinds, curves, [curve.run for curve in curves])
     tables = []
-    for of_dashes in ([], of_runs):
-        kinds = [kind for kind in differing if kind not in of_dashes]
+    for of_dashes in ([], kinds_of_runs):
+        kinds = [kind for kind in differing_kinds if kind not in of_dashes]
         tables += [_tabulate_by(kind, kinds, of_dashes, curves) for kind in kinds]
     limits = (len(COLOURS), _MOST_NAMED, len(_DASHES))
     possible_tables = []
@@ -1971,7 +1980,9 @@ def _draw_spectra(
 
 
 def _label_runs(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
-    """Return the label of each run of one state, and the facts that all runs share."""
+    """Return the label of each of the ``runs``, which have one state each, and the facts that all
+    runs share.
+    """
     facts_of_states = [_describe_state(run) for run in runs]
     facts = []  # by kind, of each run
     for run, facts_of_state in zip(runs, facts_of_states, strict=True):
@@ -1982,14 +1993,14 @@ def _label_runs(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
             facts.append({"run": run.name} | facts_of_state)
         else:
             facts.append(facts_of_state)
-    differing, common = find_differing(facts)
+    differing_kinds, shared_facts = find_differing(facts)
     labels = []
     for run, facts_of_run in zip(runs, facts, strict=True):
-        words = [facts_of_run[kind] for kind in differing if kind in facts_of_run] or [run.name]
+        kinds = [kind for kind in differing_kinds if kind in facts_of_run]
         if "name" in facts_of_run:
-            words = [facts_of_run["name"]]
-        labels.append(join_facts(words, _LETTERS))
-    return labels, common
+            kinds = ["name"]
+        labels.append(join_facts([facts_of_run[kind] for kind in kinds] or [run.name], _LETTERS))
+    return labels, shared_facts
 
 
 def _describe_state(run: Run) -> dict[str, str]:

@@ -94,14 +94,6 @@ _MARGIN_OF_EQUAL_FORCES = 0.05
 #: least and greatest width of a line of a network, in widths of the line of the mean force: a
 #: single contact may carry nearly all of the force
 _WIDTHS = (0.2, 4.0)
-#: what the balls of a network may be coloured by: name of the numbers, and their unit
-_COLOURED_BY = {
-    "force": ("Mean contact force", "N"),
-    "overlap": ("Mean overlap", "m"),
-    "contacts": ("Contacts", ""),
-    "nonaffine": ("Non-affine displacement per shear", "m"),
-    "spin": ("Rotation per shear", "rad"),
-}
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
 _SHOWS = ("all", "window", "density", "auto")
@@ -207,8 +199,10 @@ class _BallValues:
 
     @classmethod
     def of(cls, network: ContactNetwork, color: Any) -> _BallValues:
-        """Return the numbers of a ``color`` of :func:`plot_forces`, one of each ball and wall;
-        InputError for another word, and for numbers that are not one of each.
+        """Return the numbers of a ``color`` of :func:`plot_forces`, one of each ball and wall.
+
+        Raises InputError for another word, for numbers that are not one of each, and for "spin"
+        in a network whose balls do not turn.
         """
         if not isinstance(color, str):
             numbers = finite_array("color", color)
@@ -216,29 +210,8 @@ class _BallValues:
                 fault = f"color has the shape {numbers.shape}"
                 raise InputError(fault, mend=f"Give one of each of the {network.n_balls} balls")
             return cls(numbers, "Value", "")
-        name, unit = _COLOURED_BY[one_of("color", color, _COLOURED_BY)]
-        if color in ("nonaffine", "spin"):
-            motion = find_nonaffine(network)
-            if color == "nonaffine":
-                return cls(motion.sizes, name, unit)
-            if 2 not in network.ball_motions.rotations:
-                mend = 'Colour them by "nonaffine", or read the network with friction'
-                raise InputError("the balls of the network do not turn about z", mend=mend)
-            return cls(motion.rotations[:, 2], name, unit)
-        i = network.i
-        j = network.j
-        contacts = np.ones(network.n_contacts)
-        if color == "force":
-            contacts = network.normal_force
-        elif color == "overlap":
-            # the places of a ball and a flat wall, whose centre is infinitely far, have no overlap
-            has_centres = np.isfinite(network.distance)
-            i = i[has_centres]
-            j = j[has_centres]
-            contacts = network.radii[i] + network.radii[j] - network.distance[has_centres]
-        sums, counts = _sum_forces(i, j, contacts, network.n_balls)
-        numbers = sums if color == "contacts" else sums / np.maximum(counts, 1)
-        return cls(numbers, name, unit)
+        find_numbers, name, unit = _COLOURED_BY[one_of("color", color, _COLOURED_BY)]
+        return cls(find_numbers(network), name, unit)
 
     def take(self, indices: NDArray[np.intp]) -> _BallValues:
         """Return the numbers (m,) of the balls with these ``indices`` (m,), by which alone the
@@ -274,6 +247,54 @@ class _BallValues:
             bar.set_ylabel(self.name)
 
 
+def _find_mean_force(network: ContactNetwork) -> Array:
+    """Return the mean normal force (n,), N, of the contacts of each ball; zero without contacts."""
+    sums, counts = _sum_over_contacts(network.i, network.j, network.normal_force, network.n_balls)
+    return sums / np.maximum(counts, 1)
+
+
+def _find_mean_overlap(network: ContactNetwork) -> Array:
+    """Return the mean overlap (n,), m, of the contacts of each ball; zero without contacts."""
+    # the places of a ball and a flat wall, whose centre is infinitely far, have no overlap
+    has_centres = np.isfinite(network.distance)
+    i = network.i[has_centres]
+    j = network.j[has_centres]
+    overlaps = network.radii[i] + network.radii[j] - network.distance[has_centres]
+    sums, counts = _sum_over_contacts(i, j, overlaps, network.n_balls)
+    return sums / np.maximum(counts, 1)
+
+
+def _count_contacts(network: ContactNetwork) -> Array:
+    """Return the number (n,) of contacts of each ball."""
+    _sums, counts = _sum_over_contacts(network.i, network.j, network.normal_force, network.n_balls)
+    return counts
+
+
+def _find_displacement(network: ContactNetwork) -> Array:
+    """Return the size (n,), m, of the non-affine displacement of each ball per shear."""
+    return find_nonaffine(network).sizes
+
+
+def _find_spin(network: ContactNetwork) -> Array:
+    """Return the rotation (n,), rad, about z of each ball per shear; InputError if the balls do not
+    turn about z.
+    """
+    if 2 not in network.ball_motions.rotations:
+        mend = 'Colour them by "nonaffine", or read the network with friction'
+        raise InputError("the balls of the network do not turn about z", mend=mend)
+    return find_nonaffine(network).rotations[:, 2]
+
+
+#: what the balls of a network may be coloured by: the function of the numbers, their name and unit
+_COLOURED_BY: dict[str, tuple[Callable[[ContactNetwork], Array], str, str]] = {
+    "force": (_find_mean_force, "Mean contact force", "N"),
+    "overlap": (_find_mean_overlap, "Mean overlap", "m"),
+    "contacts": (_count_contacts, "Contacts", ""),
+    "nonaffine": (_find_displacement, "Non-affine displacement per shear", "m"),
+    "spin": (_find_spin, "Rotation per shear", "rad"),
+}
+
+
 def _find_height(layer: _Map, *, is_default_window: bool) -> float:
     """Return the height, inches, of a figure of a ``layer``, or of the window that is shown by
     default, with a legend of two kinds of balls in each row.
@@ -284,7 +305,9 @@ def _find_height(layer: _Map, *, is_default_window: bool) -> float:
 
 
 def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
-    """Limit the axes by these edges, the left, lower, right and upper one, and name them."""
+    """Limit the axes by the ``edges``, left, lower, right and upper, in the lengths of a ``layer``,
+    and name the axes. The axis of y of a single row of balls has its tick at the row alone.
+    """
     left, bottom, right, top = edges
     network = layer.network
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -381,7 +404,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     """
     lines, forces_of_lines = layer.find_lines()
     if not forces_of_lines.size:
-        raise InputError("there is no contact to draw")
+        raise InputError("there is no contact to draw", mend="Give balls that touch")
     low = np.array(edges[:2])
     high = np.array(edges[2:])
     is_near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
@@ -424,7 +447,8 @@ def _estimate_diameter(layer: _Map, ax: Axes, size: Array) -> float:
 
 def _find_widths(network: ContactNetwork | None, forces: Array) -> Array:
     """Return the widths (n,) of the lines of contacts, over that of the mean force, from their
-    ``forces`` (n,): those of a sample are over their mean, those of a ``network`` in N.
+    ``forces`` (n,): those of a sample are over their mean, those of a ``network`` in N. The lines
+    of a network have widths within ``_WIDTHS``, and the least if the mean force is not above zero.
     """
     if network is None:
         return forces
@@ -531,7 +555,7 @@ def _find_map_of_sample(sample: Sample) -> _Map:
     i, j = _number_ends(structure, balls, contacts, (n_along, n_across))
     arms = np.tile(structure.contacts.normal[contacts] @ plane, (n_along * n_across, 1))
     force = forces.ravel()
-    sums, counts = _sum_forces(i, j, force, len(places))
+    sums, counts = _sum_over_contacts(i, j, force, len(places))
     row_height = float(vectors[1] @ axes[1])
     # half a row below the lowest row, whose height is not zero in every cell
     bottom = float(np.min(places[:, 1])) - 0.5 * row_height
@@ -615,8 +639,8 @@ def _find_lines_of_layer(
     """Return the lines (n, 2, 2) of contacts under load, and their forces (n,).
 
     ``first`` and ``second`` are the places of the balls of all contacts, ``arms`` the vectors from
-    ball to ball, each (m, 2). A contact across an edge of the array has a line at each of its two
-    balls.
+    ball to ball, each (m, 2), in diameters. A contact across an edge of the array has a line at
+    each of its two balls.
     """
     images_of_first = second - arms  # where the first ball would be beside the second
     is_loaded = forces > 0.0
@@ -629,23 +653,24 @@ def _find_lines_of_layer(
     return lines, forces_of_lines
 
 
-def _sum_forces(
-    i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int
+def _sum_over_contacts(
+    i: NDArray[np.intp], j: NDArray[np.intp], values: Array, count: int
 ) -> tuple[Array, Array]:
-    """Return, for each of ``count`` balls, the sum of the forces of its contacts, and the number of
+    """Return, for each of ``count`` balls, the sum of the values of its contacts, and the number of
     its contacts, both (count,).
 
-    ``i`` and ``j`` are the balls of each contact, and ``force`` its force, each (m,).
+    ``i`` and ``j`` are the balls of each contact, and ``values`` those of the contacts, each (m,),
+    such as the forces.
     """
     balls = np.concatenate([i, j])
-    sums = np.bincount(balls, np.concatenate([force, force]), count)
+    sums = np.bincount(balls, np.concatenate([values, values]), count)
     n_contacts = np.bincount(balls, minlength=count)
     return np.asarray(sums, float), n_contacts.astype(float)
 
 
 def _find_map_of_network(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
-    sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
+    sums, counts = _sum_over_contacts(network.i, network.j, network.normal_force, network.n_balls)
     indices = list_balls(network)
     places = network.positions[indices, :2]
     radii = network.radii[indices]
@@ -759,8 +784,9 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """Draw the probability density of f/<f> of the contacts that carry load, averaged over the
     samples, on a log scale.
 
-    Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError`
-    for several loads, and for a state without samples.
+    Bins are a quarter of the rms fluctuation wide, but there are at least 20 and at most 400 of
+    them; empty bins at the ends are left out. Raises :class:`~granphon.base.errors.InputError` for
+    several loads, and for a state without samples.
     """
     samples = _list_samples(state)
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
@@ -844,8 +870,8 @@ def forces_figure(state: ContactState) -> Figure:
     with styled_figure(height, PAGE_WIDTH) as figure:
         *panels, distribution = figure.subplots(1, n_panels)
         if is_large:
-            whole_array, window = panels
-            _draw_whole_and_window(sample, whole_array, window, _choose_window(layer, None))
+            edges = _choose_window(layer, None)
+            _draw_array_and_window(sample, panels[0], panels[1], edges)
             figure.suptitle(_write_title(sample), fontsize=STYLE["axes.titlesize"])
         else:
             plot_forces(sample, panels[0], show="all")
@@ -853,11 +879,11 @@ def forces_figure(state: ContactState) -> Figure:
     return figure
 
 
-def _draw_whole_and_window(
-    sample: Sample, whole: Axes, part: Axes, edges: tuple[float, ...]
+def _draw_array_and_window(
+    sample: Sample, ax_of_array: Axes, ax_of_window: Axes, edges: tuple[float, ...]
 ) -> None:
-    """Draw the density of the force in a whole array, with a window marked, on the Axes ``whole``,
-    and the chains in the window on the Axes ``part``.
+    """Draw the density of the force in a whole array, with a window marked, on ``ax_of_array``, and
+    the chains in the window on ``ax_of_window``.
 
     ``edges`` are the left, lower, right and upper edge of the window, in diameters.
     """
@@ -871,10 +897,10 @@ def _draw_whole_and_window(
         linewidth=1.0,
         gid="window",
     )
-    plot_forces(sample, whole, show="density")
-    whole.add_patch(outline)
-    whole.set(title="whole array")
-    plot_forces(sample, part, window=edges)
-    part.set(title="window", ylabel="")
-    for spine in part.spines.values():
+    plot_forces(sample, ax_of_array, show="density")
+    ax_of_array.add_patch(outline)
+    ax_of_array.set(title="whole array")
+    plot_forces(sample, ax_of_window, window=edges)
+    ax_of_window.set(title="window", ylabel="")
+    for spine in ax_of_window.spines.values():
         spine.set(color=VERMILION, linewidth=1.0)

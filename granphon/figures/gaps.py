@@ -128,7 +128,7 @@ def _draw_fields(
 
 
 def _find_place(dimension: str, number: int) -> Array:
-    """Return (1,) the place on the axis of x at which the frequency of index ``number`` along a
+    """Return the place (1,) on the axis of x at which the frequency of index ``number`` along a
     ``dimension`` stands at a single state: its number in tables.
     """
     _words, first = _COUNTED[dimension]

@@ -84,6 +84,8 @@ _PERIOD = 2000
 #: margins around discs and spheres, in diameters
 _MARGIN_OF_DISCS = 0.1
 _MARGIN_OF_SPHERES = 0.05
+#: white part of the colours of the most distant spheres
+_FADE = 0.55
 #: radius of the arcs of spins, over that of a disc, and over that of a sphere
 _RIM_OF_DISC = 0.72
 _RIM_OF_SPHERE = 1.03
@@ -297,8 +299,7 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     network = modes.network
     motions = network.ball_motions
     diameter = network.scales.length
-    stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
-    is_planar = network.dimension < 3 and stays_in_plane
+    is_planar = network.dimension < 3 and _stay_in_plane(motions)
     balls = _choose_balls(modes, mode, _MOST_BALLS if is_planar else _MOST_POINTS)
     masses = network.masses[balls]
     displacements, spins = _split_motion(
@@ -329,6 +330,11 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
         colours=[colours[ball] for ball in balls.tolist()],
         kinds=colours_of_kinds,
     )
+
+
+def _stay_in_plane(motions: Motions) -> bool:
+    """Whether balls with these ``motions`` stay in the plane of x and y, and turn about z alone."""
+    return 2 not in motions.translations and set(motions.rotations) <= {2}
 
 
 def _choose_balls(modes: NetworkModes, mode: int, most: int) -> NDArray[np.intp]:
@@ -468,7 +474,6 @@ def _find_motion(
     radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))
     names = phonons.state.kinds or [""] * n_balls
     colours_of_kinds = colour_kinds(names)
-    stays_in_plane = 2 not in motions.translations and set(motions.rotations) <= {2}
     is_flat = lattice.periods < 3 and not places[:, 2].any()
     fractions = np.asarray(q, float)[: lattice.periods]
     return _Motion(
@@ -479,7 +484,7 @@ def _find_motion(
         turn=angles[balls] * wave,
         gyration=lattice.gyration[balls],
         rotate=motions.rotate,
-        planar=is_flat and stays_in_plane,
+        planar=is_flat and _stay_in_plane(motions),
         seen=np.ones(balls.size, bool),
         title=_write_title(modes, fractions, branch, motions.rotate),
         colours=[colours_of_kinds.get(names[ball], _BALL) for ball in balls.tolist()],
@@ -707,7 +712,7 @@ def _add_bonds(painter: Painter, pairs: NDArray[np.intp], centres: Array, radii:
 
 def _show_spheres(painter: Painter, ax: Axes) -> None:
     """Draw the spheres of a painter, with distant ones fainter, on axes that hold them all."""
-    painter.draw(ax, "spheres", fade=0.55)
+    painter.draw(ax, "spheres", fade=_FADE)
     low, high = painter.extent
     hide_axes(ax, low - _MARGIN_OF_SPHERES, high + _MARGIN_OF_SPHERES)
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from granphon.figures.scales import (
+    LEAST_LIMIT,
     MOTION,
     add_bar,
     add_legend,
@@ -52,8 +53,6 @@ _RADII = 20.0
 _LAYER = 0.1
 #: an energy below this part of the unit of the axis is not drawn
 _NO_ENERGY = 1e-9
-#: least limit of a scale of colours or of an axis, where nothing moves
-_TINY = 1e-300
 
 
 def plot_motion(
@@ -88,7 +87,7 @@ def plot_motion(
         si_unit = "N"
         quantity = "Change of force"
     positions, means = _average_layers(layers, coordinates, values)
-    greatest = max(float(np.abs(means).max()), _TINY)
+    greatest = max(float(np.abs(means).max()), LEAST_LIMIT)
     scale, unit = prefixed(greatest, si_unit)
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
     metres, unit_of_length = prefixed(_RADII * radius, "m")
@@ -175,7 +174,7 @@ def plot_energies(motion: Motion, ax: Axes, errors: Mapping[str, Array] | None =
     for name, values in (errors or {}).items():
         one_of("name of errors", name, _ENERGIES)
         energy_errors[name] = read_errors(values, motion.times.shape)
-    greatest = max(float((motion.energy + motion.lost).max()), _TINY)
+    greatest = max(float((motion.energy + motion.lost).max()), LEAST_LIMIT)
     scale, unit = prefixed(greatest, "J")
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
     for name, (label, colour) in _ENERGIES.items():
@@ -215,7 +214,7 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
         limit = float(np.linalg.norm(motion.velocities[number], axis=1).max())
     else:
         limit = positive("most", most, "m/s")
-    balls, label = _draw_speeds(motion, ax, number, max(limit, _TINY))
+    balls, label = _draw_speeds(motion, ax, number, max(limit, LEAST_LIMIT))
     add_bar(ax, balls, label)
     return ax
 
@@ -241,7 +240,7 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     ``ball`` and ``axis``, and what is raised, are those of :meth:`granphon.Motion.spectrum`.
     """
     frequencies, amplitudes = motion.spectrum(ball, axis)
-    greatest = max(float(amplitudes.max()), _TINY)
+    greatest = max(float(amplitudes.max()), LEAST_LIMIT)
     # all frequencies of a ball that stays where it is, with no amplitude at any of them
     is_seen = amplitudes >= _LEAST * float(amplitudes.max())
     top = float(frequencies[is_seen][-1])
@@ -324,7 +323,7 @@ def motion_figure(
     greatest_speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)  # of each frame
     frames = pick_evenly(len(motion.times), 4)[1:]  # the first frame shows little motion
     # balls of more than half of the greatest speed have the darkest colour
-    limit = max(0.5 * float(greatest_speeds[frames].max()), _TINY)
+    limit = max(0.5 * float(greatest_speeds[frames].max()), LEAST_LIMIT)
     widths = [1.0] * len(frames) + [1.25]
     with styled_figure(2.3, PAGE_WIDTH) as figure:
         *snapshots, energies = figure.subplots(1, len(widths), width_ratios=widths)

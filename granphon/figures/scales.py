@@ -115,6 +115,8 @@ ROTATION = LinearSegmentedColormap.from_list(
 FORCES = matplotlib.colormaps["cividis_r"]
 #: colours of spectral functions, from none, white, to much, dark: uniform to every eye
 SPECTRUM = matplotlib.colormaps["Blues"]
+#: least limit of a scale of colours or of an axis, where nothing moves
+LEAST_LIMIT = 1e-300
 #: colours of velocities, from backward to forward
 MOTION = matplotlib.colormaps["RdBu_r"]
 #: colours from transverse (0) to longitudinal (1)
@@ -262,7 +264,9 @@ class NotebookFigure(Figure):
 
 @contextmanager
 def styled_figure(height: float, width: float = COLUMN_WIDTH, dpi: float = DPI) -> Iterator[Figure]:
-    """Make an empty figure of this size, inches, in the style that holds within the block."""
+    """Make an empty figure of a height and a width, inches, and of ``dpi`` dots an inch, in the
+    style of the project, which holds within the block.
+    """
     with matplotlib.rc_context(STYLE):
         yield Figure((width, height), dpi=dpi, layout="constrained")
 
@@ -329,8 +333,8 @@ def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
     of length 1 may differ.
     """
     values = real_array("errors", errors)
-    long_axes = tuple(length for length in values.shape if length > 1)
-    if long_axes != tuple(length for length in shape if length > 1):
+    axes = [length for length in values.shape if length != 1]
+    if axes != [length for length in shape if length != 1]:
         raise InputError(f"errors have the shape {values.shape}", mend=f"Give {shape}")
     return values.reshape(shape)
 
@@ -452,7 +456,8 @@ def add_legend(
     """Draw the legend of a figure below its panels, in as many columns as its labels allow.
 
     The figure has room for ``room`` rows of the legend, and grows by all further rows, so that the
-    panels keep their size.
+    panels keep their size. A ``room`` below zero is that of a figure which lacks rows for other
+    texts, such as a title. ``options`` are those of ``Figure.legend``.
     """
     labels = [str(handle.get_label()) for handle in handles]
     columns = count_columns(labels)
@@ -508,6 +513,7 @@ def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
             handletextpad=0.2,
             labelspacing=0.3,
         )
+    # 6 points are matplotlib's own distance of a title
     points_per_row = 11.0
     ax.set_title(title, pad=6.0 + points_per_row * rows)
 

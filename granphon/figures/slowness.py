@@ -21,10 +21,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from granphon.balls.lattices import one_direction
+from granphon.balls.lattices import as_direction
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.text import counted
+from granphon.base.validation import real_array
 from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
@@ -145,19 +146,18 @@ def _read_plane(plane: ArrayLike) -> Array:
     """Return two perpendicular unit vectors (2, 3) that span the plane of two directions (2, 3);
     InputError unless ``plane`` holds two different directions in space.
     """
-    try:
-        directions = np.asarray(plane, dtype=np.float64)
-        first, second = [one_direction(direction, 3) for direction in directions]
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            "plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))"
-        ) from None
-    second = second - (first @ second) * first
-    if np.linalg.norm(second) < _ROUNDING:
-        raise InputError(
-            "the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"
-        )
-    return np.array([first, second / np.linalg.norm(second)])
+    mend = "Give ((1, 0, 0), (0, 1, 0))"
+    directions = real_array("plane", plane)
+    is_pair = directions.shape == (2, 3)
+    if not is_pair or not np.all(np.isfinite(directions)) or not np.all(directions.any(axis=1)):
+        why = "A plane is spanned by two directions, each three finite numbers, not all zero"
+        raise InputError(f"plane is {brief(plane)}", why, mend)
+    first, second = as_direction(directions, 3)
+    across_first = second - (first @ second) * first
+    length = float(np.linalg.norm(across_first))
+    if length < _ROUNDING:
+        raise InputError("the two directions of plane are parallel", mend=mend)
+    return np.array([first, across_first / length])
 
 
 def _draw_wave(ax: Axes, points: Array, longitudinal: Array, *, is_dashed: bool, gid: str) -> None:

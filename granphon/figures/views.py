@@ -58,7 +58,9 @@ class View:
         return np.asarray(np.asarray(points) @ self.axes[:2].T)
 
     def nearness(self, points: ArrayLike) -> Array:
-        """Return how near to the viewer points (..., 3) are, (...)."""
+        """Return how near to the viewer points (..., 3) are, (...), in their unit of length: larger
+        numbers are nearer.
+        """
         return np.asarray(np.asarray(points) @ self.axes[2])
 
 
@@ -115,11 +117,12 @@ class Painter:
         """Add a ball with a ``centre`` (3,) and a ``radius``, lit from the upper left."""
         nearness = float(self.view.nearness(centre))
         middle = self.view.project(centre)
-        base = np.array(to_rgba(color))
+        colour_of_ball = np.array(to_rgba(color))
         to_light = np.array([-1.0, 1.0])
-        # discs that shrink towards the light, each a step brighter: first darkened, then whitened
+        # Discs shrink towards the light, each a step brighter: from the whole ball, in the darkest
+        # colour, to a small spot that is nearly white. Of so many discs no edge is seen.
         for fraction in np.linspace(0.0, 1.0, 15):
-            shade = base.copy()
+            shade = colour_of_ball.copy()
             shade[:3] *= 0.6 + 0.4 * np.sqrt(fraction)
             shade[:3] += (1.0 - shade[:3]) * 0.6 * fraction**2
             x, y = (middle + radius * 0.36 * fraction * to_light).tolist()

@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from granphon.figures.scales import (
+    LEAST_LIMIT,
     MOTION,
     SPECTRUM,
     add_bar,
@@ -408,6 +409,7 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
+        # at most three: longitudinal, transverse and rotational
         for (number, spectrum), colour in zip(attenuated, (BLUE, VERMILION, PURPLE), strict=False):
             line_errors = {name: table[number] for name, table in tables.items()}
             plot_attenuation(spectrum, panels[-1], colour=colour, errors=line_errors)
@@ -479,7 +481,8 @@ def plot_attenuation(
 
 
 def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
-    """Draw the spectral function over the frequency at up to six wave vectors, evenly taken.
+    """Draw the spectral function over the frequency at six wave vectors, evenly picked, or at all
+    of fewer.
 
     The axis of frequency ends above the highest frequency at which a line has a thousandth of the
     highest peak.
@@ -489,13 +492,13 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     is_seen = values.max(axis=0) > _LEAST_LINE * values.max()  # (n_f,)
     top = float(spectrum.frequencies[np.flatnonzero(is_seen)[-1]])
     unit = HertzPrefix.for_top(top)
-    for colour, wave_vector in zip(COLOURS, drawn_numbers, strict=False):
+    for colour, number in zip(COLOURS, drawn_numbers, strict=False):
         ax.plot(
             spectrum.frequencies / unit.hertz,
-            spectrum.values[wave_vector] * unit.hertz,
+            spectrum.values[number] * unit.hertz,
             color=colour,
             linewidth=0.9,
-            label=f"|q| = {spectrum.wavenumber[wave_vector]:.4g} /m",
+            label=f"|q| = {spectrum.wavenumber[number]:.4g} /m",
         )
     ax.set(
         xlabel=f"Frequency ({write_hertz(unit)})",
@@ -769,16 +772,17 @@ def plot_seismogram(
 
     ``balls`` is the number of single balls, of which fewer are drawn if the pulse has fewer
     receivers. Means over further planes are drawn too, if the pulse has such planes. Each trace is
-    over time; traces of balls and of means are over the greatest signal. A mark shows the time of
-    flight by the envelope, if the time of flight is known. The standard errors (n,), m/s, under
-    "coherent" in ``errors``, nan where unknown, are a band about the mean.
+    over time; traces of balls and of means are over the greatest signal, and flat if all signals
+    are zero. A mark shows the time of flight by the envelope, if the time of flight is known. The
+    standard errors (n,), m/s, under "coherent" in ``errors``, nan where unknown, are a band about
+    the mean.
 
     Raises :class:`~granphon.base.errors.InputError` for a number of balls below zero, and for
     errors of another shape.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     times = pulse.times / seconds
-    greatest_signal = float(np.max(np.abs(pulse.signals)))
+    greatest_signal = max(float(np.max(np.abs(pulse.signals))), LEAST_LIMIT)
     drawn_balls = pick_evenly(len(pulse.signals), whole_number("balls", balls, 0))
     curves = [
         ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
@@ -851,15 +855,17 @@ def plot_frame(
     at one of the frames.
 
     ``frame`` is counted from 0, and ``most`` is the velocity, m/s, of the strongest colour; by
-    default the greatest velocity of the frame. Raises
-    :class:`~granphon.base.errors.InputError` if the pulse has no such frame, and for a ``most``
-    that is not above zero.
+    default the greatest velocity of the frame. Balls at rest have the colour in the middle, also if
+    all are at rest. Raises :class:`~granphon.base.errors.InputError` if the pulse has no such
+    frame, and for a ``most`` that is not above zero.
     """
     _require_frames(pulse)
     number = whole_number("frame", frame, 0, len(pulse.frames) - 1)
     velocities = pulse.velocities[number] @ pulse.polarisation
-    greatest = float(np.max(np.abs(velocities)))
-    limit = greatest if most is None else positive("most", most, "m/s")
+    if most is None:
+        limit = max(float(np.max(np.abs(velocities))), LEAST_LIMIT)
+    else:
+        limit = positive("most", most, "m/s")
     draw_balls(network, velocities, ax, MOTION, Normalize(-limit, limit))
     ax.set_title(f"{1e3 * pulse.frames[number]:.3f} ms")
     return ax
@@ -890,7 +896,8 @@ def animate_pulse(
         figure = new_figure if figure is None else figure
         ax = figure.subplots()
         # half of the greatest velocity has the strongest colour, so that weak waves are seen too
-        plot_frame(network, pulse, 0, ax, 0.5 * float(np.max(np.abs(velocities))) or None)
+        limit = max(0.5 * float(np.max(np.abs(velocities))), LEAST_LIMIT)
+        plot_frame(network, pulse, 0, ax, limit)
     (balls,) = ax.collections
     order = list_balls(network)
 
@@ -900,7 +907,7 @@ def animate_pulse(
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
 
-    draw: Callable[..., Any] = show
+    draw: Callable[..., Any] = show  # the stubs know functions of other types only
     return FuncAnimation(figure, draw, frames=len(pulse.frames), interval=milliseconds, blit=False)
 
 

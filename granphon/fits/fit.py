@@ -28,7 +28,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
 from granphon.base.text import counted, dump_yaml, versions
-from granphon.base.validation import real_array, require, texts, truth
+from granphon.base.validation import finite_array, real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_fitted
 from granphon.media.choice import MediumChoice, require_finite_overlap
@@ -90,6 +90,9 @@ _LEAST_NORM = 1e-300
 #: a minimum is reached if the step that is left is below the first number times the standard error
 #: of the parameter, plus the second, the relative precision of the search
 _REMAINING_STEP = (1e-3, 1e-9)
+#: what rounding leaves between a matrix of correlations and its transpose, between its diagonal and
+#: one, and below zero of its eigenvalues
+_ROUNDING_OF_CORRELATIONS = 1e-9
 #: advice where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
 
@@ -214,7 +217,9 @@ def _judge_waves(problem: FitProblem) -> list[str]:
 
 
 def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
-    """Return a warning if one datum decides the fit almost alone, by the leverages (n,)."""
+    """Return a warning if one datum decides the fit almost alone; ``leverages`` are the
+    leverages (n,) of the data.
+    """
     datum = int(np.argmax(leverages))
     if leverages[datum] <= _DECIDING_LEVERAGE:
         return []
@@ -330,8 +335,8 @@ class FitProblem:
 
     @classmethod
     def of(cls, model: VelocityModel, data: Measurements) -> Self:
-        """Set up the problem; :class:`~granphon.base.errors.InputError` if the data cannot be
-        right, or are too few.
+        """Return the problem of a ``model`` and its ``data``;
+        :class:`~granphon.base.errors.InputError` if the data cannot be right, or are too few.
         """
         model.require_carried()
         _require_units(model, data.velocity)
@@ -547,9 +552,9 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
         return InputError(fault, why, _MEASURE)
     if model.names == ("width",):
-        explained = _explain_excess(problem, logs)
-        if explained is not None:
-            return explained
+        excess_error = _explain_excess(problem, logs)
+        if excess_error is not None:
+            return excess_error
     if model.names[worst] != "width" and errors[worst] > 1.0:
         fault = (
             f"the data do not determine {model.names[worst]}: its standard error is"
@@ -717,9 +722,17 @@ class Fitted(Result):
 
         ``changes`` (inputs, p) are by how much the values change when each of the inputs is larger
         by its standard error, and ``correlation`` (inputs, inputs) the correlations of the inputs.
+
+        Raises :class:`~granphon.base.errors.InputError` for arrays of other shapes, and for what is
+        no matrix of correlations.
         """
-        changes_of_values = np.asarray(changes, float)
-        from_inputs = changes_of_values.T @ np.asarray(correlation, float) @ changes_of_values
+        changes_of_values = finite_array("changes", changes)
+        n_parameters = len(self.covariance)
+        if changes_of_values.ndim != 2 or changes_of_values.shape[1] != n_parameters:
+            fault = f"changes have the shape {changes_of_values.shape}"
+            raise InputError(fault, mend=f"Give (inputs, {n_parameters})")
+        correlations = _read_correlations(correlation, len(changes_of_values))
+        from_inputs = changes_of_values.T @ correlations @ changes_of_values
         fields: dict[str, Any] = {"covariance": self.covariance + from_inputs}
         return replace(self, **fields)
 
@@ -759,7 +772,7 @@ class Fitted(Result):
         require_fitted(self.parameters, self._units_of_parameters)
 
     def _list_columns(self) -> dict[str, Any]:
-        """The columns of fit.csv, (n,), by their headings."""
+        """Return the columns of fit.csv, (n,), by their headings."""
         raise NotImplementedError
 
     def write(self, folder: str | os.PathLike[str]) -> None:
@@ -773,6 +786,24 @@ class Fitted(Result):
         columns = self._list_columns()
         rows = np.stack(list(columns.values()), axis=1).tolist()
         write_text(Path(folder) / "fit.csv", table_text(columns, rows))
+
+
+def _read_correlations(correlation: ArrayLike, n_inputs: int) -> Array:
+    """Return the matrix (n_inputs, n_inputs) of a ``correlation`` of inputs; InputError for another
+    shape, and for numbers that no correlations have.
+    """
+    matrix = finite_array("correlation", correlation)
+    if matrix.shape != (n_inputs, n_inputs):
+        fault = f"correlation has the shape {matrix.shape}"
+        raise InputError(fault, mend=f"Give {(n_inputs, n_inputs)}")
+    asymmetry = float(np.max(np.abs(matrix - matrix.T)))
+    error_of_diagonal = float(np.max(np.abs(np.diag(matrix) - 1.0)))
+    smallest_eigenvalue = float(np.linalg.eigvalsh(matrix)[0])
+    if max(asymmetry, error_of_diagonal, -smallest_eigenvalue) > _ROUNDING_OF_CORRELATIONS:
+        fault = "correlation is no matrix of correlations"
+        why = "That is symmetric, with ones on its diagonal and no eigenvalue below zero"
+        raise InputError(fault, why, "Give np.eye(n) for n independent inputs")
+    return matrix
 
 
 @result_class
@@ -855,7 +886,7 @@ class WidthFit(Fitted):
 
     @property
     def medium(self) -> str:
-        """The medium in words."""
+        """The label of the medium: its name, with the options that are not the defaults."""
         return self.choice.label
 
     @property
@@ -894,7 +925,7 @@ class WidthFit(Fitted):
         return velocities[()]
 
     def _list_columns(self) -> dict[str, Any]:
-        """The columns of fit.csv, (n,), by their headings."""
+        """Return the columns of fit.csv, (n,), by their headings."""
         columns = {
             "force (N)": self.force,
             "velocity (m/s)": self.velocity,

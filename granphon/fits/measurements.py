@@ -140,8 +140,8 @@ class Measurements(Result):
             (km/s)"}.
         distance : distance that sound travels in each of the times, m, where no column gives it; or
             (distance, standard error): its relative error is added in quadrature to that of each
-            velocity, as if these were independent, and is their only error where the table has
-            none.
+            velocity, as if the errors of the velocities were independent. If the table gives no
+            errors, it is the only error of each velocity.
         frame : function of the force on a side of the hexagonal frame, N, that returns the force of
             a contact, N, such as :func:`~granphon.balls.loads.force_of_frame` with its number of
             balls; needed by a column side_force.
@@ -360,9 +360,9 @@ def _require_conversion(
 
 
 def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> None:
-    """Raise InputError for cut-off frequencies of the table at ``path`` unless they can be
-    converted to velocities, ``can_convert``, and if frequencies of pulses stand beside them,
-    ``has_pulses``.
+    """Raise InputError for a table of cut-off frequencies at ``path`` that also ``has_pulses``,
+    frequencies of pulses, or of which no function ``can_convert`` the cut-off frequencies to
+    velocities.
     """
     if has_pulses:
         why = "These are no pulses of a given frequency"

@@ -48,8 +48,9 @@ class PressedCrystal:
 
     @classmethod
     def of(cls, x: Any, load: Mapping[str, float], finite_overlap: bool | None = None) -> Self:
-        """Return a crystal ``x`` under a load by its kind, {"pressure": 20.0}, SI;
-        :class:`~granphon.base.errors.InputError` for what is no crystal, and for another load.
+        """Return the crystal ``x`` under a ``load`` by its kind, {"pressure": 20.0}, SI;
+        :class:`~granphon.base.errors.InputError` for what is no crystal, and for what is not one
+        load.
         """
         if not isinstance(x, Crystal | Arrangement):
             problem = f"{brief(x)} has its load, and another one is given"
@@ -86,7 +87,9 @@ class PressedCrystal:
         return lru_cache(maxsize=_KEPT)(self._rest)
 
     def _rest(self, on_site: float, wall_modulus: float | None) -> ContactNetwork:
-        """Bring the changed crystal to rest, and return the network of :meth:`find_network`."""
+        """Bring the changed crystal to rest, and return the network of :meth:`find_network`, with
+        its arguments. A crystal with a ``wall_modulus`` has one wall.
+        """
         crystal = self.crystal
         if crystal.on_site is not None and on_site != 1.0:
             crystal = crystal.with_springs(on_site * crystal.on_site)

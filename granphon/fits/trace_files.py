@@ -83,15 +83,14 @@ def read_traces(
     ``time_step``, s, is given if the files have no times. Raises InputError as
     :meth:`granphon.Traces.read` does.
     """
-    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    if not listed:
+    all_paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    if not all_paths:
         raise InputError("there is no file of traces", mend="Give one or more")
     step = None if time_step is None else positive("time_step", time_step, "s")
-    files = [_read_file(path) for path in listed]
-    first = files[0]
-    times = _find_times(first, step)
+    files = [_read_file(path) for path in all_paths]
+    times = _find_times(files[0], step)
     for file in files[1:]:
-        _require_same_times(first, times, file, _find_times(file, step))
+        _require_same_times(files[0], times, file, _find_times(file, step))
     where = ", ".join(file.name for file in files)
     names = tuple(name for file in files for name in file.names)
     file_distances = [distance for file in files for distance in file.distances]

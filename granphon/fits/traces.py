@@ -184,13 +184,13 @@ class Traces(Result, array="signals"):
             and distance have an attribute ``units``. A table may have no column of times, but a
             line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
             file an attribute ``time_step``, s.
-        distances : of the sensors, m, in the order of the columns or by their names, where the
-            headings have none.
+        distances : of the sensors, m, in the order of the columns or by their names, in place of
+            those in the headings.
         time_step : s, where the file has no times.
 
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
-        read, times or distances that are missing or given twice, files whose times differ, and what
-        the constructor refuses.
+        read, times that are missing or given twice, distances that are missing, files whose times
+        differ, and what the constructor refuses.
         """
         from granphon.fits.trace_files import read_traces
 
@@ -437,7 +437,8 @@ class _Pulses:
         ``share`` of its first maximum.
 
         The error of a sample shifts the crossing by its size over the slope; that of the maximum,
-        times the share, shifts it the other way.
+        times the share, shifts it the other way. Raises InputError for a signal without a maximum,
+        for one that begins above the threshold, and for a threshold in the noise.
         """
         places = []
         weights = []
@@ -472,7 +473,7 @@ class _Pulses:
     def find_peaks(self) -> _Arrivals:
         """Return the first maximum of the magnitude of each signal that has half of the greatest
         height, by the parabola through three samples; the error of the slope there shifts the
-        maximum by its size over the curvature.
+        maximum by its size over the curvature. Raises InputError for a signal without a maximum.
         """
         places = []
         weights = []
@@ -492,21 +493,23 @@ class _Pulses:
         return self._make_arrivals(np.array(places), np.array(weights), self.first_time)
 
     def find_delays(self) -> _Arrivals:
-        """Return the delay of each signal after the first, where their cross-correlation is
-        greatest, by the parabola through three of its values.
+        """Return the delay of each signal after the first, zero for the first itself: the shift at
+        which the cross-correlation of both signals is greatest in magnitude, by the parabola
+        through three of its values.
 
         The slope of the correlation there is the product of one signal with the derivative of the
         other: an error of either is weighed with the derivative of the other, over the curvature.
-        The errors of the first signal are in every delay.
+        The errors of the first signal are in every delay. Raises InputError for signals whose
+        correlation is greatest at its ends: they share no pulse.
         """
         from scipy.signal import correlate
 
         reference = self.signals[0]
         n = reference.size
-        sensors = len(self.signals)
-        places = np.zeros(sensors)
-        weights = np.zeros((sensors, n))
-        for sensor in range(1, sensors):
+        n_sensors = len(self.signals)
+        places = np.zeros(n_sensors)
+        weights = np.zeros((n_sensors, n))
+        for sensor in range(1, n_sensors):
             signal = self.signals[sensor]
             correlation = correlate(signal, reference, mode="full", method="fft")
             top = int(np.argmax(np.abs(correlation)))
@@ -525,12 +528,17 @@ class _Pulses:
             slope_of_signal = np.gradient(_shift(signal, -whole_shift))
             weights[sensor] = slope_of_reference / curvature
             # all delays have the same error of the first signal, if the pulse keeps its shape
-            weights[0] += slope_of_signal / curvature / (sensors - 1)
+            weights[0] += slope_of_signal / curvature / (n_sensors - 1)
         return self._make_arrivals(places, weights, 0.0)
 
     def find_phases(self, frequency: float) -> _Arrivals:
         """Return the times of arrival of the phase at a ``frequency``, Hz: -phase / (2 pi f) of the
-        Fourier integral of each signal.
+        Fourier integral of each signal. Whole periods are added to the times so that they agree
+        best with the delays of :meth:`find_delays`.
+
+        Raises InputError for a frequency at which a period has too few samples or is longer than
+        the record, for a signal that has nothing above its noise at the frequency, and for signals
+        that share no pulse.
         """
         traces = self.traces
         step = traces.time_step
@@ -582,7 +590,7 @@ class _Pulses:
         if not tops.size:
             raise InputError(
                 f"the trace of sensor {self.traces.names[sensor]} has no maximum",
-                mend="Record for longer, or use the method 'threshold' of a part of it",
+                mend="Record the whole pulse, from before its arrival to after its maximum",
             )
         return int(tops[0])
 

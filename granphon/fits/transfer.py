@@ -147,9 +147,9 @@ class TransferFunction(Result):
                 raise InputError(fault, mend="Give the same number of each")
             object.__setattr__(self, name, numbers)
         if self.phase_sigma is not None and (self.phase is None or self.sigma is None):
-            lacks = "phase" if self.phase is None else "sigma of the magnitude"
+            words = "phase" if self.phase is None else "sigma of the magnitude"
             raise InputError(
-                f"phase_sigma is given, and no {lacks}", mend="Give both, or leave phase_sigma out"
+                f"phase_sigma is given, and no {words}", mend="Give both, or leave phase_sigma out"
             )
         super().__post_init__()
 
@@ -461,8 +461,8 @@ class _SourceColumns:
         return np.hypot(real, imag), np.arctan2(imag, real)
 
     def read_sigma(self, magnitude: Array) -> Array | None:
-        """Return the standard errors of magnitudes (n,), in the unit of these; None if the table
-        has none.
+        """Return the standard errors (n,) of magnitudes (n,), in the unit of the magnitudes; None
+        if the table has no column of sigma. Errors in % or dB are relative to the magnitudes.
         """
         if not self.has("sigma"):
             return None
@@ -474,7 +474,7 @@ class _SourceColumns:
 
     def read_angle(self, kind: str) -> Array | None:
         """Return the angles of the column of a ``kind``, (n,), rad; None if the table has no such
-        column.
+        column. Raises InputError for a column in another unit than rad or deg.
         """
         angle = self.convert(kind, _ANGLES)
         if angle is None and self.has(kind):
@@ -574,13 +574,13 @@ class _Model:
             return network.wall.solid.young_modulus
         omega = 2.0 * math.pi * float(np.median(self.frequencies))
         stiffness = float(np.mean(network.normal_stiffness))
-        reduced = find_reduced_masses(network.masses, network.i, network.j)
-        root = math.sqrt(float(np.mean(reduced)) * stiffness)  # kg/s
+        reduced_masses = find_reduced_masses(network.masses, network.i, network.j)
+        impedance = math.sqrt(float(np.mean(reduced_masses)) * stiffness)  # kg/s
         scales = {
             "damping": 1.0 / omega,
             "drag": omega,
             "dashpot": stiffness / omega,
-            _RESTITUTION: stiffness / (omega * root * SMALL_LOSS),
+            _RESTITUTION: stiffness / (omega * impedance * SMALL_LOSS),
         }
         return scales.get(LOSS_PARAMETERS.get(name, name), 1.0)
 
@@ -703,7 +703,7 @@ class DampingFit(Fitted):
         return super()._field_units() | {"magnitude": self.unit}
 
     def _list_columns(self) -> dict[str, Any]:
-        """The columns of fit.csv, (n,), by their headings."""
+        """Return the columns of fit.csv, (n,), by their headings."""
         data = self.measured
         unit = self.unit
         columns: dict[str, Any] = {
@@ -1165,24 +1165,23 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
     return np.array([float(np.mean(losses)) for losses in pair])
 
 
-def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
-    """Raise InputError if there are too few measured numbers for the number of ``parameters``:
-    ``dof``, the difference of both, must be zero or above, and one or above unless ``sigma_given``,
-    because the scatter takes one more.
+def _require_data(dof: int, n_parameters: int, *, sigma_given: bool) -> None:
+    """Raise InputError if there are too few measured numbers for ``n_parameters``: ``dof``, the
+    difference of both, must be zero or above, and one or above unless ``sigma_given``, because the
+    scatter takes one more.
     """
     n_needed = 0 if sigma_given else 1
     if dof >= n_needed:
         return
-    fault = (
-        f"there are {dof + parameters} numbers, to which {parameters} parameters cannot be fitted"
-    )
+    n_numbers = dof + n_parameters
+    fault = f"there are {n_numbers} numbers, to which {n_parameters} parameters cannot be fitted"
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
     raise InputError(fault, why, "Measure more, or fit fewer parameters")
 
 
 def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[str]:
     """Return a warning for each parameter whose standard error is above half its value; values and
-    errors are (p,), SI.
+    errors are (p,), SI, and those of ln(1/e) for the restitution e.
     """
     words = {_RESTITUTION: "ln(1/restitution)"}
     return [

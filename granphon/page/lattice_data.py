@@ -106,13 +106,13 @@ def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     """
     table = lattice.contacts
     rows = lattice.make_rows(ALL)
-    weighted = []
+    weighted_rows = []
     for row in rows:
         ratio = np.broadcast_to(row.stiffness, len(table))
-        weighted.append((row, ratio * lattice.stiffness))
+        weighted_rows.append((row, ratio * lattice.stiffness))
     if lattice.is_prestressed:
-        weighted += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
-    return weighted
+        weighted_rows += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
+    return weighted_rows
 
 
 def _find_default_path(lattice: ContactLattice) -> BandPath:

@@ -45,8 +45,9 @@ _LEAST_FRICTION = 0.05
 _NOTED = 1e-4
 #: number of loads of a simulation
 _SIMULATED = 17
-#: f* at which the table of a simulation begins at the lowest, and at which the table ends
-_SIMULATED_FORCES = (1e-2, 30.0)
+#: f* at which the table of a simulation begins at the lowest, and y at which the table ends
+_LEAST_SIMULATED_FORCE = 1e-2
+_MOST_SIMULATED_OVERLAP = 30.0
 #: largest width of the balls of a simulation, in diameters: a narrow spread has the law of W -> 0
 _SIMULATED_WIDTH = 1e-3
 #: step of ln f* in which the least load with a solution is sought, and the end of the search
@@ -365,10 +366,11 @@ def _refine_nodes(
         errors = np.zeros(len(steps))
         for (_overlap, log_stiffness, slope), curve in zip(tables, curves, strict=True):
             # the value of Hermite's cubic in the middle between two nodes
-            mean = 0.5 * (log_stiffness[1:] + log_stiffness[:-1])
-            interpolated = mean + steps / 8.0 * (slope[:-1] - slope[1:])
-            _overlap, exact, _slope = curve(middles)
-            errors = np.maximum(errors, np.abs(np.expm1(interpolated - exact)))
+            means = 0.5 * (log_stiffness[1:] + log_stiffness[:-1])
+            interpolated_values = means + steps / 8.0 * (slope[:-1] - slope[1:])
+            _overlap, exact_values, _slope = curve(middles)
+            differences = interpolated_values - exact_values
+            errors = np.maximum(errors, np.abs(np.expm1(differences)))
         is_coarse = (errors > _TOLERANCE) & (steps > _LEAST_STEP)
         n_nodes = len(nodes) + np.count_nonzero(is_coarse)
         if not np.any(is_coarse) or n_nodes > _MOST_NODES:
@@ -379,8 +381,8 @@ def _refine_nodes(
 def _simulate(
     packing: Packing, choice: MediumChoice, least: float
 ) -> tuple[_Curve, float, float, float]:
-    """Return the curve of a simulation, the lower and the upper end of ln f*, and the error of the
-    curve; ``least`` is the least f* of the page.
+    """Return the curve of a simulation, the lower and the upper end of ln f*, and the relative
+    error of k on the curve; ``least`` is the least f* of the page.
 
     The curve is a spline through :data:`_SIMULATED` loads. The error is that of a spline through
     half of the loads, at the other half.
@@ -393,8 +395,8 @@ def _simulate(
     narrow_packing = replace(packing, spread=spread.with_width(width))
     units = WidthUnits(packing.law.coefficient, width)
     medium: Any = choice.of(narrow_packing)
-    least_force, greatest_force = _SIMULATED_FORCES
-    low = np.log(max(least, least_force))
+    low = np.log(max(least, _LEAST_SIMULATED_FORCE))
+    high = EXPONENT * np.log(_MOST_SIMULATED_OVERLAP)  # f* is nearly y^(3/2) there
 
     def find_state(log_force: Any) -> Any:
         """Return the state of the medium at ln f*, a number or (n,)."""
@@ -403,7 +405,7 @@ def _simulate(
     if medium.friction_history:  # the samples carry no load below that of their start
         start = _find_start(find_state, low, InputError)
         low = low if start is None else start
-    loads = np.linspace(low, EXPONENT * np.log(greatest_force), _SIMULATED)
+    loads = np.linspace(low, high, _SIMULATED)  # ln f*
     state = find_state(loads)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)
@@ -418,7 +420,7 @@ def _simulate(
             stiffness_spline(log_force, 1),
         )
 
-    coarse = CubicSpline(loads[::2], log_stiffness[::2])
-    difference = coarse(loads[1::2]) - log_stiffness[1::2]
-    error = float(np.max(np.abs(np.expm1(difference))))
+    coarse_spline = CubicSpline(loads[::2], log_stiffness[::2])
+    differences = coarse_spline(loads[1::2]) - log_stiffness[1::2]
+    error = float(np.max(np.abs(np.expm1(differences))))
     return curve, float(loads[0]), float(loads[-1]), error

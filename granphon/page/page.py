@@ -234,16 +234,16 @@ def _describe_losses_of_network(
     losses: BandsSettings | None, network: ContactNetwork
 ) -> dict[str, Any] | None:
     """Return the losses of the contacts of a network as :func:`_describe_losses` does. "factors"
-    and "damping" list one number for each contact; the times in "damping" hold the dashpots and the
-    restitution too, which are zero elsewhere.
+    and "damping" list one number for each contact; the times in "damping" hold those of dashpots
+    and restitution too, so that "dashpot" and "tsuji" are zero.
     """
-    uniform = _describe_losses(losses)
-    if losses is None or uniform is None:
+    description = _describe_losses(losses)
+    if losses is None or description is None:
         return None
-    of_contacts = Losses.of(network, GivenLosses(**losses.losses))
-    return uniform | {
-        "factors": of_contacts.factors[:, network.in_lattice].tolist(),
-        "damping": of_contacts.times[:, network.in_lattice].tolist(),
+    contact_losses = Losses.of(network, GivenLosses(**losses.losses))
+    return description | {
+        "factors": contact_losses.factors[:, network.in_lattice].tolist(),
+        "damping": contact_losses.times[:, network.in_lattice].tolist(),
         "dashpot": [0.0, 0.0],
         "tsuji": 0.0,
     }
@@ -371,7 +371,7 @@ class _Limits(NamedTuple):
         """Return the ends for a packing.
 
         ``forces`` are the contact forces, N, at loads of the scene; ``torsion``, over k d^2, is
-        that of a contact at the first.
+        that of a contact at the first of these loads.
         """
         law = packing.law
         # the slider of the force ends at the largest overlap, but not below the scene's own forces

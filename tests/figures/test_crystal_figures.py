@@ -330,7 +330,9 @@ def test_names_of_directions(direction, name, ax):
         (state_of("square"), ((1, 0, 0), (0, 1, 0)), InputError, "no other cut"),
         (state_of("fcc"), ((1, 0, 0), (2, 0, 0)), InputError, "parallel"),
         (state_of("fcc"), ((1, 0), (0, 1)), InputError, "plane"),
-        (state_of("fcc"), 3.0, InputError, "plane"),
+        (state_of("fcc"), 3.0, InputError, "plane is 3"),
+        (state_of("fcc"), ((1, 0, 0), (0, 1)), InputError, "plane: found"),
+        (state_of("fcc"), ((1, 0, 0), (0, 0, 0)), InputError, "plane is"),
         (state_of("sc", friction=False), None, MechanismError, "mechanism"),
         (
             state_of("triangular", motions="out_of_plane", bending=0.01),

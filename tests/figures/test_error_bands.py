@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granphon.figures.scales import draw_error_band, make_error_handle
+from granphon.figures.scales import draw_error_band, make_error_handle, read_errors
 
 import numpy as np
 import pytest
@@ -91,6 +91,9 @@ def test_errors_of_another_shape_are_refused_by_every_figure():
     ):
         with pytest.raises(InputError, match=r"shape \(3,\)"):
             draw(np.ones(3))
+    with pytest.raises(InputError, match=r"shape \(1,\)"):
+        read_errors([1.0], (0,))  # one error of no wave
+    assert read_errors([[1.0, 2.0]], (2, 1)).shape == (2, 1)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ from granphon.figures.motions import (
     plot_motion,
     plot_snapshot,
 )
-from granphon.figures.waves import _group_rows, animate_pulse, plot_frame
+from granphon.figures.waves import _group_rows, animate_pulse, plot_frame, plot_seismogram
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -174,6 +175,9 @@ def test_pictures_of_a_pulse_in_space_colour_each_ball_by_its_own_velocity(grain
     pulse = SimpleNamespace(
         frames=[1e-6, 2e-6], velocities=velocities, polarisation=np.array([1.0, 0.0, 0.0])
     )
+    (still_balls,) = plot_frame(network, pulse, 0, Figure().subplots()).collections
+    # at rest, all balls have the colour in the middle, which is that of no velocity
+    assert_allclose(still_balls.norm(still_balls.get_array()), 0.5)
     ax = plot_frame(network, pulse, 1, Figure().subplots())
     figure = Figure()
     animation = animate_pulse(network, pulse, figure=figure)
@@ -182,6 +186,17 @@ def test_pictures_of_a_pulse_in_space_colour_each_ball_by_its_own_velocity(grain
     (alone,) = ax.collections
     assert_allclose(balls.get_array(), alone.get_array())
     assert_allclose(balls.get_offsets(), alone.get_offsets())
+
+
+def test_a_pulse_has_flat_traces_where_no_signal_arrives_and_errors_of_its_shape(ax):
+    packing = gp.Packing(STEEL, diameter=8e-3, lattice="chain", motions="longitudinal")
+    network = gp.AveragedLattice(packing).at_force(8.0).network.repeat((40,))
+    pulse = gp.Waves(network).transmit(5e3, (1,), 6.0 * 8e-3, cycles=2)
+    silent = replace(pulse, signals=np.zeros_like(pulse.signals))
+    plot_seismogram(silent, ax)
+    assert_allclose(ax.lines[1].get_ydata(), -1.0)
+    with pytest.raises(InputError, match=r"shape \(3,\)"):
+        plot_seismogram(pulse, ax, errors={"coherent": np.ones(3)})
 
 
 @pytest.mark.parametrize(("name", "panels"), [("chain", 2), ("array", 4), ("grains", 4)])

@@ -84,6 +84,24 @@ def test_the_shape_is_that_of_the_spread_and_its_width_does_not_matter(spread):
     assert_allclose(fit.packing.width, WIDTH, rtol=1e-9)
 
 
+def test_errors_of_inputs_add_up_with_their_correlations_and_need_one_of_each():
+    fit = gp.fit_width(BALLS, FORCE, velocities(spread_over(4e-6)), sigma=1.0)
+    changes = np.array([[3e-7], [4e-7]])
+    for correlation, variance in ((0.0, 25e-14), (-1.0, 1e-14)):
+        matrix = [[1.0, correlation], [correlation, 1.0]]
+        wider = fit.with_input_errors(changes, matrix)
+        assert_allclose(wider.covariance - fit.covariance, variance, rtol=1e-6)
+    for wrong_changes, wrong_correlation, words in (
+        (3e-7, 1.0, "changes"),
+        ([[3e-7, 1.0]], [[1.0]], "changes"),
+        (changes, [[1.0]], "correlation"),
+        (changes, [[1.0, 1.1], [1.1, 1.0]], "eigenvalue"),
+        ("wide", [[1.0]], "changes"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fit.with_input_errors(wrong_changes, wrong_correlation)
+
+
 @pytest.mark.parametrize("start", [1e-13, 1e-9, 1e-7, 1e-4])
 def test_the_start_does_not_matter(start):
     fit = fit_width(spread_over(start), FORCE, EXACT["ema"])
