@@ -229,7 +229,7 @@ class GridDescent(Descent[GridPlace]):
         # places are large, and the last one is the nearest in the end
         self.trail = Trail(keeps_nearest=False)
         self.problem = problem
-        self.equations = LatticeEquations(problem, options)
+        self.equations = LatticeEquations(problem.grid, problem.strained, options)
         self.inverses = Preconditioners(problem, self.equations, options)
         #: whether the interior-point method has led near rest before Newton's method
         self._is_inside = False
@@ -259,7 +259,7 @@ class GridDescent(Descent[GridPlace]):
             strains = unknowns[problem.problem.n_ball_unknowns :] / problem.unit
             balls = problem.lay(start.displacement)
         if self._uses_interior(strains):
-            nearby = approach(self.equations, self.inverses, balls, strains, is_fresh)
+            nearby = approach(problem, self.equations, self.inverses, balls, strains, is_fresh)
             if nearby is not None:
                 balls, strains, self.steps, self.iterations = nearby
                 self._is_inside = self.steps > 0

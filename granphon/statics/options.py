@@ -340,8 +340,7 @@ class ResponseOptions:
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is at
         most its square, and was 1/50 of the square in samples of a plane and of space: twelve
         digits are to be right. Each digit takes a twentieth of the iterations.
-    reduction_of_motions : error of an iteration where motions are asked for, or where a grid is too
-        large for factors.
+    reduction_of_motions : error of an iteration where motions are asked for.
     patience : iterations after which a grid that is small enough is factorised.
     most_iterations : iterations, at most, of a grid that is too large for factors.
     most_balls : balls on a line, in a plane, in space, at most, whose matrix is factorised: the

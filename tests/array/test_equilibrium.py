@@ -20,7 +20,6 @@ from scipy.sparse import coo_array, eye_array
 from scipy.sparse.linalg import splu
 
 import granphon as gp
-from granphon.array import linear_response
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
@@ -30,7 +29,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
-from granphon.statics.options import RestOptions
+from granphon.statics.options import ResponseOptions, RestOptions
 from tests.array.test_stencils import Explicit
 from tests.conftest import only
 
@@ -519,7 +518,8 @@ def test_what_is_reached_is_said(monkeypatch):
 
 def test_response_that_is_not_found_is_said(monkeypatch):
     state = equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
-    monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 1)
+    few = functools.partial(ResponseOptions, most_iterations=1)
+    monkeypatch.setattr("granphon.statics.response.ResponseOptions", few)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 

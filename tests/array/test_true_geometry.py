@@ -1332,7 +1332,7 @@ def respond_densely(monkeypatch):
         motions = np.linalg.lstsq(dense, right, rcond=1e-12)[0]
         return motions.reshape(forces.shape), np.zeros_like(forces)
 
-    monkeypatch.setattr(response.LinearResponse, "_solve", solve)
+    monkeypatch.setattr(response.ListResponse, "_solve", solve)
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,7 @@ def near_threshold(repeats: int) -> list[Row]:
             options = partial(RestOptions, closed_on_sites=0.0, most_stiff=most_stiff)
             with (
                 mock.patch("granphon.array.rest.RestOptions", options),
-                mock.patch("granphon.array.linear_response.RestOptions", options),
+                mock.patch("granphon.statics.lattice_equations.RestOptions", options),
             ):
                 return of()
 

@@ -23,7 +23,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import take_voigt
 from granphon.statics.options import GridOptions, ResponseOptions
-from granphon.statics.response import LinearResponse, find_elastic_tensor
+from granphon.statics.response import ListResponse, find_elastic_tensor
 from tests.contacts.test_tangent import random_list
 
 #: factors in place of iterations
@@ -62,7 +62,7 @@ def test_equal_balls_follow_a_uniform_strain():
     ]
     contacts = state._list_contacts(eta)
     np.testing.assert_allclose(find_elastic_tensor(contacts), expected, rtol=0.0, atol=1e-13 * k)
-    np.testing.assert_allclose(LinearResponse(contacts).motions, 0.0, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(ListResponse(contacts).motions, 0.0, rtol=0.0, atol=1e-7)
 
 
 def test_springs_of_a_chain_are_in_series():
@@ -76,7 +76,7 @@ def test_springs_of_a_chain_are_in_series():
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_factors_find_what_least_squares_find(dimension, tangential):
     contacts = random_list(dimension, 5, tangential=tangential, spins=tangential, n_balls=12)
-    found = LinearResponse(contacts).stiffness
+    found = ListResponse(contacts).stiffness
     expected = solve_densely(contacts)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.max(expected))
 
@@ -85,8 +85,8 @@ def test_factors_find_what_least_squares_find(dimension, tangential):
 def test_iterations_find_what_factors_find(lattice):
     side = 8 if lattice is TRIANGULAR else 3
     contacts = rest(lattice, side)._list_contacts(0.8, 0.1, 0.05)
-    iterated = LinearResponse(contacts)
-    factorised = LinearResponse(contacts, options=FACTORISED)
+    iterated = ListResponse(contacts)
+    factorised = ListResponse(contacts, options=FACTORISED)
     expected = factorised.stiffness
     np.testing.assert_allclose(
         iterated.stiffness, expected, rtol=0.0, atol=1e-11 * np.max(expected)
@@ -112,7 +112,7 @@ def test_all_ways_find_the_response_under_static_forces_across_normals(lattice, 
     expected = solve_densely(held)
     size = np.max(expected)
     assert np.max(np.abs(solve_densely(contacts) - expected)) > 1e-9 * size
-    found = LinearResponse(held, options=options).stiffness
+    found = ListResponse(held, options=options).stiffness
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * size)
 
 
@@ -147,7 +147,7 @@ def expand(tensor, dimension):
 @given(st.sampled_from([1, 2, 3]), st.integers(0, 2**16))
 def test_the_tensor_is_symmetric_and_positive_and_below_that_of_an_affine_strain(dimension, seed):
     contacts = random_list(dimension, seed)
-    found = LinearResponse(contacts).stiffness
+    found = ListResponse(contacts).stiffness
     affine = find_tangent(contacts, unit_strains(dimension)).blocks.corner
     np.testing.assert_array_equal(found, found.T)
     assert np.linalg.eigvalsh(found)[0] > -1e-12 * np.max(affine)
@@ -158,15 +158,15 @@ def test_a_response_that_stays_far_from_balance_is_an_error():
     """One round with springs to the ground that are as stiff as a tenth of the contacts."""
     rough = ResponseOptions(least_spring=0.1, rounds=1)
     with pytest.raises(ConvergenceError, match="not found"):
-        _ = LinearResponse(random_list(2, 1), options=rough).stiffness
+        _ = ListResponse(random_list(2, 1), options=rough).stiffness
 
 
 def test_a_ball_that_nothing_holds_changes_nothing():
     contacts = random_list(3, 1)
     more = replace(contacts, n_balls=contacts.n_balls + 1)
-    found = LinearResponse(more)
+    found = ListResponse(more)
     np.testing.assert_allclose(
-        found.stiffness, LinearResponse(contacts).stiffness, rtol=0.0, atol=1e-12
+        found.stiffness, ListResponse(contacts).stiffness, rtol=0.0, atol=1e-12
     )
     np.testing.assert_array_equal(found.motions[-1], 0.0)
 
@@ -175,7 +175,7 @@ def test_balls_that_are_pushed_aside_are_no_solid():
     contacts = replace(random_list(2, 1), shear_stiffness=np.zeros(18))
     pressed = replace(contacts, normal_force=np.full(18, 10.0))
     with pytest.raises(ConvergenceError, match="not stable"):
-        _ = LinearResponse(pressed).stiffness
+        _ = ListResponse(pressed).stiffness
 
 
 def list_contacts(network):

@@ -649,7 +649,9 @@ def test_the_stiffness_that_a_step_allows_is_the_greatest(losses, ground):
         bound.find_allowed(frequency * top, viscous * top, waves.losses)
         for frequency, viscous in ((2.0, 1e9), (1e9, 0.5), (2.0, 0.5))
     ]
-    for stiffness, frequency, viscous in zip(allowed, (2.0, 1e9, 2.0), (1e9, 0.5, 0.5), strict=True):
+    for stiffness, frequency, viscous in zip(
+        allowed, (2.0, 1e9, 2.0), (1e9, 0.5, 0.5), strict=True
+    ):
         if math.isinf(stiffness):  # nothing slows motions down
             assert not losses
             continue
