@@ -335,9 +335,10 @@ class Equilibrium(Result):
             strained = straight.find_strain_forces(unit_strains(self.lattice.periods))
             response = GridResponse(straight, *strained)
         else:
-            springs = stencils.weights(normal, slip=np.asarray(shear), twist=np.asarray(torsion))
-            turning = ShiftIteration(stencils, springs)
-            response = GridResponse(turning, *turning.find_strain_forces())
+            ratios = {"slip": np.asarray(shear), "twist": np.asarray(torsion)}
+            turning = ShiftIteration(stencils, stencils.weights(normal, **ratios))
+            response = GridResponse(turning, turning.ahead, turning.corner)
+        del normal  # the response has what it needs of a large array
         measure = float(self.lattice.measure) * math.prod(stencils.shape)
         return response.stiffness / measure
 

@@ -9,6 +9,7 @@ memory than a list of contacts, and of more balls than factors take less time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -29,6 +30,11 @@ class ShiftIteration(GridIteration):
     ``springs`` (rows, L1, ..., Lp), zero where balls are apart.
 
     Fields (f, 1, cells) are in the coordinates of the stencils, and forces over the mean stiffness.
+
+    Attributes
+    ----------
+    ahead, corner : the forces (n, m, s) on balls, and those (s, s) on strains, against unit strains
+        of the cell in Voigt order.
     """
 
     level = 1.0
@@ -37,31 +43,22 @@ class ShiftIteration(GridIteration):
     def __init__(self, stencils: Stencils, springs: Array) -> None:
         self._stencils = stencils
         self._mean = float(np.mean(springs[: stencils.n_contacts]))
-        self._springs = springs / self._mean
-        self._product = stencils.hessian(self._springs)
-        # single precision has no numbers below 1e-38
-        self._inverse = _find_inverse(stencils, self._springs.astype(np.float32))
-
-    def find_strain_forces(self) -> tuple[Array, Array]:
-        """Return the forces (n, m, s) on balls, and those (s, s) on strains, against unit strains
-        of the cell in Voigt order.
-        """
-        stencils = self._stencils
         p = len(stencils.shape)
         gradients = stencils.strains()
         unit = np.array(
             [0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)]
         )
-        forces = [
-            self._mean * stencils.list_forces(stencils.forces(self._springs * self._spread(strain)))
-            for strain in unit
-        ]
-        sums = self._mean * np.sum(self._springs, axis=tuple(range(1, 1 + p)))
-        return np.stack(forces, axis=-1), (unit * sums) @ unit.T
-
-    def _spread(self, rows: Array) -> Array:
-        """Return numbers (rows,) of the kinds of deformation as an array (rows, 1, ..., 1)."""
-        return rows[(..., *(None,) * len(self._stencils.shape))]
+        n_balls = stencils.n_balls * math.prod(stencils.shape)
+        self.ahead = np.empty((n_balls, stencils.motions.count, len(unit)))
+        for number, strain in enumerate(unit):
+            tension = springs * strain[(..., *(None,) * p)]
+            self.ahead[..., number] = stencils.list_forces(stencils.forces(tension))
+            del tension  # arrays of contacts are the largest ones
+        self.corner = (unit * np.sum(springs, axis=tuple(range(1, 1 + p)))) @ unit.T
+        # single precision has no numbers below 1e-38
+        scaled = springs / self._mean
+        self._product = stencils.hessian(scaled)
+        self._inverse = _find_inverse(stencils, scaled.astype(np.float32))
 
     def _shape(self, fields: Values) -> Values:
         """Return ``fields`` (f, 1, cells) as an array (f, L1, ..., Lp)."""

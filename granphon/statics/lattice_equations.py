@@ -176,10 +176,11 @@ class LatticeIteration(GridIteration):
         grid = self._grid
         elongation = np.einsum("ka,sab,kb->sk", grid.normal, strains, grid.vector)
         sums = self._mean * np.sum(self._stiffness, axis=1)
-        forces = [
-            self.collect(self._mean * self._stiffness * along[:, None]) for along in elongation
-        ]
-        return np.stack(forces, axis=-1), (elongation * sums) @ elongation.T
+        forces = np.empty((grid.n_balls * grid.n_cells, len(grid.shape), len(strains)))
+        for number, along in enumerate(elongation):
+            forces[..., number] = self.collect(self._stiffness * along[:, None])
+        forces *= self._mean
+        return forces, (elongation * sums) @ elongation.T
 
     def collect(self, tension: Array) -> Array:
         """Return the forces (n, d) on balls that ``tension`` (kinds, cells) of contacts makes; it

@@ -340,6 +340,8 @@ class ResponseOptions:
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is at
         most its square, and was 1/50 of the square in samples of a plane and of space: twelve
         digits are to be right. Each digit takes a twentieth of the iterations.
+    reduction_of_large : the same of a grid that is too large for factors, or is not spelled out:
+        its errors were up to the square, 1e-11 of a tensor with the ``reduction``.
     reduction_of_motions : error of an iteration where motions are asked for.
     patience : iterations after which a grid that is small enough is factorised.
     most_iterations : iterations, at most, of a grid that is too large for factors.
@@ -364,6 +366,7 @@ class ResponseOptions:
     stalled: float = 0.5
     left: float = 1e-6
     reduction: float = 3e-6
+    reduction_of_large: float = 3e-7
     reduction_of_motions: float = 1e-9
     patience: int = 60
     most_iterations: int = 60_000

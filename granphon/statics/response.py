@@ -94,11 +94,6 @@ class LinearResponse(ABC):
         ``for_motions``, the larger one that an energy allows.
         """
 
-    def _find_reduction(self, for_motions: bool) -> float:
-        """Return the part of the error that conjugate gradients are to leave."""
-        options = self._options
-        return options.reduction_of_motions if for_motions else options.reduction
-
 
 class GridResponse(LinearResponse):
     """Small motions of balls on a grid of which no contact is spelled out, by conjugate gradients.
@@ -123,12 +118,29 @@ class GridResponse(LinearResponse):
         self.back = self.ahead
         self.corner = np.zeros((0, 0)) if corner is None else corner
 
+    @property
+    def stiffness(self) -> Array:
+        """(s, s) as :attr:`LinearResponse.stiffness`, found one strain after the other, for the
+        sake of memory.
+        """
+        found = self.corner.copy()
+        motions: list[Array] = []
+        for strain in range(len(found)):
+            motion, left = self._solve(-self.ahead[..., strain, None], for_motions=False)
+            motions.append(motion)
+            for earlier, other in enumerate(motions):
+                work = np.einsum("nm,nmk->", self.back[..., earlier], motion)
+                work -= np.einsum("nmk,nmk->", other, left)
+                found[earlier, strain] += work
+                found[strain, earlier] = found[earlier, strain]
+        return found
+
     def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
         """Return motions and remaining forces as :meth:`LinearResponse._solve` does, by conjugate
         gradients.
         """
         options = self._options
-        reduction = self._find_reduction(for_motions)
+        reduction = options.reduction_of_motions if for_motions else options.reduction_of_large
         solution = self._iteration.solve(forces, reduction, options.most_iterations, options.noise)
         if not solution.has_arrived:
             raise explain_failure(solution.way_down is None)
@@ -170,7 +182,10 @@ class ListResponse(LinearResponse):
         right = forces.reshape(-1, forces.shape[-1])
         answer = None
         if self._may_iterate and self._symmetric:
-            answer = self._iterate(right, self._find_reduction(for_motions))
+            reduction = options.reduction if self._may_factorise else options.reduction_of_large
+            answer = self._iterate(
+                right, options.reduction_of_motions if for_motions else reduction
+            )
         if answer is None:
             borne = options.borne_of_motions if for_motions else options.borne
             answer = self._refine(right, borne)
