@@ -23,7 +23,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import take_voigt
 from granphon.statics.options import GridOptions, ResponseOptions
-from granphon.statics.response import ListResponse, find_elastic_tensor
+from granphon.statics.response import GridResponse, ListResponse, find_elastic_tensor
 from tests.contacts.test_tangent import random_list
 
 #: factors in place of iterations
@@ -95,6 +95,36 @@ def test_iterations_find_what_factors_find(lattice):
     gone = iterated.motions - motions
     still = gone - np.mean(gone, axis=0) * (contacts.axes < 3)[:, None]
     np.testing.assert_allclose(still, 0.0, rtol=0.0, atol=1e-7 * np.max(np.abs(motions)))
+
+
+@pytest.mark.parametrize("overlap", [0.2, -0.03])
+@pytest.mark.parametrize("lattice", [CHAIN, TRIANGULAR, FCC, HCP], ids=lambda one: one.name)
+def test_a_grid_that_is_not_spelled_out_responds_as_its_list(lattice, overlap):
+    """At the less overlap few contacts are stiff, and factors of these precondition."""
+    side = {1: 60, 2: 9, 3: 3}[lattice.periods]
+    state = rest(lattice, side, max(overlap, 0.1) if lattice is CHAIN else overlap)
+    normal = state.stiffnesses
+    draw = np.random.default_rng(3)
+    uneven = draw.uniform(0.5, 0.9, normal.shape)
+    for springs in [(0.0,)] if lattice is CHAIN else [(0.0,), (0.8, 0.1, 0.05), (uneven, 0.1)]:
+        given = (*springs, *(0.0,) * (3 - len(springs)))
+        contacts = state._list_contacts(*given)
+        expected = ListResponse(contacts, options=FACTORISED).stiffness / contacts.measure
+        found = state._find_tensor_on_grid(*given)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.max(expected))
+    contacts = state._list_contacts()
+    iteration = state._iterate(normal)
+    tension = normal * draw.normal(size=normal.shape)
+    forces = iteration.collect(tension.reshape(len(normal), -1))
+    both = [
+        one.find_motions(forces[..., None])[..., 0]
+        for one in (GridResponse(iteration), ListResponse(contacts, options=FACTORISED))
+    ]
+    # motions that cost nothing are not unique
+    found, expected = (
+        np.sqrt(normal) * iteration.measure(one).reshape(normal.shape) for one in both
+    )
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize(
