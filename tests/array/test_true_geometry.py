@@ -30,8 +30,8 @@ from granphon.balls.lattices import FCC, HCP, TRIANGULAR, find_lattice
 from granphon.balls.neighbours import contact_frames
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import Tangent
-from granphon.contacts.tangent import find_tangent
-from granphon.dynamics.elasticity import bulk_and_shear, voigt_pairs
+from granphon.contacts.tangent import find_tangent, unit_strains
+from granphon.dynamics.elasticity import bulk_and_shear, find_stress_part, voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.loading import find_equilibria, find_equilibrium
 from granphon.media.simulation import SampleLaw, SimulatedState
@@ -845,6 +845,63 @@ def test_moduli_hardly_depend_on_where_loose_balls_lean(force, off, part, seeds)
     assert np.all(
         change < part * np.std(moduli[:, 0], axis=0, ddof=1) / np.mean(moduli[:, 0], axis=0)
     )
+
+
+def find_dense_tensor(state):
+    """The elastic tensor of a state by least squares."""
+    contacts = state._list_contacts(ETA)
+    p = contacts.dimension
+    blocks = find_tangent(contacts, unit_strains(p)).blocks
+    matrix = find_tangent(contacts, np.zeros((0, 3, 3))).matrix.toarray()
+    ahead = blocks.ahead.reshape(len(matrix), -1)
+    motions = np.linalg.lstsq(matrix, -ahead, rcond=1e-13)[0]
+    stiffness = blocks.corner + ahead.T @ motions
+    tensor = stiffness / contacts.measure + find_stress_part(contacts.find_stress())
+    return 0.5 * (tensor + tensor.T)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "shape", "seed"), [(TRIANGULAR, (10, 10), 4), (FCC, (4,) * 3, 9)]
+)
+def test_where_rests_differ_each_is_a_minimum_and_has_its_own_tensor(lattice, shape, seed):
+    """At a* = 0.45 loose balls lean on others on either side. Energies are then alike, and tensors
+    are not: a contact of a small force f has a stiffness in proportion to f^(1/3).
+    """
+    x = gp.Uniform(1.0).sample(shape, seed)
+    x = x - np.mean(x)
+    stencils = Stencils(shape, lattice=lattice)
+    pressed = equilibrate(x, ReducedLoad(overlap=0.02), stencils, ratio=STEEL_WIDTH)
+    load = ReducedLoad(overlap=-0.05)
+    states = [equilibrate(x, load, stencils, start, ratio=STEEL_WIDTH) for start in (None, pressed)]
+    tensors = [state.find_elasticity(ETA) for state in states]
+    for state, tensor in zip(states, tensors, strict=True):
+        assert state.residual <= 1e-10
+        assert np.linalg.eigvalsh(hessian(state))[0] > -1e-12
+        expected = find_dense_tensor(state)
+        np.testing.assert_allclose(tensor, expected, rtol=0.0, atol=1e-9 * np.max(tensor))
+    assert states[1].energy == pytest.approx(states[0].energy, rel=1e-6)
+    assert np.max(np.abs(tensors[1] - tensors[0])) > 1e-5 * np.max(tensors[0])
+
+
+def test_the_tensor_of_one_rest_is_that_of_the_contacts_that_count():
+    """Two contacts of this rest bear 1.4e-10 and 3.8e-10 of the mean force. They count if this is
+    ten times what is left on a ball, and their stiffness is far more than 1e-9 of the tensor.
+    """
+    x = gp.Uniform(1.0).sample((64, 64), 0)
+    load = ReducedLoad(overlap=-0.05)
+    near, far = (
+        equilibrate(x - np.mean(x), load, Stencils(x.shape), ratio=STEEL_WIDTH, tolerance=tolerance)
+        for tolerance in (1e-12, None)
+    )
+    with_both = replace(near, residual=6e-12)
+    with_none = replace(near, residual=6e-11)
+    assert np.count_nonzero(with_both.carries & ~with_none.carries) == 2
+    tensor = with_both.find_elasticity(ETA)
+    size = np.max(tensor)
+    assert np.max(np.abs(with_none.find_elasticity(ETA) - tensor)) > 1e-7 * size
+    same = replace(far, residual=with_both.residual)
+    np.testing.assert_array_equal(same.carries, with_both.carries)
+    np.testing.assert_allclose(same.find_elasticity(ETA), tensor, rtol=0.0, atol=1e-9 * size)
 
 
 def test_an_equilibrium_does_not_depend_on_the_other_loads():
