@@ -31,7 +31,7 @@ from granphon.array.rest import (
     LEAST_TOLERANCE,
     apply_load,
     assemble,
-    equilibrate,
+    bring_to_rest,
     find_residual,
     gather_balls,
 )
@@ -59,16 +59,16 @@ def equilibrate_sheared(
 
     Parameters
     ----------
-    deviations, load, stencils : as in :func:`~granphon.array.rest.equilibrate`. The overlap is that
+    deviations, load, stencils : as in :func:`~granphon.array.rest.bring_to_rest`. The overlap is that
         of a cell of the same size and an even spacing.
     ratio : W/d in the true geometry; zero in the directions of the lattice.
 
-    Raises errors as :func:`~granphon.array.rest.equilibrate` does, and
+    Raises errors as :func:`~granphon.array.rest.bring_to_rest` does, and
     :class:`~granphon.base.errors.ConvergenceError` if no pressure is found for the load.
     """
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
         # a line cannot shear, and the stress of equal balls is hydrostatic already
-        return equilibrate(deviations, load, stencils, ratio=ratio or None)
+        return bring_to_rest(deviations, load, stencils, ratio=ratio or None)
     if load.overlap is None and load.force < THRESHOLD_FORCE:
         raise explain_too_small(load.force)
     search = _PressureSearch(deviations, ratio, stencils)
@@ -227,11 +227,11 @@ def equilibrate_as(
 
     Where the cell keeps its shape, the search begins at the ``state``, in the true geometry where
     its balls come to rest under the load to first order, and ends at the ``tolerance`` of
-    :func:`~granphon.array.rest.equilibrate`. Otherwise the balls come to rest anew, and the
+    :func:`~granphon.array.rest.bring_to_rest`. Otherwise the balls come to rest anew, and the
     tolerance is not used.
     """
     if state.strain is not None:
         return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)
     start = state.approach(load) if isinstance(state, TrueEquilibrium) else state
     ratio = state.ratio or None
-    return equilibrate(state.deviations, load, state.stencils, start, tolerance, ratio)
+    return bring_to_rest(state.deviations, load, state.stencils, start, tolerance, ratio)

@@ -244,6 +244,15 @@ class GridDescent(Descent[GridPlace]):
         """Whether the way is to begin at rest under a larger load."""
         return self.problem.needs_more_load(self.options)
 
+    @property
+    def is_fine_start(self) -> bool:
+        """Whether a search in exact directions is to begin at a rest that is found to the end:
+        where loose balls depend on it, and it is not the interior-point method that leads there.
+        """
+        problem = self.problem
+        is_inside = self._uses_interior(problem.find_strains())
+        return problem.leaves_balls_loose(self.options) and not is_inside
+
     def begin(self, start: Rest | None) -> GridPlace:
         """Return the place at which the way begins: near rest, to where the interior-point method
         leads, if that method serves and finds rest; otherwise that of ``start``; without a start

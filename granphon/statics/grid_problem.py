@@ -126,6 +126,14 @@ class GridProblem:
             return False
         return bool(self.load_force < options.direct_force)
 
+    def leaves_balls_loose(self, options: RestOptions) -> bool:
+        """Return whether the load is so small that rest in exact directions depends on the start of
+        the search.
+        """
+        if self.is_given:
+            return bool(np.mean(self.given) < options.differing_overlap)
+        return bool(self.load_force < options.differing_force)
+
     def find_strains(self) -> Array:
         """Return the strains (s,) under which equal contacts have the mean force of the load; zeros
         where a strain is given.

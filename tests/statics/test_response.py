@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import granphon as gp
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import CHAIN, FCC, HCP, TRIANGULAR
 from granphon.base.errors import ConvergenceError
@@ -36,7 +36,7 @@ def rest(lattice, side, overlap=0.2, seed=0):
     shape = cells if lattice.n_balls == 1 else (lattice.n_balls, *cells)
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
     stencils = Stencils(cells, lattice=lattice)
-    return equilibrate(x - np.mean(x), ReducedLoad(overlap=overlap), stencils)
+    return bring_to_rest(x - np.mean(x), ReducedLoad(overlap=overlap), stencils)
 
 
 def solve_densely(contacts):
@@ -52,7 +52,7 @@ def solve_densely(contacts):
 def test_equal_balls_follow_a_uniform_strain():
     """Triangular lattice, springs k along bonds and eta k across, area sqrt(3)/2 of a ball."""
     eta = 0.7
-    state = equilibrate(np.zeros((6, 5)), ReducedLoad(overlap=0.3))
+    state = bring_to_rest(np.zeros((6, 5)), ReducedLoad(overlap=0.3))
     k = state.stiffness
     c = 0.75 / math.sqrt(3.0) * k
     expected = [
