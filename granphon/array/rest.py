@@ -89,9 +89,9 @@ def bring_to_rest(
     """
     stencils = stencils or Stencils(deviations.shape)
     require_small(ratio or 0.0)
-    if start is None and np.ptp(deviations):
-        if load.overlap is None and load.force < THRESHOLD_FORCE:
-            raise explain_too_small(load.force)
+    is_small = load.overlap is None and load.force < THRESHOLD_FORCE
+    if is_small and start is None and np.ptp(deviations):
+        raise explain_too_small(load.force)
     # in the directions of the lattice nothing depends on the diameter
     scale = ratio or 1.0
     geometry: Geometry = "exact" if ratio else "lattice"

@@ -46,7 +46,7 @@ from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
 
-_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
+_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE, of_all=True)
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40
 
@@ -59,8 +59,8 @@ def equilibrate_sheared(
 
     Parameters
     ----------
-    deviations, load, stencils : as in :func:`~granphon.array.rest.bring_to_rest`. The overlap is that
-        of a cell of the same size and an even spacing.
+    deviations, load, stencils : as in :func:`~granphon.array.rest.bring_to_rest`. The overlap is
+        that of a cell of the same size and an even spacing.
     ratio : W/d in the true geometry; zero in the directions of the lattice.
 
     Raises errors as :func:`~granphon.array.rest.bring_to_rest` does, and
@@ -132,13 +132,7 @@ class _PressureSearch:
         """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        options = _OPTIONS
-        if self._ratio and self._last is not None:
-            # in true directions residuals are over the mean force of closed contacts, and the
-            # tolerance is over that of all contacts
-            closed_share = float(np.mean(self._last.overlap > 0.0))
-            options = replace(_OPTIONS, required=closed_share * REST_TOLERANCE)
-        rest = find_rest(self._assembly, load, geometry, "stress", self._last, options)
+        rest = find_rest(self._assembly, load, geometry, "stress", self._last, _OPTIONS)
         return self.make_state(self._keep(rest))
 
     def find(

@@ -38,7 +38,7 @@ class ShiftIteration(GridIteration):
     """
 
     level = 1.0
-    is_small = False
+    solves_together = False
 
     def __init__(self, stencils: Stencils, springs: Array) -> None:
         self._stencils = stencils

@@ -97,7 +97,7 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
         # off, but where loose balls depend on it
         is_rough = bool(assembly.grid)
         if _is_even_grid(on_lattice):
-            is_rough = not GridDescent(GridProblem(on_lattice), options).is_fine_start
+            is_rough = not GridProblem(on_lattice).needs_fine_start(options)
         numbers = options.loosen() if is_rough else options
         return find_rest(assembly, problem.load, "lattice", problem.boundary, None, numbers)
     if not descent.needs_more_load:

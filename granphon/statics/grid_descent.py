@@ -244,15 +244,6 @@ class GridDescent(Descent[GridPlace]):
         """Whether the way is to begin at rest under a larger load."""
         return self.problem.needs_more_load(self.options)
 
-    @property
-    def is_fine_start(self) -> bool:
-        """Whether a search in exact directions is to begin at a rest that is found to the end:
-        where loose balls depend on it, and it is not the interior-point method that leads there.
-        """
-        problem = self.problem
-        is_inside = self._uses_interior(problem.find_strains())
-        return problem.leaves_balls_loose(self.options) and not is_inside
-
     def begin(self, start: Rest | None) -> GridPlace:
         """Return the place at which the way begins: near rest, to where the interior-point method
         leads, if that method serves and finds rest; otherwise that of ``start``; without a start
@@ -267,7 +258,7 @@ class GridDescent(Descent[GridPlace]):
             unknowns = find_unknowns(problem.problem, start)
             strains = unknowns[problem.problem.n_ball_unknowns :] / problem.unit
             balls = problem.lay(start.displacement)
-        if self._uses_interior(strains):
+        if problem.begins_inside(strains, self.options):
             nearby = approach(problem, self.equations, self.inverses, balls, strains, is_fresh)
             if nearby is not None:
                 balls, strains, self.steps, self.iterations = nearby
@@ -378,23 +369,6 @@ class GridDescent(Descent[GridPlace]):
         balls = step.balls.astype(float)
         balls *= scale
         return Unknowns(balls, step.strains.astype(float) * scale), taken
-
-    def _uses_interior(self, strains: Array) -> bool:
-        """Return whether the interior-point method is to come before Newton's: where balls differ,
-        and many contacts are open under a load or a strain like this one, with ``strains`` (s,).
-        """
-        problem = self.problem
-        options = self.options
-        # in space that takes too many iterations without factors
-        if not problem.spread or (len(problem.grid.shape) == 3 and not self.inverses.are_small):
-            return False
-        common = problem.find_common(strains)
-        if problem.is_given:
-            closed = np.mean(common[:, None] + problem.offset > 0.0)
-            return bool(closed < options.closed_on_sites)
-        force = float(np.mean(hertz.force_of(common)))
-        least, most = options.interior_forces
-        return bool(least <= force <= most)
 
 
 def _sum_products(first: Values, second: Values) -> float:

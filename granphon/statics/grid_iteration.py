@@ -70,12 +70,12 @@ class GridIteration(ABC):
     Attributes
     ----------
     level : mean stiffness of contacts, to which rounding refers.
-    is_small : whether all right sides are solved for together: they share transforms. Those of a
-        large grid are solved for one after the other, for the sake of memory.
+    solves_together : whether all right sides are solved for together: they share transforms. Those
+        of a large grid are solved for one after the other, for the sake of memory.
     """
 
     level: float
-    is_small: bool
+    solves_together: bool
 
     @abstractmethod
     def lay_forces(self, forces: Array) -> Array:
@@ -115,7 +115,7 @@ class GridIteration(ABC):
         solved together. Forces below ``noise``, over the mean stiffness, are rounding.
         """
         sides = forces.shape[-1]
-        if self.is_small or sides == 1:
+        if self.solves_together or sides == 1:
             return self._solve_together(forces, reduction, most, noise)
         solutions = [
             self._solve_together(forces[..., side : side + 1], reduction, most, noise)
@@ -210,7 +210,7 @@ class TangentIteration(GridIteration):
     ) -> None:
         contacts = tangent.contacts
         numbers = options or GridOptions()
-        self.is_small = contacts.n_balls <= numbers.kept
+        self.solves_together = contacts.n_balls <= numbers.kept
         self._shape = contacts.grid
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)

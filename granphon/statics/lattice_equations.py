@@ -23,7 +23,7 @@ from granphon.contacts.columns import Columns
 from granphon.contacts.grid import Grid
 from granphon.statics.green import GreenFunction
 from granphon.statics.grid_iteration import GridIteration, lay, list_balls
-from granphon.statics.grid_problem import GridProblem, Unknowns
+from granphon.statics.grid_problem import GridProblem, Unknowns, is_small
 from granphon.statics.options import RestOptions
 from granphon.statics.stiff_factors import factorise_stiff
 
@@ -154,7 +154,7 @@ class LatticeIteration(GridIteration):
     """
 
     level = 1.0  # forces are over the mean stiffness here
-    is_small = False
+    solves_together = False
 
     def __init__(self, grid: Grid, stiffness: Array, workers: int = 1) -> None:
         options = RestOptions(workers=workers)
@@ -237,11 +237,6 @@ def may_factorise(grid: Grid, stiffness: Values, options: RestOptions) -> bool:
         return False
     is_stiff = stiffness > options.stiff * float(np.mean(stiffness))
     return float(np.mean(is_stiff)) <= options.most_stiff[len(grid.shape)]
-
-
-def is_small(grid: Grid, options: RestOptions) -> bool:
-    """Return whether a ``grid`` is small enough for factors."""
-    return grid.n_cells * grid.n_balls <= options.most_factorised[len(grid.shape)]
 
 
 class Preconditioners:
