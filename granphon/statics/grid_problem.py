@@ -23,6 +23,7 @@ from granphon.contacts import grid_loops
 from granphon.contacts.assembly import ROUNDING, GridAssembly
 from granphon.contacts.grid import Grid
 from granphon.statics.configuration import Problem
+from granphon.statics.grid_iteration import lay, list_balls
 from granphon.statics.options import RestOptions
 
 Values = NDArray[Any]
@@ -196,16 +197,15 @@ class GridProblem:
         """Return displacements of balls (n, d), m, in the form of this problem: (f, cells), in its
         unit.
         """
-        by_cell = displacement.reshape(self.grid.n_balls, self.grid.n_cells, -1)
-        fields = by_cell.swapaxes(1, 2).reshape(self.n_fields, -1)
-        return np.ascontiguousarray(fields / self.unit)
+        fields = lay(displacement[..., None], self.grid.n_cells)[:, 0]
+        fields /= self.unit
+        return fields
 
     def list_displacements(self, balls: Array) -> Array:
         """Return displacements (f, cells) of this problem as those of a list of balls, (n, d), m,
         less their mean.
         """
-        fields = balls.reshape(self.grid.n_balls, -1, self.grid.n_cells)
-        by_ball = fields.swapaxes(1, 2).reshape(-1, fields.shape[1])
+        by_ball = list_balls(balls[:, None], len(self.grid.shape))[..., 0]
         return np.asarray(self.unit * (by_ball - np.mean(by_ball, axis=0)))
 
 
