@@ -256,14 +256,14 @@ def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypa
     from granphon.media import loading
 
     loads: list[object] = []
-    solve = loading.equilibrate
+    solve = loading.bring_to_rest
 
     def counted(deviations, load, *rest, **named):
         loads.append(load)
         return solve(deviations, load, *rest, **named)
 
     for module in (sheared_equilibrium, loading):
-        monkeypatch.setattr(module, "equilibrate", counted)
+        monkeypatch.setattr(module, "bring_to_rest", counted)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
     state = gp.DirectSimulation(packing, shape=(8, 8), samples=2).at_force(np.array([10.0, 20.0]))
     assert len(loads) == 4

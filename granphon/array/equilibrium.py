@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike
 
 from granphon.array.contact_lists import Springs, list_on_lattice, select_resisted
 from granphon.array.geometry import ExactPlace, find_boundary_force
-from granphon.array.linear_response import find_linear_response, find_tensor_on_grid
-from granphon.array.stencils import Stencils, dot
+from granphon.array.shift_iteration import ShiftIteration
+from granphon.array.stencils import Stencils
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array, Flags
@@ -35,9 +35,11 @@ from granphon.base.results import Result, held, result_class
 from granphon.contacts import grid_loops
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
+from granphon.contacts.tangent import unit_strains
 from granphon.statics.configuration import list_shears
+from granphon.statics.lattice_equations import LatticeIteration
 from granphon.statics.options import ResponseOptions
-from granphon.statics.response import find_elastic_tensor
+from granphon.statics.response import GridResponse, find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
 #: contact forces, if that is less)
@@ -48,9 +50,6 @@ THRESHOLD_FORCE = 1e-8
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
-#: relative error of the linear response: that of the stiffness is its square, that of its slope of
-#: the same order
-_RESPONSE = 1e-8
 
 
 @result_class
@@ -270,15 +269,17 @@ class Equilibrium(Result):
         tension = stiffness * change
         if isinstance(change, float):
             tension = change * (stiffness - _find_uniform_part(stiffness))
-        mean = float(np.mean(stiffness))
-        [balls] = find_linear_response(
-            self.stencils,
-            stiffness,
-            [self.stencils.forces(tension)],
-            reduction=_RESPONSE,
-            tensions=dot(tension, tension) / mean**2,
-        )
-        return np.asarray(change - self.stencils.operator.deform(balls))
+        iteration = self._iterate(stiffness)
+        forces = iteration.collect(tension.reshape(len(tension), -1))
+        motions = GridResponse(iteration).find_motions(forces[..., None])[..., 0]
+        return np.asarray(change - iteration.measure(motions).reshape(stiffness.shape))
+
+    def _iterate(self, stiffness: Array) -> LatticeIteration:
+        """Return the equations of small motions of balls that do not turn, against contacts of a
+        ``stiffness`` (n_c, L1, ..., Lp) in the directions of the lattice.
+        """
+        grid = find_lattice_grid(self.stencils.shape, self.lattice)
+        return LatticeIteration(grid, stiffness.reshape(grid.n_kinds, -1), self.stencils.workers)
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
@@ -315,8 +316,11 @@ class Equilibrium(Result):
         roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the normal stiffness
         of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ...,
         Lp). Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the
-        linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
-        the response is not found.
+        linear response enters squared. Contacts that bear no more than :data:`CARRIED_FORCE` times
+        the residual count as open. Which do matters more than their forces: a stiffness goes with
+        f^(1/3), and two contacts with some 1e-10 of the mean force make 2e-6 of the tensor of 64 x
+        64 balls. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not
+        found.
         """
         most = ResponseOptions().most_balls[self.lattice.periods]
         if not self.ratio and self.deviations.size > most:
@@ -328,24 +332,37 @@ class Equilibrium(Result):
         take less memory than a list of contacts.
         """
         normal = self.stiffnesses
-        on_lattice = self.stencils
-        # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
-        # weighted by stiffness
-        slip = np.asarray(shear, float)
-        twist = np.asarray(torsion, float)
+        stencils = self._find_stencils(normal, shear, torsion, bending)
+        if stencils.n_rows == stencils.n_contacts:
+            straight = self._iterate(normal)
+            strained = straight.find_strain_forces(unit_strains(self.lattice.periods))
+            response = GridResponse(straight, *strained)
+        else:
+            ratios = {"slip": np.asarray(shear), "twist": np.asarray(torsion)}
+            turning = ShiftIteration(stencils, stencils.weights(normal, **ratios))
+            response = GridResponse(turning, turning.ahead, turning.corner)
+        del normal  # the response has what it needs of a large array
+        measure = float(self.lattice.measure) * math.prod(stencils.shape)
+        return response.stiffness / measure
+
+    def _find_stencils(
+        self, normal: Array, shear: ArrayLike, torsion: ArrayLike, bending: float
+    ) -> Stencils:
+        """Return the stencils of the array with the springs of :meth:`find_elasticity`, those along
+        contacts being ``normal`` (n_c, L1, ..., Lp).
+
+        The stencils have one ratio for all contacts, on which the preconditioner is built: the
+        mean, weighted by stiffness.
+        """
         total = float(np.sum(normal))
-        mean_slip = float(np.sum(slip * normal)) / total
-        mean_twist = float(np.sum(twist * normal)) / total
-        if not mean_slip:
+        slip = float(np.sum(np.asarray(shear, float) * normal)) / total
+        twist = float(np.sum(np.asarray(torsion, float) * normal)) / total
+        if not slip:
             # only shear turns balls that are strained: without it twist and roll store nothing
-            mean_twist = 0.0
+            twist = 0.0
             bending = 0.0
-        stencils = Stencils(
-            on_lattice.shape, mean_slip, on_lattice.workers, self.lattice, mean_twist, bending
-        )
-        tensor = find_tensor_on_grid(stencils, stencils.weights(normal, slip=slip, twist=twist))
-        on_lattice.forget()  # many samples may be kept, each with a large Green's function
-        return tensor
+        shape = self.stencils.shape
+        return Stencils(shape, slip, self.stencils.workers, self.lattice, twist, bending)
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0

@@ -28,7 +28,7 @@ from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.options import GAS, REFINEMENT_TOLERANCE, START_SPACING, ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium
@@ -123,7 +123,7 @@ class LoadingHistory:
             state = self._rest_without_friction(load, smooth)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
-            state = equilibrate(self.deviations, load, smooth, state, ratio=ratio)
+            state = bring_to_rest(self.deviations, load, smooth, state, ratio=ratio)
         return self.stepper.place(state.balls, state.overlap, state.residual)
 
     def _rest_without_friction(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
@@ -131,7 +131,7 @@ class LoadingHistory:
         which have no slips. Raises InputError if the balls carry no load.
         """
         try:
-            return equilibrate(self.deviations, load, smooth)
+            return bring_to_rest(self.deviations, load, smooth)
         except InputError as error:
             where = self.stepper.name_load(load)
             problem = f"the history starts below the threshold, at {where}"

@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granphon.array.geometry import ADDED_STIFFNESS, LOAD_TOLERANCE, find_lack
-from granphon.array.krylov import Single
-from granphon.array.minimal_residuals import solve_by_minimal_residuals
+from granphon.array.minimal_residuals import Single, solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray

@@ -12,7 +12,7 @@ in the directions of the lattice their length does not matter, and is one. Eithe
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly, GridAssembly
 from granphon.contacts.grid import find_lattice_grid
-from granphon.statics.configuration import AppliedLoad
+from granphon.statics.configuration import AppliedLoad, Geometry
 from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.response import find_elastic_tensor
@@ -46,18 +46,9 @@ _LOAD_PART = 1e-3
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 LEAST_TOLERANCE = 1e-12
-#: tolerance of a rest that is only the start of another search: of the rest on the lattice, where
-#: the rest in the true geometry does not depend on the start or the interior-point method has found
-#: the start, and of the rest in a cell that keeps its shape
-START_TOLERANCE = 1e-3
-#: overlap, in W, and f* below which the rest in the true geometry depends on the start: the side to
-#: which loose balls go, and so the energy, depends on where the lattice leaves them. From a start
-#: to START_TOLERANCE the energy is higher, in two of three arrays in which it differs
-_DIFFERING_OVERLAP = 0.05
-_DIFFERING_FORCE = 0.05
 
 
-def equilibrate(
+def bring_to_rest(
     deviations: Array,
     load: ReducedLoad,
     stencils: Stencils | None = None,
@@ -65,7 +56,9 @@ def equilibrate(
     tolerance: float | None = None,
     ratio: float | None = None,
 ) -> Equilibrium:
-    """Find the equilibrium without friction of an array of balls under a load.
+    """Return the equilibrium without friction of an array of balls under a load: the array's call
+    of :func:`~granphon.statics.find_rest.find_rest`, which says what its assembly, load and
+    tolerances are.
 
     Parameters
     ----------
@@ -96,81 +89,79 @@ def equilibrate(
     """
     stencils = stencils or Stencils(deviations.shape)
     require_small(ratio or 0.0)
-    if ratio:
-        begin = start or _find_start(deviations, load, stencils)
-        limit = max(LEAST_TOLERANCE, _OF_RATIO * ratio)
-        tolerance = min(tolerance or REST_TOLERANCE, limit)
-        return _rest_in_true_directions(deviations, load, stencils, begin, tolerance, ratio)
-    if ratio is None:
-        return _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
-    state = _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
-    values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
-    return TrueEquilibrium(**values).share(deviations, stencils)
-
-
-def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
-    """Return the equilibrium on the lattice under the ``load``, as near to rest as a search in the
-    true geometry needs its start.
-    """
-    options = RestOptions()
-    if load.overlap is None:
-        rests_differ = load.force < _DIFFERING_FORCE
-        least, most = options.interior_forces
-        begins_inside = least <= load.force <= most
-    else:
-        rests_differ = load.overlap < _DIFFERING_OVERLAP
-        closed = np.mean(load.overlap + stencils.average_pairs(deviations) > 0.0)
-        begins_inside = bool(closed < options.closed_on_sites)
-    is_rough = begins_inside or not rests_differ
-    tolerance = START_TOLERANCE if is_rough else REST_TOLERANCE
-    return _rest_on_lattice(deviations, load, stencils, None, tolerance)
-
-
-def _rest_on_lattice(
-    deviations: Array,
-    load: ReducedLoad,
-    stencils: Stencils,
-    start: Equilibrium | None,
-    tolerance: float,
-) -> Equilibrium:
-    """Return the equilibrium of :func:`equilibrate` in the directions of the lattice.
-
-    Raises InputError if the sample carries no load, and ConvergenceError if it does not come to
-    rest.
-    """
     is_small = load.overlap is None and load.force < THRESHOLD_FORCE
     if is_small and start is None and np.ptp(deviations):
         raise explain_too_small(load.force)
-    assembly = assemble(deviations, stencils, 1.0)
-    applied = apply_load(assembly, load._replace(on_boundary=False), 1.0, _LOAD_PART)
+    # in the directions of the lattice nothing depends on the diameter
+    scale = ratio or 1.0
+    geometry: Geometry = "exact" if ratio else "lattice"
+    options = _choose_options(tolerance or REST_TOLERANCE, ratio or 0.0, stencils.workers)
+    assembly = assemble(deviations, stencils, scale)
+    applied = apply_load(
+        assembly,
+        load if ratio else load._replace(on_boundary=False),
+        scale,
+        LOAD_TOLERANCE / REST_TOLERANCE if ratio else _LOAD_PART,
+    )
     begin = None
     if start is not None:
-        begin = take_up(assembly, start.balls, start.overlap, stencils, 1.0)
-    options = RestOptions(grid_tolerance=tolerance, workers=stencils.workers)
+        overlap = start.overlap if load.overlap is None or not ratio else load.overlap
+        begin = take_up(assembly, start.balls, overlap, stencils, scale)
     try:
-        rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
+        rest = find_rest(assembly, applied, geometry, "isotropic", begin, options)
     except InputError as error:
-        assert load.overlap is not None
+        if load.overlap is None:
+            raise
         raise explain_no_load(load.overlap) from error
     except ConvergenceError as error:
-        nearest = error.reached
-        assert nearest is not None
-        raise ConvergenceError(
-            f"the sample has not come to rest after {nearest.steps} steps",
-            f"At an overlap of {_find_overlap(nearest, load, 1.0):.6g} widths a force of"
-            f" {find_residual(nearest):.2g} of the mean contact force is left on a ball",
-            "Raise the load, or take fewer balls",
-        ) from error
-    state = Equilibrium(
+        if error.reached is None:
+            raise
+        raise _explain_unrest(error.reached, _find_overlap(error.reached, load, scale)) from error
+    kind = Equilibrium if ratio is None else TrueEquilibrium
+    state = kind(
         deviations=deviations,
-        overlap=_find_overlap(rest, load, 1.0),
+        overlap=_find_overlap(rest, load, scale),
         balls=gather_balls(rest, stencils),
         residual=find_residual(rest),
         newton=rest.steps,
         conjugate=rest.iterations,
         lattice=stencils.lattice,
+        ratio=ratio or 0.0,
     )
     return state.share(deviations, stencils)  # keeps what the stencils have found
+
+
+def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions:
+    """Return the options of a search that ends at a ``tolerance`` over the mean force; see
+    :func:`bring_to_rest`.
+    """
+    if not ratio:
+        return RestOptions(grid_tolerance=tolerance, workers=workers)
+    required = min(tolerance, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
+    return RestOptions(
+        # a tenth less is aimed at than is required
+        tolerance=0.9 * required,
+        required=required,
+        of_all=True,
+        grid_tolerance=REST_TOLERANCE,
+        workers=workers,
+    )
+
+
+def _explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
+    """Return the error of a search that has not led to rest; ``nearest`` is the state at its end,
+    and ``overlap`` its overlap y.
+    """
+    turns = nearest.turned_normal is not None
+    where = " in its true geometry" if turns else ""
+    return ConvergenceError(
+        f"the sample has not come to rest{where} after {nearest.steps} steps",
+        f"At an overlap of {overlap:.6g} widths a force of {find_residual(nearest):.2g} of the"
+        " mean contact force is left on a ball",
+        "Raise the load, take fewer balls, or take geometry: lattice"
+        if turns
+        else "Raise the load, or take fewer balls",
+    )
 
 
 def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
@@ -204,54 +195,6 @@ def find_tensor_by_factors(state: Equilibrium, shear: float) -> Array:
     that is no grid.
     """
     return find_elastic_tensor(replace(state._list_contacts(shear), grid=()))
-
-
-def _rest_in_true_directions(
-    deviations: Array,
-    load: ReducedLoad,
-    stencils: Stencils,
-    start: Equilibrium,
-    tolerance: float,
-    ratio: float,
-) -> TrueEquilibrium:
-    """Return the equilibrium of :func:`equilibrate` in the true geometry, found from ``start``.
-
-    Raises InputError if the sample carries no load, and ConvergenceError if it does not come to
-    rest.
-    """
-    overlap = start.overlap if load.overlap is None else load.overlap
-    assembly = assemble(deviations, stencils, ratio)
-    applied = apply_load(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
-    begin = take_up(assembly, start.balls, overlap, stencils, ratio)
-    # the search measures a residual by the mean force of closed contacts, the tolerance is over
-    # that of all contacts; a tenth less is aimed at than is required
-    closed_share = float(np.mean(start.forces > 0.0))
-    options = RestOptions(
-        tolerance=0.9 * closed_share * tolerance, required=closed_share * tolerance
-    )
-    try:
-        rest = find_rest(assembly, applied, "exact", "isotropic", begin, options)
-    except ConvergenceError as error:
-        nearest = error.reached
-        if nearest is None:
-            raise
-        raise ConvergenceError(
-            f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
-            f"At an overlap of {_find_overlap(nearest, load, ratio):.6g} widths a force of"
-            f" {nearest.residual:.2g} of the mean contact force is left",
-            "Raise the load, take fewer balls, or take geometry: lattice",
-        ) from error
-    state = TrueEquilibrium(
-        deviations=deviations,
-        overlap=_find_overlap(rest, load, ratio),
-        balls=gather_balls(rest, stencils),
-        residual=find_residual(rest),
-        newton=start.newton + rest.steps,
-        conjugate=start.conjugate + rest.iterations,
-        lattice=stencils.lattice,
-        ratio=ratio,
-    )
-    return state.share(deviations, stencils)
 
 
 def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembly:

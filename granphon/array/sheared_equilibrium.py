@@ -31,7 +31,7 @@ from granphon.array.rest import (
     LEAST_TOLERANCE,
     apply_load,
     assemble,
-    equilibrate,
+    bring_to_rest,
     find_residual,
     gather_balls,
 )
@@ -46,7 +46,7 @@ from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
 
-_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
+_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE, of_all=True)
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40
 
@@ -59,16 +59,16 @@ def equilibrate_sheared(
 
     Parameters
     ----------
-    deviations, load, stencils : as in :func:`~granphon.array.rest.equilibrate`. The overlap is that
-        of a cell of the same size and an even spacing.
+    deviations, load, stencils : as in :func:`~granphon.array.rest.bring_to_rest`. The overlap is
+        that of a cell of the same size and an even spacing.
     ratio : W/d in the true geometry; zero in the directions of the lattice.
 
-    Raises errors as :func:`~granphon.array.rest.equilibrate` does, and
+    Raises errors as :func:`~granphon.array.rest.bring_to_rest` does, and
     :class:`~granphon.base.errors.ConvergenceError` if no pressure is found for the load.
     """
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
         # a line cannot shear, and the stress of equal balls is hydrostatic already
-        return equilibrate(deviations, load, stencils, ratio=ratio or None)
+        return bring_to_rest(deviations, load, stencils, ratio=ratio or None)
     if load.overlap is None and load.force < THRESHOLD_FORCE:
         raise explain_too_small(load.force)
     search = _PressureSearch(deviations, ratio, stencils)
@@ -132,13 +132,7 @@ class _PressureSearch:
         """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        options = _OPTIONS
-        if self._ratio and self._last is not None:
-            # in true directions residuals are over the mean force of closed contacts, and the
-            # tolerance is over that of all contacts
-            closed_share = float(np.mean(self._last.overlap > 0.0))
-            options = replace(_OPTIONS, required=closed_share * REST_TOLERANCE)
-        rest = find_rest(self._assembly, load, geometry, "stress", self._last, options)
+        rest = find_rest(self._assembly, load, geometry, "stress", self._last, _OPTIONS)
         return self.make_state(self._keep(rest))
 
     def find(
@@ -227,11 +221,11 @@ def equilibrate_as(
 
     Where the cell keeps its shape, the search begins at the ``state``, in the true geometry where
     its balls come to rest under the load to first order, and ends at the ``tolerance`` of
-    :func:`~granphon.array.rest.equilibrate`. Otherwise the balls come to rest anew, and the
+    :func:`~granphon.array.rest.bring_to_rest`. Otherwise the balls come to rest anew, and the
     tolerance is not used.
     """
     if state.strain is not None:
         return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)
     start = state.approach(load) if isinstance(state, TrueEquilibrium) else state
     ratio = state.ratio or None
-    return equilibrate(state.deviations, load, state.stencils, start, tolerance, ratio)
+    return bring_to_rest(state.deviations, load, state.stencils, start, tolerance, ratio)

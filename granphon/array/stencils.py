@@ -282,19 +282,43 @@ class Stencils:
         """Return the forces (n_balls cells, motions) along the axes of space on balls one after
         the other, from ``forces`` (fields, L1, ..., Lp) in the coordinates of motions.
         """
-        values = forces.reshape(self.n_balls, self.motions.count, -1).copy()
-        moved = self.motions.translating
-        values[:, moved] = np.einsum("ak,bac->bkc", self.basis, values[:, moved])
-        return values.swapaxes(1, 2).reshape(-1, self.motions.count)
+        return self._list(self.basis.T, forces)
+
+    def list_motions(self, motions: Array) -> Array:
+        """Return the motions (n_balls cells, motions) along the axes of space of balls one after
+        the other, from ``motions`` (fields, L1, ..., Lp) in their coordinates.
+        """
+        return self._list(np.asarray(np.linalg.inv(self.basis), float), motions)
+
+    def gather_forces(self, forces: Array) -> Array:
+        """Return the forces (fields, L1, ..., Lp) in the coordinates of motions, from ``forces``
+        (n_balls cells, motions) along the axes of space on balls one after the other.
+        """
+        return self._gather(np.asarray(np.linalg.inv(self.basis).T, float), forces)
 
     def gather_motions(self, motions: Array) -> Array:
         """Return the motions (fields, L1, ..., Lp) in their coordinates, from ``motions`` (n_balls
         cells, motions) along the axes of space of balls one after the other.
         """
-        values = motions.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
+        return self._gather(self.basis, motions)
+
+    def _list(self, matrix: Array, fields: Array) -> Array:
+        """Return the numbers of balls one after the other, (n_balls cells, motions), of the
+        ``fields`` (fields, L1, ..., Lp); ``matrix`` (p, p) multiplies those of displacements.
+        """
+        values = fields.reshape(self.n_balls, self.motions.count, -1).copy()
         moved = self.motions.translating
-        values[:, moved] = np.einsum("ka,bac->bkc", self.basis, values[:, moved])
-        return values.reshape(self.n_fields, *self.shape)
+        values[:, moved] = np.einsum("ka,bac->bkc", matrix, values[:, moved])
+        return values.swapaxes(1, 2).reshape(-1, self.motions.count)
+
+    def _gather(self, matrix: Array, values: Array) -> Array:
+        """Return the fields (fields, L1, ..., Lp) of ``values`` (n_balls cells, motions) of balls
+        one after the other; ``matrix`` (p, p) multiplies those of displacements.
+        """
+        fields = values.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
+        moved = self.motions.translating
+        fields[:, moved] = np.einsum("ka,bac->bkc", matrix, fields[:, moved])
+        return fields.reshape(self.n_fields, *self.shape)
 
     def _turn(self, matrix: Array, fields: Array) -> Array:
         """Return (p, *ball_shape) the product of a ``matrix`` (p, p) with the displacement, or the
@@ -396,51 +420,28 @@ class Stencils:
                     matrix[..., a, b] += ratio * np.conj(factor_a) * factor_b
         return matrix
 
-    def preconditioner(
-        self, stiffness: Array, product: ContactHessian | None = None
-    ) -> Callable[[Array], Array]:
+    def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
         """Return an approximate inverse of C^T K C, a function of a force that returns the motion,
         both (fields, L1, ..., Lp), in the precision of ``stiffness`` (rows, L1, ..., Lp).
 
         Green's function of the mean stiffness carries stress across the array; the motion of each
-        ball while its neighbours are held takes account of contacts that differ. Where contacts are
-        nearly alike, the inverse is Green's function alone. Where balls rotate, it is the sum of
-        both. Otherwise each ball moves first, then all by Green's function under the forces that
-        are left, then each ball again: this takes two products with C^T K C, for which ``product``
-        is used if it is given, and half as many iterations as the sum.
+        ball while its neighbours are held takes account of contacts that differ. The inverse is the
+        sum of both; where contacts are nearly alike, it is Green's function alone.
         """
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
         green = self.green_preconditioner(stiffness.dtype, mean)
         if float(np.std(normal)) <= OPTIONS.even * mean:
             return green
-        if any(self.motions.is_rotation):
-            alone = self.block_jacobi(stiffness)
+        alone = self.block_jacobi(stiffness)
 
-            def add(force: Array) -> Array:
-                """Return the sum of both motions under a ``force``."""
-                motion = green(force)
-                alone(force, motion)
-                return motion
-
-            return add
-        # the energy of a contact is at most twice that of its two balls moving one at a time: so
-        # with less than the whole motion of a ball the inverse is positive definite. With its
-        # rotations taken apart it would not be
-        hessian = product or self.hessian(stiffness)
-        smooth = self.block_jacobi(stiffness, OPTIONS.grid.damped)
-
-        def apply(force: Array) -> Array:
-            """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed
-            again.
-            """
-            motion = np.zeros_like(force)
-            smooth(force, motion)
-            motion += green(force - hessian(motion)[0])
-            smooth(force - hessian(motion)[0], motion)
+        def add(force: Array) -> Array:
+            """Return the sum of both motions under a ``force``."""
+            motion = green(force)
+            alone(force, motion)
             return motion
 
-        return apply
+        return add
 
     def green_preconditioner(
         self, precision: DTypeLike, stiffness: float
@@ -474,11 +475,9 @@ class Stencils:
 
         return apply
 
-    def block_jacobi(
-        self, stiffness: Array, damping: float = 1.0
-    ) -> Callable[[Array, Array], None]:
+    def block_jacobi(self, stiffness: Array) -> Callable[[Array, Array], None]:
         """Return a function of a ``force`` and ``out``, both (fields, L1, ..., Lp), that adds to
-        ``out`` the motion of each ball while its neighbours are held, times ``damping``.
+        ``out`` the motion of each ball while its neighbours are held.
 
         Displacements and rotations of a ball do not couple in it. ``stiffness`` (rows, L1, ..., Lp)
         is the diagonal of K.
@@ -510,7 +509,6 @@ class Stencils:
                 column = b - group.start
                 block[row, column] = entry
                 block[column, row] = entry
-            block *= damping
             local.append((group, block))
         blocks = list(self._blocks())
 

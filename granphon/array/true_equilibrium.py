@@ -33,7 +33,7 @@ from granphon.contacts.deformation import measure_resistance
 from granphon.contacts.placed import collect_pulls
 from granphon.contacts.tangent import fill_blocks
 from granphon.statics.configuration import list_shears
-from granphon.statics.response import LinearResponse
+from granphon.statics.response import ListResponse
 
 #: least force that holds a ball which another contact pushes aside, over W/d times the force of
 #: that contact: the least distance, in W, by which such a ball lies aside
@@ -184,7 +184,7 @@ class SmallMotions:
     def __init__(self, state: TrueEquilibrium) -> None:
         self._contacts = state._list_contacts()
         self._directions = state.place.direction
-        self._response = LinearResponse(self._contacts, np.zeros((0, 3, 3)))
+        self._response = ListResponse(self._contacts, np.zeros((0, 3, 3)))
         self.even = -self._directions
 
     def resist(self, moved: Array) -> Array:

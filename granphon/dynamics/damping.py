@@ -165,13 +165,19 @@ class Losses:
         times = np.divide(viscosity, stiffness, out=np.zeros_like(viscosity), where=stiffness > 0.0)
         return np.asarray(self.damping + times)
 
-    def list_dashpots(self, i: Index, j: Index) -> Array:
-        """Return the dashpots (5, n) of the contacts of the network, followed by those of further
-        pairs of its balls ``i`` and ``j``, each (m,), which may come into contact.
+    @cached_property
+    def dashpots(self) -> Array:
+        """(5, n_c) dashpots of the contacts: tau, s, of normal motion and of all other motion, c_0,
+        N s/m, of normal motion and of slip, and alpha m*^1/2, kg^1/2.
+        """
+        none = np.zeros(0, np.intp)
+        return self.list_dashpots(none, none)
 
-        The five rows are tau, s, of normal motion and of all other motion, c_0, N s/m, of normal
-        motion and of slip, and alpha m*^1/2, kg^1/2. A further pair has the means over all contacts
-        of tau, c_0 and alpha.
+    def list_dashpots(self, i: Index, j: Index) -> Array:
+        """Return the :attr:`dashpots` (5, n) of the contacts of the network, followed by those of
+        further pairs of its balls ``i`` and ``j``, each (m,), which may come into contact.
+
+        A further pair has the means over all contacts of tau, c_0 and alpha.
         """
         network = self.network
         numbers = np.concatenate([self.damping, self.dashpot, [self.tsuji]])

@@ -24,7 +24,7 @@ from granphon.array.options import ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Stencils
 from granphon.balls.hertz import energy_of, force_of, overlap_of
@@ -129,11 +129,11 @@ def find_equilibrium(
     if boundary == "stress":
         return equilibrate_sheared(deviations, load, ratio, stencils)
     if ratio:
-        return equilibrate(deviations, load, stencils, ratio=ratio)
+        return bring_to_rest(deviations, load, stencils, ratio=ratio)
     start = None
     if previous is not None:
         start = Equilibrium(deviations, *previous, lattice=stencils.lattice)
-    return equilibrate(deviations, load, stencils, start)
+    return bring_to_rest(deviations, load, stencils, start)
 
 
 #: difference by which rounding may put a load below the start: of forces over that of the start,
@@ -282,7 +282,7 @@ class LoadedSample:
                 start_overlap = max(start.overlap, 0.0)
             start_energy = float(energy_of(force_of(start_overlap), start_overlap))
         for load in path:
-            at_rest = equilibrate(self.deviations, load, frictionless)
+            at_rest = bring_to_rest(self.deviations, load, frictionless)
             pressed = LoadingHistory(self.deviations, stencils, mu, start=at_rest).begin()
             pressed = replace(pressed, work=pressed.stored - start_energy)
             equilibrium = PressedEquilibrium.of(pressed, self.deviations, stencils, 0.0)

@@ -3,8 +3,8 @@ under load.
 
 Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
 L1 x L2 balls is simulated. The mechanical equilibrium of the sample is found without friction
-(:mod:`granphon.array.equilibrium`); the linear response (:mod:`granphon.array.linear_response`)
-then has shear springs at every contact that carries load. A state is a mean over samples; its
+(:mod:`granphon.array.equilibrium`); the linear response (:mod:`granphon.statics.response`) then
+has shear springs at every contact that carries load. A state is a mean over samples; its
 attributes, elastic tensor, sound waves and local exponent have standard errors.
 """
 

@@ -48,7 +48,8 @@ def find_rest(
     boundary : "stress": the cell takes the stress of the load; "isotropic": it keeps its shape and
         takes the pressure of the load. Neither matters to a cell whose strain is given.
     start : a state near by. By default the search starts from linear springs, and in exact
-        directions from rest on the lattice.
+        directions from rest on the lattice, which is then found first; steps on the way there count
+        too.
     options : the numbers of the search.
 
     Raises
@@ -69,15 +70,18 @@ def find_rest(
     if not (is_pressed or find_typical_force(problem)):
         return _rest_without_load(problem)
     descent = _choose_descent(problem, numbers)
-    if start is None:
-        start = _find_start(problem, descent, numbers)
+    begin = start or _find_start(problem, descent, numbers)
     try:
-        return descent.run(start)
+        rest = descent.run(begin)
     except ConvergenceError:
-        rest = _lead_round(problem, start, numbers) if problem.turns and start else None
-        if rest is None:
+        led = _lead_round(problem, begin, numbers) if problem.turns and begin else None
+        if led is None:
             raise
+        rest = led
+    if begin is None or begin is start:
         return rest
+    taken = (rest.steps + begin.steps, rest.iterations + begin.iterations)
+    return replace(rest, steps=taken[0], iterations=taken[1])
 
 
 def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -> Rest | None:
@@ -86,10 +90,16 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
     In exact directions this is the rest on the lattice, and where a descent needs more load the
     rest under the largest of the ``detours`` times the load. Either is found here.
     """
+    assembly = problem.assembly
     if problem.turns:
-        # a rough rest of an array on the lattice serves: that in exact directions is farther off
-        numbers = options.loosen() if problem.assembly.grid else options
-        return find_rest(problem.assembly, problem.load, "lattice", problem.boundary, None, numbers)
+        on_lattice = Problem(assembly, problem.load, "lattice", problem.boundary)
+        # a rough rest of an array on the lattice serves, as that in exact directions is farther
+        # off, but where loose balls depend on it
+        is_rough = bool(assembly.grid)
+        if _is_even_grid(on_lattice):
+            is_rough = not GridProblem(on_lattice).needs_fine_start(options)
+        numbers = options.loosen() if is_rough else options
+        return find_rest(assembly, problem.load, "lattice", problem.boundary, None, numbers)
     if not descent.needs_more_load:
         return None
     heavier = problem.load.scale(options.detours[-1])

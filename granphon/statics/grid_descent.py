@@ -229,7 +229,7 @@ class GridDescent(Descent[GridPlace]):
         # places are large, and the last one is the nearest in the end
         self.trail = Trail(keeps_nearest=False)
         self.problem = problem
-        self.equations = LatticeEquations(problem, options)
+        self.equations = LatticeEquations(problem.grid, problem.strained, options)
         self.inverses = Preconditioners(problem, self.equations, options)
         #: whether the interior-point method has led near rest before Newton's method
         self._is_inside = False
@@ -258,8 +258,8 @@ class GridDescent(Descent[GridPlace]):
             unknowns = find_unknowns(problem.problem, start)
             strains = unknowns[problem.problem.n_ball_unknowns :] / problem.unit
             balls = problem.lay(start.displacement)
-        if self._uses_interior(strains):
-            nearby = approach(self.equations, self.inverses, balls, strains, is_fresh)
+        if problem.begins_inside(strains, self.options):
+            nearby = approach(problem, self.equations, self.inverses, balls, strains, is_fresh)
             if nearby is not None:
                 balls, strains, self.steps, self.iterations = nearby
                 self._is_inside = self.steps > 0
@@ -369,23 +369,6 @@ class GridDescent(Descent[GridPlace]):
         balls = step.balls.astype(float)
         balls *= scale
         return Unknowns(balls, step.strains.astype(float) * scale), taken
-
-    def _uses_interior(self, strains: Array) -> bool:
-        """Return whether the interior-point method is to come before Newton's: where balls differ,
-        and many contacts are open under a load or a strain like this one, with ``strains`` (s,).
-        """
-        problem = self.problem
-        options = self.options
-        # in space that takes too many iterations without factors
-        if not problem.spread or (len(problem.grid.shape) == 3 and not self.inverses.are_small):
-            return False
-        common = problem.find_common(strains)
-        if problem.is_given:
-            closed = np.mean(common[:, None] + problem.offset > 0.0)
-            return bool(closed < options.closed_on_sites)
-        force = float(np.mean(hertz.force_of(common)))
-        least, most = options.interior_forces
-        return bool(least <= force <= most)
 
 
 def _sum_products(first: Values, second: Values) -> float:

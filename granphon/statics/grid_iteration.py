@@ -1,10 +1,13 @@
-"""Conjugate gradients for the linear response of a list that is a grid, preconditioned in Fourier
-space.
+"""Conjugate gradients for the small motions of balls on a grid, preconditioned in Fourier space.
 
 Where most contacts of an array are closed, its matrix is near that of equal contacts, whose
 inverse, the Green's function of the lattice, is a product in Fourier space. It carries forces
 across the array. Each ball alone, before and after, takes account of contacts that differ. Some ten
 iterations for all right sides at once then take less time than factors.
+
+The method stands once, in :class:`GridIteration`. What it asks is an object of a class below it:
+the forces against motions, and about the motions under forces. Here these are those of the tangent
+of a list that is spelled out (:class:`TangentIteration`).
 
 Motions and forces are arrays (f, k, cells) here, of f motions of the balls of a cell and k right
 sides: loops and Fourier transforms go through cells that follow each other in memory. The blocks of
@@ -14,6 +17,7 @@ the tangent are multiplied as they are; no sparse matrix is made.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -57,58 +61,65 @@ class GridSolution(NamedTuple):
     iterations: int
 
 
-class GridIteration:
-    """Conjugate gradients for the small motions of the n balls of a list that is a grid, with m
-    motions each, under forces.
+class GridIteration(ABC):
+    """Conjugate gradients for the small motions of the n balls of a grid, with m motions each,
+    under forces.
 
-    Parameters
+    A class below this one brings the operator, a symmetric A, and an approximate inverse of it.
+
+    Attributes
     ----------
-    tangent : of the list, symmetric.
-    even : whether Green's function is that of contacts that are all alike, which is the same for
-        all loads and steps, and not that of contacts of each kind that have their mean stiffness.
-    earlier : an even iteration on the same grid, whose Green's function serves.
-    options : numbers of the iterations.
+    level : mean stiffness of contacts, to which rounding refers.
+    solves_together : whether all right sides are solved for together: they share transforms. Those
+        of a large grid are solved for one after the other, for the sake of memory.
     """
 
-    def __init__(
-        self,
-        tangent: Tangent,
-        even: bool = False,
-        earlier: GridIteration | None = None,
-        options: GridOptions | None = None,
-    ) -> None:
-        contacts = tangent.contacts
-        numbers = options or GridOptions()
-        self._together = numbers.kept
-        self._shape = contacts.grid
-        self._cells = math.prod(contacts.grid)
-        self._n_motions = len(contacts.axes)
-        self._level = float(np.mean(contacts.normal_stiffness)) or 1.0
-        self._softness = np.float32(1.0 / self._level)
-        blocks = tangent.blocks
-        self._product: GridProduct = (
-            earlier._product if earlier else GridProduct.of(contacts.i, contacts.j, self._cells)
-        )._replace(diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward)
-        self._coarse = self._product.round()
-        self._green: NDArray[Any] = (
-            earlier._green if earlier else _find_green(contacts, self._level, even, numbers)
-        )
-        self._alone = np.empty_like(self._coarse.diagonal)
-        holding = numbers.holding * self._level
-        invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
+    level: float
+    solves_together: bool
+
+    @abstractmethod
+    def lay_forces(self, forces: Array) -> Array:
+        """Return forces (n, m, k) of balls in the order (f, k, cells), in an array of their own."""
+
+    @abstractmethod
+    def list_forces(self, fields: Array) -> Array:
+        """Return forces (f, k, cells) in the order (n, m, k) of balls."""
+
+    @abstractmethod
+    def list_motions(self, fields: Array) -> Array:
+        """Return motions (f, k, cells) in the order (n, m, k) of balls."""
+
+    @abstractmethod
+    def multiply(self, motions: Array, forces: Array) -> None:
+        """Set ``forces`` (f, k, cells) to A times the ``motions`` (f, k, cells)."""
+
+    @abstractmethod
+    def find_motions(self, forces: Array) -> Values:
+        """Return about the motions (f, k, cells) under ``forces`` (f, k, cells), in single
+        precision.
+        """
+
+    @abstractmethod
+    def find_way_down(self, search: Array | None) -> Array | None:
+        """Return a motion (n, m) along which the curvature of the energy is below zero: the
+        direction of a ``search`` (f, cells), along which it seems to be, or, if that is None, a
+        motion of a single ball. None if the energy has no such curvature: what seems to be one is
+        rounding.
+        """
 
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), of k right sides.
 
         The error of motions in the norm of the energy, which the preconditioner estimates, is to
         fall by ``reduction`` within ``most`` iterations, in sum over the right sides that are
-        solved together. Forces below ``noise``, over the mean stiffness, are rounding. Right sides
-        of a large grid are solved one after the other, for the sake of memory.
+        solved together. Forces below ``noise``, over the mean stiffness, are rounding.
         """
-        together = forces.shape[-1] if len(forces) <= self._together else 1
+        sides = forces.shape[-1]
+        if self.solves_together or sides == 1:
+            return self._solve_together(forces, reduction, most, noise)
         solutions = [
-            self._solve_together(forces[..., first : first + together], reduction, most, noise)
-            for first in range(0, forces.shape[-1], together)
+            self._solve_together(forces[..., side : side + 1], reduction, most, noise)
+            for side in range(sides)
         ]
         ways = [solution.way_down for solution in solutions if solution.way_down is not None]
         return GridSolution(
@@ -126,63 +137,116 @@ class GridIteration:
         the arguments are those of :meth:`solve`.
 
         Iterations end early where they meet a motion along which the curvature of the energy is
-        below zero: of a single ball, or a direction of the search.
+        below zero, of a single ball or a direction of the search, or that nothing resists. If the
+        energy has no such curvature, what is then left is rounding, or costs nothing, and the
+        motions have arrived.
         """
-        remaining = self._order_by_motion(forces)
+        remaining = self.lay_forces(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
         products = np.zeros(remaining.shape[1])
         curvatures = np.empty_like(products)
-        least = noise**2 * self._level * remaining.size
+        least = noise**2 * self.level * remaining.size
         aim = math.inf
         arrived = False
         way_down = None
         for count in range(most + 1):
-            better = self._precondition(remaining)
+            better = self.find_motions(remaining)
             last = products
-            products, least_product, total = _multiply_columns(remaining, better)
+            products, least_product, total = multiply_columns(remaining, better)
             if least_product < 0.0:
                 # blocks of single balls are not positive: some ball falls by itself
-                way_down = self._find_falling_ball()
+                way_down = self.find_way_down(None)
+                arrived = way_down is None
                 break
             aim = reduction**2 * total if count == 0 else aim
             arrived = total <= max(aim, least)
             if arrived or count == most:
                 break
+            _set_direction(products, last, better, way)
             change = np.empty_like(way)
-            falls = _set_direction(self._product, products, last, better, way, change, curvatures)
-            if falls:
-                lowest = int(np.argmin(curvatures))
-                way_down = self._order_by_ball(way)[..., lowest]
+            self.multiply(way, change)
+            curvatures, lowest, _ = multiply_columns(way, change)
+            if lowest < 0.0 or not np.any(curvatures):
+                falling = self.find_way_down(way[:, int(np.argmin(curvatures))])
+                arrived = falling is None
+                way_down = falling if lowest < 0.0 else None
                 break
             _step_along(products, curvatures, way, change, motions, remaining)
-            del change  # the preconditioner needs the memory
+            del better, change  # the preconditioner needs the memory
         return GridSolution(
-            motions=self._order_by_ball(motions),
-            remaining=self._order_by_ball(remaining),
+            motions=self.list_motions(motions),
+            remaining=self.list_forces(remaining),
             has_arrived=arrived,
             way_down=way_down,
             iterations=count,
         )
 
-    def _find_falling_ball(self) -> Array:
-        """Return the motion (n, m) of a single ball, the others held, along which the curvature of
-        the energy is lowest of all such motions.
+    def precondition(self, forces: Array) -> Array:
+        """Return about the motions (n, m, k) under ``forces`` (n, m, k), with the digits of single
+        precision.
         """
+        return self.list_motions(self.find_motions(self.lay_forces(forces)).astype(float))
+
+
+class TangentIteration(GridIteration):
+    """Conjugate gradients with the tangent of a list that is a grid.
+
+    Parameters
+    ----------
+    tangent : of the list, symmetric.
+    even : whether Green's function is that of contacts that are all alike, which is the same for
+        all loads and steps, and not that of contacts of each kind that have their mean stiffness.
+    earlier : an even iteration on the same grid, whose Green's function serves.
+    options : numbers of the iterations.
+    """
+
+    def __init__(
+        self,
+        tangent: Tangent,
+        even: bool = False,
+        earlier: TangentIteration | None = None,
+        options: GridOptions | None = None,
+    ) -> None:
+        contacts = tangent.contacts
+        numbers = options or GridOptions()
+        self.solves_together = contacts.n_balls <= numbers.kept
+        self._shape = contacts.grid
+        self._cells = math.prod(contacts.grid)
+        self._n_motions = len(contacts.axes)
+        self.level = float(np.mean(contacts.normal_stiffness)) or 1.0
+        self._softness = np.float32(1.0 / self.level)
+        blocks = tangent.blocks
+        self._product: GridProduct = (
+            earlier._product if earlier else GridProduct.of(contacts.i, contacts.j, self._cells)
+        )._replace(diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward)
+        self._coarse = self._product.round()
+        self._green: NDArray[Any] = (
+            earlier._green if earlier else _find_green(contacts, self.level, even, numbers)
+        )
+        self._alone = np.empty_like(self._coarse.diagonal)
+        holding = numbers.holding * self.level
+        invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
+
+    def multiply(self, motions: Array, forces: Array) -> None:
+        """Set ``forces`` to the tangent times the ``motions``, both (f, k, cells)."""
+        forces[:] = 0.0
+        add_alone(self._product.diagonal, motions, forces)
+        add_across(self._product, motions, forces)
+
+    def find_way_down(self, search: Array | None) -> Array:
+        """Return the ``search`` (f, cells) as a motion (n, m); without one, of all motions of a
+        single ball, the others held, that along which the curvature of the energy is lowest.
+        """
+        if search is not None:
+            return self.list_motions(search[:, None])[..., 0]
         values, vectors = np.linalg.eigh(np.moveaxis(self._product.diagonal, -1, 0))
         ball = int(np.argmin(values[:, 0]))
         motion = np.zeros(values.shape)
         motion[ball] = vectors[ball, :, 0]
         return motion
 
-    def precondition(self, forces: Array) -> Array:
-        """Return about the motions (n, m, k) under ``forces`` (n, m, k), with the digits of single
-        precision.
-        """
-        motions = self._precondition(self._order_by_motion(forces))
-        return self._order_by_ball(motions.astype(float))
-
-    def _precondition(self, forces: Array) -> Values:
+    def find_motions(self, forces: Array) -> Values:
         """Return about the motions (f, k, cells) under ``forces`` (f, k, cells), in single
         precision: each ball moves as if its neighbours were held, then all by Green's function
         under the forces that are left, then each ball again under those left by then.
@@ -207,16 +271,31 @@ class GridIteration:
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
-    def _order_by_motion(self, values: Array) -> Array:
-        """Return an array (n, m, k) of balls in the order (f, k, cells)."""
-        by_cell = values.reshape(-1, self._cells, *values.shape[1:])
-        fields = by_cell.transpose(0, 2, 3, 1).reshape(-1, values.shape[-1], self._cells)
-        return np.ascontiguousarray(fields)
+    def lay_forces(self, forces: Array) -> Array:
+        """Return ``forces`` (n, m, k) in the order (f, k, cells)."""
+        return lay(forces, self._cells)
 
-    def _order_by_ball(self, fields: Array) -> Array:
-        """Return an array (f, k, cells) in the order (n, m, k) of balls."""
-        by_ball = fields.reshape(-1, self._n_motions, *fields.shape[1:])
-        return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
+    def list_forces(self, fields: Array) -> Array:
+        """Return forces (f, k, cells) in the order (n, m, k)."""
+        return list_balls(fields, self._n_motions)
+
+    def list_motions(self, fields: Array) -> Array:
+        """Return motions (f, k, cells) in the order (n, m, k)."""
+        return list_balls(fields, self._n_motions)
+
+
+def lay(values: Array, cells: int) -> Array:
+    """Return an array (n, m, k) of the balls of so many ``cells`` in the order (f, k, cells), in an
+    array of its own.
+    """
+    by_cell = values.reshape(-1, cells, *values.shape[1:]).transpose(0, 2, 3, 1)
+    return np.array(by_cell, order="C").reshape(-1, values.shape[-1], cells)
+
+
+def list_balls(fields: Array, n_motions: int) -> Array:
+    """Return an array (f, k, cells) in the order (n, m, k) of balls with ``n_motions`` each."""
+    by_ball = fields.reshape(-1, n_motions, *fields.shape[1:])
+    return by_ball.transpose(0, 3, 1, 2).reshape(-1, n_motions, fields.shape[1])
 
 
 def _find_green(
@@ -341,7 +420,7 @@ def _find_equal_green(
 
 
 @compiled
-def _multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
+def multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
     """Return, for two arrays (f, k, cells), the sum (k,) of the products of their entries for each
     right side, the least of these sums, and their sum.
     """
@@ -363,21 +442,10 @@ def _multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]
 
 
 @compiled
-def _set_direction(
-    product: GridProduct,
-    products: Array,
-    last: Array,
-    preconditioned: Values,
-    direction: Array,
-    change: Array,
-    curvatures: Array,
-) -> bool:
+def _set_direction(products: Array, last: Array, preconditioned: Values, direction: Values) -> None:
     """Set the search ``direction`` (f, k, cells) of conjugate gradients to the ``preconditioned``
     residual plus the direction before, times ``products`` (k,) over ``last`` (k,), the products of
-    the step before; set ``change`` to the forces against the direction, and ``curvatures`` (k,) to
-    the work of these. Return whether one of the curvatures is below zero.
-
-    Where a last product is zero, as at first, the direction before does not count.
+    the step before. Where a last product is zero, as at first, the direction before does not count.
     """
     for field in range(len(direction)):
         for k in range(direction.shape[1]):
@@ -386,13 +454,6 @@ def _set_direction(
             added = preconditioned[field, k]
             for cell in range(len(along)):
                 along[cell] = factor * along[cell] + added[cell]
-    change[:] = 0.0
-    add_alone(product.diagonal, direction, change)
-    add_across(product, direction, change)
-    found, least, _ = _multiply_columns(direction, change)
-    for k in range(len(found)):
-        curvatures[k] = found[k]
-    return least < 0.0
 
 
 @compiled

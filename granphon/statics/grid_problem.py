@@ -23,6 +23,7 @@ from granphon.contacts import grid_loops
 from granphon.contacts.assembly import ROUNDING, GridAssembly
 from granphon.contacts.grid import Grid
 from granphon.statics.configuration import Problem
+from granphon.statics.grid_iteration import lay, list_balls
 from granphon.statics.options import RestOptions
 
 Values = NDArray[Any]
@@ -126,6 +127,32 @@ class GridProblem:
             return False
         return bool(self.load_force < options.direct_force)
 
+    def begins_inside(self, strains: Array, options: RestOptions) -> bool:
+        """Return whether the interior-point method is to come before Newton's: where balls differ,
+        and many contacts are open under a load or a strain like this one, with ``strains`` (s,).
+        """
+        # in space that takes too many iterations without factors
+        if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
+            return False
+        common = self.find_common(strains)
+        if self.is_given:
+            closed = np.mean(common[:, None] + self.offset > 0.0)
+            return bool(closed < options.closed_on_sites)
+        force = float(np.mean(hertz.force_of(common)))
+        least, most = options.interior_forces
+        return bool(least <= force <= most)
+
+    def needs_fine_start(self, options: RestOptions) -> bool:
+        """Return whether a search in exact directions is to begin at a rest of this problem that is
+        found to the end: where loose balls depend on it, and it is not the interior-point method
+        that leads there.
+        """
+        if self.is_given:
+            leaves_loose = float(np.mean(self.given)) < options.differing_overlap
+        else:
+            leaves_loose = self.load_force < options.differing_force
+        return leaves_loose and not self.begins_inside(self.find_strains(), options)
+
     def find_strains(self) -> Array:
         """Return the strains (s,) under which equal contacts have the mean force of the load; zeros
         where a strain is given.
@@ -170,17 +197,21 @@ class GridProblem:
         """Return displacements of balls (n, d), m, in the form of this problem: (f, cells), in its
         unit.
         """
-        by_cell = displacement.reshape(self.grid.n_balls, self.grid.n_cells, -1)
-        fields = by_cell.swapaxes(1, 2).reshape(self.n_fields, -1)
-        return np.ascontiguousarray(fields / self.unit)
+        fields = lay(displacement[..., None], self.grid.n_cells)[:, 0]
+        fields /= self.unit
+        return fields
 
     def list_displacements(self, balls: Array) -> Array:
         """Return displacements (f, cells) of this problem as those of a list of balls, (n, d), m,
         less their mean.
         """
-        fields = balls.reshape(self.grid.n_balls, -1, self.grid.n_cells)
-        by_ball = fields.swapaxes(1, 2).reshape(-1, fields.shape[1])
+        by_ball = list_balls(balls[:, None], len(self.grid.shape))[..., 0]
         return np.asarray(self.unit * (by_ball - np.mean(by_ball, axis=0)))
+
+
+def is_small(grid: Grid, options: RestOptions) -> bool:
+    """Return whether a ``grid`` is small enough for factors."""
+    return grid.n_cells * grid.n_balls <= options.most_factorised[len(grid.shape)]
 
 
 def _find_mean_force(problem: Problem, grid: Grid) -> float:

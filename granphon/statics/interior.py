@@ -31,6 +31,7 @@ from granphon.statics.options import InteriorOptions
 
 
 def approach(
+    problem: GridProblem,
     equations: LatticeEquations,
     inverses: Preconditioners,
     balls: Array,
@@ -38,7 +39,8 @@ def approach(
     is_fresh: bool,
 ) -> tuple[Array, Array, int, int] | None:
     """Return displacements (f, cells) and strains (s,) near rest, and the numbers of steps and
-    iterations that led there; the way begins at the displacements ``balls`` and at ``strains``.
+    iterations that led there, in a ``problem`` on a grid; the way begins at the displacements
+    ``balls`` and at ``strains``.
 
     The ``equations`` are those of the problem, with the options, and the ``inverses`` precondition
     them and count the iterations. ``is_fresh`` says whether the balls begin on their sites, rather
@@ -48,7 +50,6 @@ def approach(
     balance where the method ends, or if the mean force falls to nothing: rest may be at the
     threshold itself, or there may be none.
     """
-    problem = equations.problem
     numbers = equations.options.interior
     cells = problem.grid.n_cells
     taken = 0

@@ -1,5 +1,5 @@
-"""The linear equations of Newton's method on a grid whose contacts keep the directions of the
-lattice, by conjugate gradients.
+"""The linear equations of a grid whose contacts keep the directions of the lattice, by conjugate
+gradients: those of Newton's method, and those of small motions about a rest.
 
 Where most contacts are closed, the lattice's Green's function preconditions: an iteration costs two
 Fourier transforms, and few are needed. Near the rigidity threshold half of the contacts are open,
@@ -17,10 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.contacts import grid_loops
 from granphon.contacts.columns import Columns
+from granphon.contacts.grid import Grid
 from granphon.statics.green import GreenFunction
-from granphon.statics.grid_problem import GridProblem, Unknowns
+from granphon.statics.grid_iteration import GridIteration, lay, list_balls
+from granphon.statics.grid_problem import GridProblem, Unknowns, is_small
 from granphon.statics.options import RestOptions
 from granphon.statics.stiff_factors import factorise_stiff
 
@@ -30,21 +33,22 @@ Inverse = Callable[[Values], Values]
 
 
 class LatticeEquations:
-    """The linear equations of a stiffness (kinds, cells) on a grid, for displacements of balls and
-    strains of the cell, by conjugate gradients.
+    """The linear equations of a stiffness (kinds, cells) on a ``grid``, for displacements of balls
+    and strains of the cell, by conjugate gradients; contacts lose ``strained`` (kinds, s) of their
+    overlaps by unit strains.
     """
 
-    def __init__(self, problem: GridProblem, options: RestOptions) -> None:
-        self.problem = problem
+    def __init__(self, grid: Grid, strained: Array, options: RestOptions) -> None:
         self.options = options
-        self.green = GreenFunction(problem.grid, options.workers, options.grid)
+        self.green = GreenFunction(grid, options.workers, options.grid)
+        self._grid = grid
         self._runs = {
-            np.dtype(float): problem.grid.runs,
-            np.dtype(np.float32): problem.grid.runs.round(),
+            np.dtype(float): grid.runs,
+            np.dtype(np.float32): grid.runs.round(),
         }
-        self._strained = {
-            np.dtype(float): problem.strained,
-            np.dtype(np.float32): problem.strained.astype(np.float32),
+        self._strained: dict[Any, Values] = {
+            np.dtype(float): strained,
+            np.dtype(np.float32): strained.astype(np.float32),
         }
 
     def precondition(self, stiffness: Values) -> Inverse:
@@ -63,9 +67,9 @@ class LatticeEquations:
         if float(np.std(stiffness)) <= options.even * mean:
             return lambda force: green.apply(force, softness)
         runs = self._runs[stiffness.dtype]
-        d = len(self.problem.grid.shape)
-        balls = self.problem.n_fields // d * self.problem.grid.n_cells
-        blocks = np.zeros((d, d, balls))
+        grid = self._grid
+        d = len(grid.shape)
+        blocks = np.zeros((d, d, grid.n_balls * grid.n_cells))
         grid_loops.add_blocks(self._runs[np.dtype(float)], stiffness, blocks)
         alone = np.empty(blocks.shape, stiffness.dtype)
         grid_loops.invert_blocks(blocks, numbers.holding * mean, numbers.damped, alone)
@@ -106,7 +110,8 @@ class LatticeEquations:
         of_strains = np.zeros((0, 0))
         if len(force.strains):
             sums = np.sum(stiffness, axis=1, dtype=float)
-            of_strains = (self.problem.strained.T * sums) @ self.problem.strained
+            per_strain = self._strained[np.dtype(float)]
+            of_strains = (per_strain.T * sums) @ per_strain
             # a pseudoinverse: contacts along few directions may not resist every strain
             of_strains = np.linalg.pinv(of_strains) if len(of_strains) > 1 else 1.0 / of_strains
         remaining = np.empty(n + len(force.strains), precision)
@@ -141,6 +146,99 @@ class LatticeEquations:
         return Unknowns(solution[:n].reshape(shape), solution[n:]), count
 
 
+class LatticeIteration(GridIteration):
+    """Conjugate gradients for the small motions of the balls of a ``grid`` whose contacts have a
+    ``stiffness`` (kinds, cells) along their directions, of which none is spelled out.
+
+    ``workers`` threads share each Fourier transform.
+    """
+
+    level = 1.0  # forces are over the mean stiffness here
+    solves_together = False
+
+    def __init__(self, grid: Grid, stiffness: Array, workers: int = 1) -> None:
+        options = RestOptions(workers=workers)
+        self._mean = float(np.mean(stiffness))
+        self._grid = grid
+        self._stiffness = stiffness / self._mean
+        # single precision has no numbers below 1e-38
+        single = self._stiffness.astype(np.float32)
+        if may_factorise(grid, single, options):
+            self._inverse = _factorise(grid, single, options)
+        else:
+            none = np.zeros((grid.n_kinds, 0))
+            self._inverse = LatticeEquations(grid, none, options).precondition(single)
+
+    def find_strain_forces(self, strains: Array) -> tuple[Array, Array]:
+        """Return the forces (n, d, s) on balls, and those (s, s) on strains, against unit
+        ``strains`` (s, 3, 3) of the cell.
+        """
+        grid = self._grid
+        elongation = np.einsum("ka,sab,kb->sk", grid.normal, strains, grid.vector)
+        sums = self._mean * np.sum(self._stiffness, axis=1)
+        forces = np.empty((grid.n_balls * grid.n_cells, len(grid.shape), len(strains)))
+        for number, along in enumerate(elongation):
+            forces[..., number] = self.collect(self._stiffness * along[:, None])
+        forces *= self._mean
+        return forces, (elongation * sums) @ elongation.T
+
+    def collect(self, tension: Array) -> Array:
+        """Return the forces (n, d) on balls that ``tension`` (kinds, cells) of contacts makes; it
+        is above zero where balls are pushed apart.
+        """
+        grid = self._grid
+        d = len(grid.shape)
+        on_balls = np.zeros((grid.n_balls * d, grid.n_cells))
+        grid_loops.add_forces(grid.runs, tension, on_balls)
+        return list_balls(on_balls[:, None], d)[..., 0]
+
+    def measure(self, motions: Array) -> Array:
+        """Return what contacts lose of their overlaps, (kinds, cells), by ``motions`` (n, d)."""
+        grid = self._grid
+        loss = np.empty(self._stiffness.shape)
+        fields = lay(motions[..., None], grid.n_cells)[:, 0]
+        grid_loops.measure_losses(grid.runs, fields, loss)
+        return loss
+
+    def lay_forces(self, forces: Array) -> Array:
+        """Return ``forces`` (n, d, k) in the order (f, k, cells), over the mean stiffness."""
+        fields = lay(forces, self._grid.n_cells)
+        fields /= self._mean
+        return fields
+
+    def list_forces(self, fields: Array) -> Array:
+        """Return forces (f, k, cells), which are over the mean stiffness, as (n, d, k)."""
+        return self._mean * list_balls(fields, len(self._grid.shape))
+
+    def list_motions(self, fields: Array) -> Array:
+        """Return motions (f, k, cells) in the order (n, d, k)."""
+        return list_balls(fields, len(self._grid.shape))
+
+    def multiply(self, motions: Array, forces: Array) -> None:
+        """Set ``forces`` (f, 1, cells) to those against ``motions`` (f, 1, cells)."""
+        forces[:] = 0.0
+        none = np.zeros(0)
+        grid_loops.resist(self._grid.runs, self._stiffness, motions[:, 0], none, forces[:, 0], none)
+
+    def find_motions(self, forces: Array) -> Values:
+        """Return about the motions under ``forces``, both (f, 1, cells), in single precision."""
+        return self._inverse(forces[:, 0].astype(np.float32))[:, None]
+
+    def find_way_down(self, search: Array | None) -> None:
+        """Return None: springs along fixed directions only resist."""
+
+
+def may_factorise(grid: Grid, stiffness: Values, options: RestOptions) -> bool:
+    """Return whether factors of the stiff contacts of a ``stiffness`` (kinds, cells) precondition:
+    where few contacts are stiff, if the array is small enough. Where most are stiff, Green's
+    function serves.
+    """
+    if not is_small(grid, options):
+        return False
+    is_stiff = stiffness > options.stiff * float(np.mean(stiffness))
+    return float(np.mean(is_stiff)) <= options.most_stiff[len(grid.shape)]
+
+
 class Preconditioners:
     """Preconditioners for the equations that a search poses one after the other.
 
@@ -153,13 +251,11 @@ class Preconditioners:
     def __init__(
         self, problem: GridProblem, equations: LatticeEquations, options: RestOptions
     ) -> None:
-        self._problem = problem
+        self._grid = problem.grid
         self._equations = equations
         self._options = options
-        d = len(problem.grid.shape)
         #: whether the array is small enough for factors
-        self.are_small = problem.grid.n_cells * problem.grid.n_balls <= options.most_factorised[d]
-        self._most_stiff = options.most_stiff[d]
+        self.are_small = is_small(problem.grid, options)
         self._factors: Inverse | None = None
         #: cost of the iterations since the last factorisation, in iterations with Green's function
         self._spent = 0
@@ -174,14 +270,12 @@ class Preconditioners:
         """
         options = self._options
         is_due = self._changing or self._spent >= options.patience_of_green
-        if is_due and self.are_small:
-            is_stiff = stiffness > options.stiff * float(np.mean(stiffness))
-            if float(np.mean(is_stiff)) <= self._most_stiff:
-                # old factors are freed before new ones are made
-                self._factors = None
-                self._spent = 0
-                self._first = None
-                self._factors = _factorise(self._problem, stiffness, options)
+        if is_due and may_factorise(self._grid, stiffness, options):
+            # old factors are freed before new ones are made
+            self._factors = None
+            self._spent = 0
+            self._first = None
+            self._factors = _factorise(self._grid, stiffness, options)
         return self._factors or self._equations.precondition(stiffness)
 
     def count(self, iterations: int) -> None:
@@ -201,11 +295,10 @@ class Preconditioners:
                 self._changing = True
 
 
-def _factorise(problem: GridProblem, stiffness: Values, options: RestOptions) -> Inverse:
+def _factorise(grid: Grid, stiffness: Values, options: RestOptions) -> Inverse:
     """Return an approximate inverse for the balls of a grid with a ``stiffness`` (kinds, cells), by
     factors of its stiff contacts.
     """
-    grid = problem.grid
     d = len(grid.shape)
     cells = grid.n_cells
     normal = np.repeat(grid.normal, cells, axis=0)

@@ -30,7 +30,7 @@ from granphon.contacts.deformation import add_blocks, invert_blocks, multiply_bl
 from granphon.contacts.tangent import Blocks, Tangent, fill_blocks, find_pattern
 from granphon.dynamics.factors import Factors
 from granphon.statics.configuration import Configuration, Problem
-from granphon.statics.grid_iteration import GridIteration
+from granphon.statics.grid_iteration import TangentIteration
 from granphon.statics.krylov import Map, conjugate_gradients
 from granphon.statics.options import RestOptions
 
@@ -276,9 +276,9 @@ class GridEquations:
         self.motions = Motions("", axes)
         #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where that is
         #: a step near rest with the true sign
-        self._last: tuple[Array, GridIteration] | None = None
+        self._last: tuple[Array, TangentIteration] | None = None
         #: an iteration on the same grid
-        self._earlier: GridIteration | None = None
+        self._earlier: TangentIteration | None = None
 
     def solve(
         self,
@@ -380,7 +380,7 @@ class GridEquations:
 
     def _iterate(
         self, configuration: Configuration, stiffness: Array, blocks: Blocks
-    ) -> GridIteration:
+    ) -> TangentIteration:
         """Return the iteration with the tangent ``blocks``, which is kept: the next one on the grid
         takes its Green's function.
         """
@@ -405,7 +405,7 @@ class GridEquations:
             dimension=assembly.dimension,
             grid=assembly.grid.shape,
         )
-        self._earlier = GridIteration(
+        self._earlier = TangentIteration(
             Tangent(contacts, blocks), True, self._earlier, self.options.grid
         )
         return self._earlier

@@ -113,6 +113,9 @@ class RestOptions:
         are over the mean force or the standard deviation of forces if that is less: at high loads
         the effect of disorder is itself only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
+    of_all : whether the two, of contacts that turn, are over the mean force of all contacts, open
+        ones at the start of the search included, and not of those that are closed: the mean force
+        of an array is that of all.
     steps : steps of Newton's method, at most: 160 bring 12^3 balls to rest at f* = 1e-4.
     slopes : slopes in a line search, at most.
     slope : slope of the energy along a step, over that at its start, at which a line search ends.
@@ -215,6 +218,10 @@ class RestOptions:
     start_tolerance : ``grid_tolerance`` of a rest that is only the start of another search: that
         under more load, and that of an array in the directions of the lattice before a search in
         exact directions.
+    differing_overlap, differing_force : mean overlap and mean force, in the unit of a grid, below
+        which rest in exact directions depends on its start: the side to which loose balls go, and
+        so the energy, depends on where the lattice leaves them. From a start to ``start_tolerance``
+        the energy is higher, in two of three arrays in which it differs.
     interior : numbers of the interior-point method.
     threshold : mean force, in the unit of a grid, below which contacts that do not all touch carry
         nothing.
@@ -241,6 +248,7 @@ class RestOptions:
     iterated_tolerance: float = 3e-13
     grid_tolerance: float = 1e-11
     required: float = 1e-12
+    of_all: bool = False
     steps: int = 1000
     slopes: int = 30
     slope: float = 0.1
@@ -298,6 +306,8 @@ class RestOptions:
     interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
     direct_force: float = 1e-4
     start_tolerance: float = 1e-3
+    differing_overlap: float = 0.05
+    differing_force: float = 0.05
     interior: InteriorOptions = InteriorOptions()
     threshold: float = 1e-8
     stiff: float = 1e-3
@@ -340,8 +350,9 @@ class ResponseOptions:
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is at
         most its square, and was 1/50 of the square in samples of a plane and of space: twelve
         digits are to be right. Each digit takes a twentieth of the iterations.
-    reduction_of_motions : error of an iteration where motions are asked for, or where a grid is too
-        large for factors.
+    reduction_of_large : the same of a grid that is too large for factors, or is not spelled out:
+        its errors were up to the square, 1e-11 of a tensor with the ``reduction``.
+    reduction_of_motions : error of an iteration where motions are asked for.
     patience : iterations after which a grid that is small enough is factorised.
     most_iterations : iterations, at most, of a grid that is too large for factors.
     most_balls : balls on a line, in a plane, in space, at most, whose matrix is factorised: the
@@ -365,6 +376,7 @@ class ResponseOptions:
     stalled: float = 0.5
     left: float = 1e-6
     reduction: float = 3e-6
+    reduction_of_large: float = 3e-7
     reduction_of_motions: float = 1e-9
     patience: int = 60
     most_iterations: int = 60_000

@@ -11,7 +11,9 @@ inertia of the factors says whether the balls are at a minimum.
 
 Of a list that is a grid, conjugate gradients preconditioned in Fourier space take less time
 (:mod:`granphon.statics.grid_iteration`) but near the rigidity threshold, and of one that is too
-large for factors they take less memory.
+large for factors they take less memory. Of a grid that is not spelled out, they are the only way:
+it brings its product and its preconditioner as a
+:class:`~granphon.statics.grid_iteration.GridIteration`.
 
 Where static forces act across normals A is not symmetric. The rest is W/d of its symmetric part:
 what the motions of that part leave of forces is solved for again, by the same factors or conjugate
@@ -22,6 +24,7 @@ GMRES does it.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
@@ -34,35 +37,30 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors
-from granphon.statics.grid_iteration import GridIteration
+from granphon.statics.grid_iteration import GridIteration, TangentIteration
 from granphon.statics.options import ResponseOptions
 
 
-class LinearResponse:
-    """Small motions of n balls at rest, with m motions each.
+class LinearResponse(ABC):
+    """Small motions of n balls at rest, with m motions each, under forces and s unit strains.
 
-    Parameters
+    Attributes
     ----------
-    contacts : the list of their contacts.
-    strains : (s, 3, 3) unit strains of the cell, by default those in Voigt order.
-    options : the numbers of the response.
+    ahead : (n, m, s) B, forces on balls against unit strains.
+    back : (n, m, s) B' transposed, forces on strains against unit motions.
+    corner : (s, s) S, forces on strains against unit strains.
 
     Motions and stiffnesses are found when they are asked for, and raise
     :class:`~granphon.base.errors.ConvergenceError` if the balls are not at a minimum of the energy,
     or if the equations are not solved.
     """
 
-    def __init__(
-        self,
-        contacts: ContactList,
-        strains: Array | None = None,
-        options: ResponseOptions | None = None,
-    ) -> None:
+    ahead: Array
+    back: Array
+    corner: Array
+
+    def __init__(self, options: ResponseOptions | None) -> None:
         self._options = options or ResponseOptions()
-        units = unit_strains(contacts.dimension) if strains is None else strains
-        self._contacts = contacts
-        self._symmetric = not contacts.has_tangential_force
-        self._tangent = find_tangent(contacts, units)
 
     def find_motions(self, forces: Array) -> Array:
         """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
@@ -76,40 +74,121 @@ class LinearResponse:
         """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
         computed anew at each call.
         """
-        motions, _remaining = self._solve(-self._tangent.blocks.ahead, for_motions=True)
-        return motions
+        return self.find_motions(-self.ahead)
 
     @property
     def stiffness(self) -> Array:
         """(s, s) second derivatives of the energy by the strains, where balls move until they are
         in balance again; computed anew at each call.
         """
-        tangent = self._tangent
-        motions, forces = self._solve(-tangent.blocks.ahead, for_motions=False)
-        found = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
+        motions, forces = self._solve(-self.ahead, for_motions=False)
+        found = self.corner + np.einsum("nmt,nms->ts", self.back, motions)
         # the error of the motions then enters squared, if the tangent is symmetric
         found -= np.einsum("nmt,nms->ts", motions, forces)
         return np.asarray(0.5 * (found + found.T))
 
+    @abstractmethod
     def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
         """Return the motions under ``forces`` (n, m, k), and the forces that these leave, both of
-        this shape. The error is that which ``options`` allow for motions, or, without
-        ``for_motions``, the larger one that an energy allows, where factors can be had.
+        this shape. The error is that which the options allow for motions, or, without
+        ``for_motions``, the larger one that an energy allows.
+        """
+
+
+class GridResponse(LinearResponse):
+    """Small motions of balls on a grid of which no contact is spelled out, by conjugate gradients.
+
+    Parameters
+    ----------
+    iteration : the grid's product and preconditioner.
+    ahead, corner : the forces against unit strains; without strains by default.
+    options : the numbers of the response.
+    """
+
+    def __init__(
+        self,
+        iteration: GridIteration,
+        ahead: Array | None = None,
+        corner: Array | None = None,
+        options: ResponseOptions | None = None,
+    ) -> None:
+        super().__init__(options)
+        self._iteration = iteration
+        self.ahead = np.zeros((0, 0, 0)) if ahead is None else ahead
+        self.back = self.ahead
+        self.corner = np.zeros((0, 0)) if corner is None else corner
+
+    @property
+    def stiffness(self) -> Array:
+        """(s, s) as :attr:`LinearResponse.stiffness`, found one strain after the other, for the
+        sake of memory.
+        """
+        found = self.corner.copy()
+        motions: list[Array] = []
+        for strain in range(len(found)):
+            motion, left = self._solve(-self.ahead[..., strain, None], for_motions=False)
+            motions.append(motion)
+            for earlier, other in enumerate(motions):
+                work = np.einsum("nm,nmk->", self.back[..., earlier], motion)
+                work -= np.einsum("nmk,nmk->", other, left)
+                found[earlier, strain] += work
+                found[strain, earlier] = found[earlier, strain]
+        return found
+
+    def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
+        """Return motions and remaining forces as :meth:`LinearResponse._solve` does, by conjugate
+        gradients.
+        """
+        options = self._options
+        reduction = options.reduction_of_motions if for_motions else options.reduction_of_large
+        solution = self._iteration.solve(forces, reduction, options.most_iterations, options.noise)
+        if not solution.has_arrived:
+            raise explain_failure(solution.way_down is None)
+        return solution.motions, solution.remaining
+
+
+class ListResponse(LinearResponse):
+    """Small motions of the balls of a list of contacts.
+
+    Parameters
+    ----------
+    contacts : the list.
+    strains : (s, 3, 3) unit strains of the cell, by default those in Voigt order.
+    options : the numbers of the response.
+    """
+
+    def __init__(
+        self,
+        contacts: ContactList,
+        strains: Array | None = None,
+        options: ResponseOptions | None = None,
+    ) -> None:
+        super().__init__(options)
+        units = unit_strains(contacts.dimension) if strains is None else strains
+        self._contacts = contacts
+        self._symmetric = not contacts.has_tangential_force
+        self._tangent = find_tangent(contacts, units)
+        self.ahead = self._tangent.blocks.ahead
+        self.back = self._tangent.blocks.back
+        self.corner = self._tangent.blocks.corner
+
+    def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
+        """Return motions and remaining forces as :meth:`LinearResponse._solve` does.
 
         Conjugate gradients come first for a symmetric tangent of a grid; otherwise, and where they
         do not arrive, the motions are refined in rounds.
         """
-        fine = for_motions or not self._may_factorise
+        options = self._options
         right = forces.reshape(-1, forces.shape[-1])
         answer = None
         if self._may_iterate and self._symmetric:
+            reduction = options.reduction if self._may_factorise else options.reduction_of_large
             answer = self._iterate(
-                right, self._options.reduction_of_motions if fine else self._options.reduction
+                right, options.reduction_of_motions if for_motions else reduction
             )
         if answer is None:
-            answer = self._refine(
-                right, self._options.borne_of_motions if fine else self._options.borne
-            )
+            borne = options.borne_of_motions if for_motions else options.borne
+            answer = self._refine(right, borne)
         motions, remaining = answer
         return motions.reshape(forces.shape), remaining.reshape(forces.shape)
 
@@ -221,9 +300,9 @@ class LinearResponse:
         return self._tangent if self._symmetric else self._tangent.symmetrise()
 
     @cached_property
-    def _iteration(self) -> GridIteration:
+    def _iteration(self) -> TangentIteration:
         """Conjugate gradients with the symmetric part of A."""
-        return GridIteration(self._symmetric_tangent, options=self._options.grid)
+        return TangentIteration(self._symmetric_tangent, options=self._options.grid)
 
     def _iterate(self, right: Array, reduction: float) -> tuple[Array, Array] | None:
         """Return the motions (n m, k) that conjugate gradients find with the symmetric part of A
@@ -346,7 +425,7 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
     :meth:`granphon.dynamics.contact_lattice.ContactLattice.elastic_tensor` has it, of which the
     symmetric part is kept. Errors are those of :class:`LinearResponse`.
     """
-    stiffness = LinearResponse(contacts).stiffness / contacts.measure
+    stiffness = ListResponse(contacts).stiffness / contacts.measure
     tensor = stiffness + find_stress_part(contacts.find_stress())
     return np.asarray(0.5 * (tensor + tensor.T))
 

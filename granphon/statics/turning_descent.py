@@ -81,6 +81,8 @@ class TurningDescent(ListDescent):
         self._in_turn = True
         #: residual below which they do so again, once they do not
         self._residual_of_turns = options.last
+        #: part of the contacts that are closed at the start, where tolerances are of all contacts
+        self._closed = 1.0
         #: whether the last step has led down the energy, by more than rounding
         self._falls = False
 
@@ -94,13 +96,18 @@ class TurningDescent(ListDescent):
         that are loose: of balls that differ, those with no more contacts of a force above
         ``options.light`` of the mean than axes.
 
-        That the crystal stands without friction is tested once, and remembered by the assembly.
+        Tolerances that are of all contacts are lowered to those of closed ones. That the crystal
+        stands without friction is tested once, and remembered by the assembly.
         Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
         nothing.
         """
         assembly = self.problem.assembly
         assert start is not None
         configuration = self.problem.start_at(find_unknowns(self.problem, start))
+        if self.options.of_all:
+            self._closed = float(np.mean(configuration.force > 0.0))
+            self.tolerance *= self._closed
+            self.required *= self._closed
         if not assembly.differs:
             return configuration
         n_strains = len(self.problem.unit_strains)
@@ -148,7 +155,8 @@ class TurningDescent(ListDescent):
         spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = place.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / place.force_size
-        finest = min(options.tolerance, max(options.finer * options.tolerance, options.rounding))
+        tolerance = self._closed * options.tolerance
+        finest = min(tolerance, max(options.finer * tolerance, options.rounding))
         least = max(finest, options.light * min(spread, left))
         return lead_loose_balls(place, loose, least, options)
 

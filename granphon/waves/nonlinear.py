@@ -34,7 +34,6 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
@@ -102,8 +101,6 @@ _LEAST_CHOSEN_STEPS = 30.0
 _LEAST_DEPTH = 1e-12
 _DEPTH_RATIO = 1.25
 _N_DEPTHS = 201
-#: stiffnesses, N/m, among which the greatest one that a step allows is sought
-_STIFFNESSES = np.geomspace(1e-30, 1e30, 14_001)
 #: share of a step that is rounding, when the time from frame to frame is divided into steps
 _ROUNDING = 1e-12
 #: most times that a step that is too long is halved, and the run begun anew
@@ -931,10 +928,9 @@ class _RateBound:
         with the normal ``stiffness`` (n_c or more,), N/m, as for :meth:`find`.
         """
         stiffness = self._count_stiffest(stiffness)
-        none = np.zeros(0, np.intp)
-        *_, normal, side, root = losses.list_dashpots(none, none)
+        *_, normal, side, root = losses.dashpots
         rate = np.max(losses.drag)
-        # a run looks for its stiffest allowed contact in many calls, most often without dashpots
+        # most often there are no dashpots
         longest = np.max(losses.damping)
         if longest > 0.0:
             rate = rate + longest * np.max(self._bound(stiffness, stiffness))
@@ -943,6 +939,31 @@ class _RateBound:
             viscous = self._bound(normal + of_root, (side + of_root) * self._per_slip)
             rate = rate + np.max(viscous)
         return float(rate)
+
+    def find_allowed(self, frequency: float, viscous: float, losses: Losses) -> float:
+        """Return the greatest normal stiffness, N/m, with which, if all contacts have it, the bound
+        of :meth:`find` is at most the ``frequency``, rad/s, and that of :meth:`find_viscous` at
+        most the rate ``viscous``, 1/s; zero if no stiffness is allowed.
+
+        The first bound is linear in the stiffness, and the second in it and in its root: what each
+        motion allows follows from the bounds of contacts of stiffness one.
+        """
+        ones = np.ones(self._count)
+        bound = self._bound(ones, ones)
+        *_, normal, side, root = losses.dashpots
+        constant = self._bound(normal, side * self._per_slip) + np.max(losses.drag)
+        of_root = self._bound(root, root * self._per_slip)
+        steep = np.max(losses.damping) * np.max(bound)
+        room = frequency**2 - self._anchors
+        room_viscous = viscous - constant
+        if np.min(room) < 0.0 or np.min(room_viscous) < 0.0:
+            return 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # the root x of the stiffness at which steep x^2 + of_root x is all of the room
+            slope = of_root + np.sqrt(of_root**2 + 4.0 * steep * room_viscous)
+            largest_root = np.where(slope > 0.0, 2.0 * room_viscous / slope, math.inf)
+            largest = np.where(bound > 0.0, room / bound, math.inf)
+        return float(min(np.min(largest), np.min(largest_root) ** 2))
 
     def _count_stiffest(self, stiffness: Array) -> Array:
         """Return the stiffness (n_c,), N/m, of the contacts of the network, each raised to that of
@@ -1198,7 +1219,8 @@ class _System:
         self._keep_frame(0, kept)
         yield False
         greatest_rate = 2.0 * math.pi / schedule.least_per_period / step
-        allowed = self._find_allowed(greatest_rate)
+        # of all rates, see :meth:`_bound_rates`
+        allowed = self.bound.find_allowed(greatest_rate, 0.5 * greatest_rate, self.waves.losses)
         for number in range(1, steps_per_frame * (schedule.frames - 1) + 1):
             if self.waves.geometry == "exact":
                 next_strokes, _ = self._evaluate_drives(number * step)
@@ -1214,14 +1236,6 @@ class _System:
                 yield True
                 if self.waves.geometry == "lattice":
                     self._require_places()
-
-    def _find_allowed(self, greatest_rate: float) -> float:
-        """Return the greatest stiffness, N/m, to 1 %, that all contacts together may have without
-        a rate above ``greatest_rate``, rad/s; zero if none is allowed.
-        """
-        ones = np.ones(self.network.n_contacts)
-        count = bisect_right(_STIFFNESSES, greatest_rate, key=lambda k: self._bound_rates(k * ones))
-        return float(_STIFFNESSES[count - 1]) if count else 0.0
 
     def _require_short(self, greatest_rate: float) -> None:
         """Raise :class:`_Stop` if the step is too long: if the present contacts, as

@@ -20,17 +20,16 @@ from scipy.sparse import coo_array, eye_array
 from scipy.sparse.linalg import splu
 
 import granphon as gp
-from granphon.array import linear_response
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import UniformShape
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
-from granphon.statics.options import RestOptions
+from granphon.statics.options import ResponseOptions, RestOptions
 from tests.array.test_stencils import Explicit
 from tests.conftest import only
 
@@ -50,7 +49,7 @@ def balls(shape, seed=0, lattice=TRIANGULAR):
 
 @functools.cache
 def at_rest(shape, seed, spacing):
-    return equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
+    return bring_to_rest(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
 
 
 def close_forces(one, other, tolerance=1e-8):
@@ -149,7 +148,7 @@ def test_against_newtons_method_with_a_matrix(solve, shape, spacing):
     load = ReducedLoad(force=state.force)
     forces, y = newton(balls(shape, 1), load, solve)
     assert y == pytest.approx(spacing - 0.5, abs=1e-12)
-    again = equilibrate(balls(shape, 1), load)
+    again = bring_to_rest(balls(shape, 1), load)
     assert again.overlap == pytest.approx(y, abs=1e-12)
     assert again.force == pytest.approx(load.force, rel=2e-13)
     close_forces(again.forces, forces, 1e-9)
@@ -202,7 +201,7 @@ def test_high_loads_of_one_sample_meet_second_order_theory():
     r = projected(balls((9, 7)))
     overlaps = np.array([1e2, 1e3, 1e4])
     errors = np.abs(
-        [correction(equilibrate(x, ReducedLoad(overlap=y))) - r for y in overlaps.tolist()]
+        [correction(bring_to_rest(x, ReducedLoad(overlap=y))) - r for y in overlaps.tolist()]
     )
     order = -np.diff(np.log(errors)) / np.diff(np.log(overlaps))
     np.testing.assert_allclose(order, 1.0, atol=0.05)
@@ -228,7 +227,7 @@ def test_high_loads_of_many_samples_meet_the_local_field():
     seeds = range(40)
     length = 16
     values = [
-        correction(equilibrate(balls((length, length), seed), ReducedLoad(overlap=300.0)))
+        correction(bring_to_rest(balls((length, length), seed), ReducedLoad(overlap=300.0)))
         for seed in seeds
     ]
     error = np.std(values, ddof=1) / math.sqrt(len(values))
@@ -240,7 +239,7 @@ def test_high_loads_of_many_samples_meet_the_local_field():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (4, 3)], ids=str)
 def test_equal_balls_are_hertzs(shape):
     for load in (ReducedLoad(overlap=0.7), ReducedLoad(force=0.7**1.5)):
-        state = equilibrate(np.zeros(shape), load)
+        state = bring_to_rest(np.zeros(shape), load)
         assert (state.overlap, state.force) == pytest.approx((0.7, 0.7**1.5), rel=1e-15)
         assert state.stiffness == pytest.approx(1.5 * 0.7**0.5, rel=1e-14)
         assert state.stiffness_slope == pytest.approx(0.75 * 0.7**-0.5, rel=1e-14)
@@ -253,7 +252,7 @@ def test_two_kinds_of_columns_by_hand():
     # Nothing moves: every ball sits at a centre of symmetry
     x = np.tile([0.3, -0.3], (2, 1))
     y = 1.0
-    state = equilibrate(x, ReducedLoad(overlap=y))
+    state = bring_to_rest(x, ReducedLoad(overlap=y))
     h = np.array([np.full((2, 2), y), y + x, np.full((2, 2), y)])
     np.testing.assert_allclose(state.overlaps, h, rtol=1e-14)
     assert state.force == pytest.approx((2.0 + (1.3**1.5 + 0.7**1.5) / 2.0) / 3.0, rel=1e-14)
@@ -280,7 +279,7 @@ def test_derivatives_are_those_of_the_force(shape, spacing):
 
     @functools.cache
     def there(overlap):
-        return equilibrate(balls(shape, 1), ReducedLoad(overlap=overlap))
+        return bring_to_rest(balls(shape, 1), ReducedLoad(overlap=overlap))
 
     # contacts open and close at some loads, where the third derivative of the force jumps
     step = 2e-5 * (1.0 if spacing > 0.6 else 0.2)
@@ -317,7 +316,7 @@ def residual(state):
 @pytest.mark.parametrize("spacing", [1e3, 1.0, 0.7, 0.5, 0.42, 0.39, 0.363])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_nothing_is_left_on_any_ball(spacing, seed):
-    state = equilibrate(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
+    state = bring_to_rest(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
     assert state.residual <= 1e-10
     assert residual(state) == pytest.approx(state.residual, rel=1e-2, abs=1e-14)
 
@@ -327,7 +326,7 @@ def test_contacts_that_carry_load_stand_out(spacing):
     # those of balls that nothing holds have less than what is left on a ball, those of the others
     # far more
     for seed in range(2):
-        state = equilibrate(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
+        state = bring_to_rest(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
         parts = state.forces[state.forces > 0.0] / (state.force * state.residual)
         assert not np.any((parts > 1.0) & (parts < 100.0))
         assert np.array_equal(
@@ -347,10 +346,10 @@ def test_loading_unloading_and_cold_are_one(side):
         states: dict[ReducedLoad, Equilibrium] = {}
         last = None
         for load in order:
-            last = states[load] = equilibrate(x, load, stencils, last)
+            last = states[load] = bring_to_rest(x, load, stencils, last)
         runs.append(states)
     for load in loads:
-        cold = equilibrate(x, load)
+        cold = bring_to_rest(x, load)
         for states in runs:
             close_forces(states[load].forces, cold.forces)
             assert states[load].stiffness == pytest.approx(cold.stiffness, rel=1e-8)
@@ -372,7 +371,7 @@ def test_any_balls_under_any_load(shape, kind, seed, decade):
     }[kind]()
     x = x - np.mean(x)
     load = ReducedLoad(force=10.0**decade)
-    state = equilibrate(x, load)
+    state = bring_to_rest(x, load)
     assert state.force == pytest.approx(load.force, rel=2e-13)
     assert state.residual <= 1e-10
     assert residual(state) <= 1.1e-10
@@ -380,7 +379,7 @@ def test_any_balls_under_any_load(shape, kind, seed, decade):
     # f is convex in y: stiffness above zero, and forces on balls are in balance along each line of
     # contacts
     assert state.stiffness > 0.0
-    again = equilibrate(x, ReducedLoad(overlap=state.overlap))
+    again = bring_to_rest(x, ReducedLoad(overlap=state.overlap))
     close_forces(again.forces, state.forces)
 
 
@@ -414,12 +413,12 @@ def moved(x, matrix, shift):
 def test_symmetries_of_the_lattice(spacing):
     x = balls((8, 8), 3)
     load = ReducedLoad(overlap=spacing - 0.5)
-    first = equilibrate(x, load)
+    first = bring_to_rest(x, load)
     forces = np.sort(first.forces.ravel())
     for matrix, shift in itertools.zip_longest(
         symmetries(), [(0, 0), (3, 6), (1, 1)], fillvalue=(0, 5)
     ):
-        other = equilibrate(moved(x, matrix, np.array(shift)), load)
+        other = bring_to_rest(moved(x, matrix, np.array(shift)), load)
         assert other.force == pytest.approx(first.force, rel=1e-11)
         assert other.stiffness == pytest.approx(first.stiffness, rel=1e-11)
         assert other.stiffness_slope == pytest.approx(first.stiffness_slope, rel=1e-9)
@@ -433,8 +432,8 @@ def test_copies_side_by_side_are_the_sample_itself(shape, copies):
     x = balls(shape, 5)
     load = ReducedLoad(overlap=0.1)
     close_forces(
-        equilibrate(np.tile(x, copies), load).forces,
-        np.tile(equilibrate(x, load).forces, (1, *copies)),
+        bring_to_rest(np.tile(x, copies), load).forces,
+        np.tile(bring_to_rest(x, load).forces, (1, *copies)),
         1e-8,
     )
 
@@ -442,7 +441,7 @@ def test_copies_side_by_side_are_the_sample_itself(shape, copies):
 def test_threads_of_the_fourier_transform_change_no_digit():
     x = balls((24, 20), 4)
     load = ReducedLoad(overlap=0.0)
-    one, two = (equilibrate(x, load, Stencils(x.shape, workers=workers)) for workers in (1, 2))
+    one, two = (bring_to_rest(x, load, Stencils(x.shape, workers=workers)) for workers in (1, 2))
     np.testing.assert_array_equal(one.balls, two.balls)
     assert one.stiffness == two.stiffness
     np.testing.assert_array_equal(one.find_elasticity(0.84), two.find_elasticity(0.84))
@@ -480,7 +479,7 @@ def test_threshold_of_rigidity(n, most):
         state = None
         rows = []
         for force in forces.tolist():
-            state = equilibrate(balls((32, 32), seed), ReducedLoad(force=force), None, state)
+            state = bring_to_rest(balls((32, 32), seed), ReducedLoad(force=force), None, state)
             rows.append((state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force)))
         at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), rows, 2)[0])
     values = np.mean(at_no_load, axis=0)
@@ -502,7 +501,7 @@ def test_threshold_of_rigidity(n, most):
 )
 def test_below_the_threshold_there_is_no_load(x, overlap):
     with pytest.raises(InputError, match="no load") as error:
-        equilibrate(x, ReducedLoad(overlap=overlap))
+        bring_to_rest(x, ReducedLoad(overlap=overlap))
     assert f"{overlap:.6g} widths" in str(error.value)
 
 
@@ -511,22 +510,23 @@ def test_what_is_reached_is_said(monkeypatch):
     few = functools.partial(RestOptions, steps=3)
     monkeypatch.setattr("granphon.array.rest.RestOptions", few)
     with pytest.raises(ConvergenceError, match="rest after 3 steps") as error:
-        equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
+        bring_to_rest(balls((16, 16)), ReducedLoad(overlap=0.0))
     left = float(str(error.value).split("a force of ")[1].split(" of the mean")[0])
     assert 1e-10 < left < 100.0
     assert "overlap of 0 widths" in str(error.value)
 
 
 def test_response_that_is_not_found_is_said(monkeypatch):
-    state = equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
-    monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 1)
+    state = bring_to_rest(balls((16, 16)), ReducedLoad(overlap=0.0))
+    few = functools.partial(ResponseOptions, most_iterations=1)
+    monkeypatch.setattr("granphon.statics.response.ResponseOptions", few)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 
 
 def test_tolerance_is_met_and_not_more_than_needed():
     rough, fine = (
-        equilibrate(balls((24, 24)), ReducedLoad(overlap=0.2), tolerance=t) for t in (1e-4, 1e-12)
+        bring_to_rest(balls((24, 24)), ReducedLoad(overlap=0.2), tolerance=t) for t in (1e-4, 1e-12)
     )
     assert fine.residual <= 1e-12 < rough.residual <= 1e-4
     assert rough.conjugate < fine.conjugate
@@ -536,7 +536,7 @@ def test_tolerance_is_met_and_not_more_than_needed():
 @pytest.mark.parametrize("seed", only([1], [0, 1]))
 def test_loads_next_to_nothing(seed):
     # overlaps of 2e-5 at y = -0.15: its last digit is 2e-12 of the force
-    state = equilibrate(balls((16, 16), seed), ReducedLoad(force=1e-7))
+    state = bring_to_rest(balls((16, 16), seed), ReducedLoad(force=1e-7))
     assert state.force == pytest.approx(1e-7, rel=1e-11)
     assert state.residual <= 1e-10
     assert residual(state) <= 1.1e-10

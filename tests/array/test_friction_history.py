@@ -23,7 +23,7 @@ from granphon.array.minimal_residuals import solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import (
     BCC,
@@ -482,14 +482,14 @@ def test_friction_raises_the_force_as_an_independent_trial_has_it():
         for state in history((32, 32)).path(ramp(0.5, 1.0, steps=10))
     }
     for spacing, rise in ((0.7, 0.05), (1.0, 0.015)):
-        smooth = equilibrate(balls((32, 32)), ReducedLoad(overlap=spacing - 0.5)).force
+        smooth = bring_to_rest(balls((32, 32)), ReducedLoad(overlap=spacing - 0.5)).force
         assert at[spacing].force / smooth - 1.0 == pytest.approx(rise, rel=0.15)
 
 
 @pytest.mark.claim("friction-small")
 def test_without_friction_forces_are_those_of_the_equilibrium():
     for state in history((8, 8), 0.0).path(ramp(0.5, 0.9, 0.6, steps=2)):
-        expected = equilibrate(balls((8, 8)), ReducedLoad(overlap=state.overlap)).forces
+        expected = bring_to_rest(balls((8, 8)), ReducedLoad(overlap=state.overlap)).forces
         np.testing.assert_allclose(
             state.contacts.forces, expected, rtol=0.0, atol=1e-7 * np.mean(expected)
         )
@@ -499,7 +499,7 @@ def test_without_friction_forces_are_those_of_the_equilibrium():
 @pytest.mark.claim("friction-small")
 def test_small_friction_changes_forces_in_proportion_to_it():
     start, smooth = (
-        equilibrate(balls((3, 4)), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.4)
+        bring_to_rest(balls((3, 4)), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.4)
     )
     changes = []
     for mu in (0.02, 0.01, 0.005):
@@ -513,7 +513,7 @@ def test_small_friction_changes_forces_in_proportion_to_it():
 @pytest.mark.parametrize("shape", [(3, 4), pytest.param((8, 8), marks=pytest.mark.slow)])
 def test_next_to_no_friction_finds_which_contacts_hold_the_balls(shape):
     start, smooth = (
-        equilibrate(balls(shape, 1), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.3)
+        bring_to_rest(balls(shape, 1), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.3)
     )
     changes = []
     for mu in (1e-4, 1e-6):
@@ -526,7 +526,7 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls(shape):
 
 
 def test_the_smallest_friction_coefficients_are_numbers_like_others():
-    smooth = equilibrate(balls((4, 4), 1), ReducedLoad(overlap=0.3))
+    smooth = bring_to_rest(balls((4, 4), 1), ReducedLoad(overlap=0.3))
     for mu in (1e-12, 1e-310, 5e-324):
         (state,) = run(history((4, 4), mu, seed=1), ramp(0.5, 0.8, steps=1))
         assert_allclose(state.contacts.forces, smooth.forces, atol=1e-9 * np.mean(smooth.forces))
@@ -544,7 +544,7 @@ def test_forces_converge_with_the_order_of_the_step():
     slides.
     """
     x = balls((6, 6), 2)
-    start = equilibrate(x, ReducedLoad(overlap=0.6))
+    start = bring_to_rest(x, ReducedLoad(overlap=0.6))
     found = [
         run(history((6, 6), seed=2, start=start), ramp(1.1, 1.6, steps=steps))[-1].contacts.forces
         for steps in (2, 4, 8, 16)
@@ -561,7 +561,7 @@ def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
     x = balls((6, 6), 2)
     left = []
     lost = []
-    start = equilibrate(x, ReducedLoad(overlap=0.6))
+    start = bring_to_rest(x, ReducedLoad(overlap=0.6))
     for rise in (0.04, 0.02, 0.01):
         last = run(history((6, 6), seed=2, start=start), ramp(1.1, 1.1 + rise, 1.1, steps=4))[-1]
         left.append(np.linalg.norm(last.contacts.tangential))

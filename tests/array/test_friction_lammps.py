@@ -14,7 +14,7 @@ import granphon as gp
 from granphon.array.history import LoadingHistory
 from granphon.array.options import ReducedLoad
 from granphon.array.pressed_place import PressedGeometry
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from tests.array.pressed_twin import PressedTwin, apart
 
@@ -32,7 +32,7 @@ def differences(mu, spacings, steps, *width, exact=False):
     x -= np.mean(x)
     stencils = Stencils(SHAPE, ETA)
     start, geometry = (
-        equilibrate(x, ReducedLoad(overlap=spacings[0] - 0.5)),
+        bring_to_rest(x, ReducedLoad(overlap=spacings[0] - 0.5)),
         PressedGeometry(stencils, x, *width) if exact else None,
     )
     history = LoadingHistory(x, stencils, mu, math.inf, start, geometry=geometry)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import (
     at_rest,
@@ -110,7 +110,7 @@ def test_balls_that_nothing_holds_do_not_count():
     # Newton's method leaves them where they touch by a trace of it: shear springs there would hold
     # them
     x, load = balls((14, 13), 3), ReducedLoad(overlap=0.1)
-    states = [equilibrate(x, load, tolerance=tolerance) for tolerance in (1e-9, 1e-10, 1e-12)]
+    states = [bring_to_rest(x, load, tolerance=tolerance) for tolerance in (1e-9, 1e-10, 1e-12)]
     assert all(np.any((state.forces > 0.0) & (state.stiffnesses == 0.0)) for state in states)
     first, *others = [state.find_elasticity(ETA) for state in states]
     for other in others:
@@ -131,7 +131,7 @@ def test_balls_that_nothing_holds_do_not_count():
     st.floats(0.01, 3.0),
 )
 def test_friction_stiffens_and_freedom_softens(shape, seed, decade, eta):
-    state = equilibrate(balls(shape, seed), ReducedLoad(force=10.0**decade))
+    state = bring_to_rest(balls(shape, seed), ReducedLoad(force=10.0**decade))
     smooth, rough = (state.find_elasticity(ratio) for ratio in (0.0, eta))
     top = float(np.max(rough))
     # rotations and slips cost energy; balls that may not move would be stiffer still (affine strain
@@ -150,10 +150,10 @@ def test_friction_stiffens_and_freedom_softens(shape, seed, decade, eta):
 @every_eta
 def test_bulk_and_mean_shear_modulus_have_the_symmetry_of_the_lattice(eta):
     x, load = balls((8, 8), 3), ReducedLoad(overlap=0.2)
-    first = equilibrate(x, load).find_elasticity(eta)
+    first = bring_to_rest(x, load).find_elasticity(eta)
     tensors = []
     for matrix in symmetries():
-        other = equilibrate(moved(x, matrix, np.array([1, 6])), load).find_elasticity(eta)
+        other = bring_to_rest(moved(x, matrix, np.array([1, 6])), load).find_elasticity(eta)
         tensors.append(other)
         assert bulk_and_shear(other) == pytest.approx(bulk_and_shear(first), rel=1e-10)
     # while the sample itself is not isotropic: its tensor turns with it

@@ -19,7 +19,7 @@ from side_by_side import Part, Row, alternate, over, run_alone, spend
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import FCC
 from tests.sparse_array import find_step_length
@@ -39,7 +39,7 @@ def balls(side: int, seed: int = 0) -> Array:
 
 def rest(side: int, spacing: float, stencils: Stencils | None = None) -> Equilibrium:
     """The equilibrium at a*."""
-    return equilibrate(
+    return bring_to_rest(
         balls(side),
         ReducedLoad(overlap=spacing - 0.5),
         stencils or Stencils((side,) * 3, lattice=FCC),

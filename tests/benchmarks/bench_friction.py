@@ -44,13 +44,13 @@ def press(x: NDArray[np.float64], mu: float) -> float:
 def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
     """Find equilibria without friction, from that at a* = 1/2 on each from the one before."""
     from granphon.array.options import ReducedLoad
-    from granphon.array.rest import equilibrate
+    from granphon.array.rest import bring_to_rest
     from granphon.array.stencils import Stencils
 
     stencils = Stencils(x.shape)
-    state = equilibrate(x, ReducedLoad(overlap=0.0), stencils)
+    state = bring_to_rest(x, ReducedLoad(overlap=0.0), stencils)
     for overlap in overlaps:
-        state = equilibrate(x, ReducedLoad(overlap=float(overlap)), stencils, state)
+        state = bring_to_rest(x, ReducedLoad(overlap=float(overlap)), stencils, state)
 
 
 def paths(repeats: int) -> list[Row]:
@@ -58,18 +58,18 @@ def paths(repeats: int) -> list[Row]:
     of its last one.
     """
     from granphon.array.options import ReducedLoad
-    from granphon.array.rest import equilibrate
+    from granphon.array.rest import bring_to_rest
 
     x, overlaps = draw(64), np.linspace(0.0, 0.5, STEPS + 1)[1:]
-    equilibrate(x, ReducedLoad(overlap=0.5))
+    bring_to_rest(x, ReducedLoad(overlap=0.5))
     rows = []
     for mu in (math.inf, 0.5, 0.2, 0.1):
         seconds = alternate(
             min(repeats, 3),
             path=lambda mu=mu: press(x, mu),
             sweep=lambda: sweep(x, overlaps),
-            rests=lambda: [equilibrate(x, ReducedLoad(overlap=float(y))) for y in overlaps],
-            rest=lambda: equilibrate(x, ReducedLoad(overlap=0.5)),
+            rests=lambda: [bring_to_rest(x, ReducedLoad(overlap=float(y))) for y in overlaps],
+            rest=lambda: bring_to_rest(x, ReducedLoad(overlap=0.5)),
         )
         what = (
             f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over the same"

@@ -22,7 +22,7 @@ from side_by_side import Part, Row, alternate, over, run_alone, spend
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import TRIANGULAR
 from granphon.statics.lattice_equations import LatticeEquations
@@ -69,11 +69,11 @@ def direct(repeats: int) -> list[Row]:
     stencils, other = Stencils(x.shape), SparseArray(x)
     for spacing, bound in DIRECT:
         load = ReducedLoad(overlap=spacing - 0.5)
-        ours, theirs = equilibrate(x, load, stencils), other.forces(spacing - 0.5)
+        ours, theirs = bring_to_rest(x, load, stencils), other.forces(spacing - 0.5)
         apart = np.max(np.abs(ours.forces - theirs)) / ours.force
         assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
         calls: dict[str, Callable[[], object]] = {
-            "granphon": lambda load=load: equilibrate(x, load, stencils),
+            "granphon": lambda load=load: bring_to_rest(x, load, stencils),
             "lu": lambda load=load: other.forces(load.overlap),
         }
         seconds = alternate(repeats, **calls)
@@ -106,7 +106,7 @@ def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
         return found
 
     with mock.patch.object(LatticeEquations, "solve", timed):
-        state = equilibrate(x, ReducedLoad(overlap=0.5), stencils)
+        state = bring_to_rest(x, ReducedLoad(overlap=0.5), stencils)
     return state, spent / state.conjugate
 
 
@@ -158,7 +158,7 @@ def alone(length: int) -> None:
     """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its
     beginning.
     """
-    state, spent = spend(lambda: equilibrate(balls(length), ReducedLoad(overlap=0.5)))
+    state, spent = spend(lambda: bring_to_rest(balls(length), ReducedLoad(overlap=0.5)))
     print(
         json.dumps(
             {
@@ -213,14 +213,14 @@ def near_threshold(repeats: int) -> list[Row]:
             options = partial(RestOptions, closed_on_sites=0.0, most_stiff=most_stiff)
             with (
                 mock.patch("granphon.array.rest.RestOptions", options),
-                mock.patch("granphon.array.linear_response.RestOptions", options),
+                mock.patch("granphon.statics.lattice_equations.RestOptions", options),
             ):
                 return of()
 
         def solve(
             x: Array = x, load: ReducedLoad = load, stencils: Stencils = stencils
         ) -> Equilibrium:
-            return equilibrate(x, load, stencils)
+            return bring_to_rest(x, load, stencils)
 
         ours, theirs = solve(), before(solve)
         apart = np.max(np.abs(ours.forces - theirs.forces)) / ours.force
@@ -259,10 +259,10 @@ def fire(repeats: int) -> list[Row]:
     rows = []
     for spacing, tolerance, given, bound in FIRE:
         load = ReducedLoad(overlap=spacing - 0.5)
-        state = equilibrate(x, load, tolerance=tolerance)
+        state = bring_to_rest(x, load, tolerance=tolerance)
         assert residual(state) <= tolerance, "not at rest: the ratio would mean nothing"
         (seconds,) = alternate(
-            repeats, granphon=lambda load=load, t=tolerance: equilibrate(x, load, tolerance=t)
+            repeats, granphon=lambda load=load, t=tolerance: bring_to_rest(x, load, tolerance=t)
         ).values()
         what = (
             f"128x128, a* = {spacing:g}, to {tolerance:g}: times faster than LAMMPS's FIRE on two"
@@ -286,9 +286,9 @@ def seconds(repeats: int) -> list[Row]:
     rows = []
     for length, spacing in ((512, 1.0), (256, THRESHOLD + 0.02)):
         x, load = balls(length), ReducedLoad(overlap=spacing - 0.5)
-        state = equilibrate(x, load)
+        state = bring_to_rest(x, load)
         (median,) = alternate(
-            min(repeats, 3), granphon=lambda x=x, load=load: equilibrate(x, load)
+            min(repeats, 3), granphon=lambda x=x, load=load: bring_to_rest(x, load)
         ).values()
         of = f"{length}x{length}, a* = {spacing:g}"
         took = f"{state.newton} steps, {state.conjugate} iterations"

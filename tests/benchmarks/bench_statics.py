@@ -29,7 +29,7 @@ from side_by_side import Part, Row, alternate, over
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import find_lattice
 from granphon.contacts.contact_list import ContactList
@@ -132,8 +132,8 @@ def compare_limit(repeats: int) -> list[Row]:
             seconds = alternate(
                 repeats,
                 time.process_time,
-                limit=lambda x=x, load=load, of=stencils: equilibrate(x, load, of),
-                exact=lambda x=x, load=load, of=stencils, sites=sites: equilibrate(
+                limit=lambda x=x, load=load, of=stencils: bring_to_rest(x, load, of),
+                exact=lambda x=x, load=load, of=stencils, sites=sites: bring_to_rest(
                     x, load, of, sites, ratio=1e-7
                 ),
             )
@@ -149,12 +149,12 @@ def rests(repeats: int) -> list[Row]:
         stencils, x = draw(lattice, side)
         for at, spacing in enumerate(SPACINGS):
             load = ReducedLoad(overlap=spacing - 0.5)
-            contacts = equilibrate(x, load, stencils)._list_contacts()
+            contacts = bring_to_rest(x, load, stencils)._list_contacts()
             seconds = alternate(
                 min(repeats, 3),
                 time.process_time,
-                lattice=lambda x=x, load=load, of=stencils: equilibrate(x, load, of),
-                exact=lambda x=x, load=load, of=stencils: equilibrate(x, load, of, ratio=RATIO),
+                lattice=lambda x=x, load=load, of=stencils: bring_to_rest(x, load, of),
+                exact=lambda x=x, load=load, of=stencils: bring_to_rest(x, load, of, ratio=RATIO),
                 unit=factorise_list(contacts)
                 if unit == "superlu"
                 else transform(stencils.n_fields, stencils.shape),
@@ -175,8 +175,8 @@ def tensors(repeats: int) -> list[Row]:
         stencils, x = draw(lattice, side)
         for spacing in SPACINGS:
             load = ReducedLoad(overlap=spacing - 0.5)
-            limit = equilibrate(x, load, stencils)
-            exact = equilibrate(x, load, stencils, start=limit, ratio=RATIO)
+            limit = bring_to_rest(x, load, stencils)
+            exact = bring_to_rest(x, load, stencils, start=limit, ratio=RATIO)
             seconds = alternate(
                 repeats,
                 time.process_time,
@@ -239,7 +239,7 @@ def against_lammps(repeats: int) -> list[Row]:
         seconds = alternate(
             repeats,
             time.process_time,
-            rest=partial(equilibrate, x, load, stencils, ratio=RATIO),
+            rest=partial(bring_to_rest, x, load, stencils, ratio=RATIO),
             lammps=partial(lmp.command, f"run {STEPS} post no"),
         )
         what = (

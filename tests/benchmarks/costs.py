@@ -34,7 +34,7 @@ WATCHED = {
     ("granphon.phonons.calculator", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
     ("granphon.dynamics.contact_lattice", "ContactLattice.modes"): "modes",
-    ("granphon.array.rest", "equilibrate"): "equilibria",
+    ("granphon.array.rest", "bring_to_rest"): "equilibria",
     ("granphon.array.equilibrium", "Equilibrium.find_elasticity"): "linear responses",
     ("matplotlib.figure", "Figure.savefig"): "figures",
 }

@@ -37,7 +37,7 @@ from granphon.array.options import ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.hertz import COUNTED_FORCE
 from granphon.base.errors import ConvergenceError
@@ -147,9 +147,9 @@ def follow(mu: float, seed: int, loads: Sequence[ReducedLoad], exact: bool) -> l
     for load in loads:
         start = found[-1] if found else None
         found.append(
-            equilibrate(x, load, bare, start, ratio=RATIO)
+            bring_to_rest(x, load, bare, start, ratio=RATIO)
             if exact
-            else equilibrate(x, load, bare, start)
+            else bring_to_rest(x, load, bare, start)
         )
     return found
 
@@ -671,7 +671,7 @@ def rest(repeats: int) -> list[Row]:
         for seed in REST_SEEDS:
             stencils = Stencils((size, size))
             for load in REST_FORCES:
-                state = equilibrate(
+                state = bring_to_rest(
                     deviations(seed, (size, size)),
                     ReducedLoad(force=load),
                     stencils,
@@ -703,7 +703,7 @@ def narrow(repeats: int) -> list[Row]:
             reached = []
             for seed in NARROW_SEEDS:
                 with contextlib.suppress(ConvergenceError):
-                    equilibrate(
+                    bring_to_rest(
                         deviations(seed, SMALLER), ReducedLoad(overlap=spacing - 0.5), ratio=ratio
                     )
                     reached.append(seed)

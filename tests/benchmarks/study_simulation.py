@@ -23,7 +23,7 @@ from side_by_side import Part, Row, bracketed, command_line, measured
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.balls.loads import Load
 from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.dynamics.local_field import local_field
@@ -58,7 +58,7 @@ def at_rest(length: int, seed: int, loads: Sequence[ReducedLoad]) -> list[Equili
     x -= np.mean(x)
     states: list[Equilibrium] = []
     for load in loads:
-        states.append(equilibrate(x, load, None, states[-1] if states else None))
+        states.append(bring_to_rest(x, load, None, states[-1] if states else None))
     return states
 
 
@@ -282,7 +282,8 @@ def left_out(limit: Equilibrium) -> Array:
     load = ReducedLoad(overlap=limit.overlap)
     low = [bulk_and_shear(limit.find_elasticity(eta)) for eta in ETAS.values()]
     states = [
-        equilibrate(limit.deviations, load, limit.stencils, limit, ratio=width) for width in WIDTHS
+        bring_to_rest(limit.deviations, load, limit.stencils, limit, ratio=width)
+        for width in WIDTHS
     ]
     true = [
         [bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states

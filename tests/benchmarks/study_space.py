@@ -18,7 +18,7 @@ from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, judged, mean_and_erro
 
 import granphon as gp
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.dynamics.elasticity import bulk_and_shear
@@ -153,7 +153,7 @@ def at_no_load(lattice: Lattice, shape: tuple[int, ...], seed: int) -> tuple[Arr
     # carry the least load alone
     forces = LOW_FORCES[:-1] if shape[0] <= LEAST_SIDE else LOW_FORCES
     for force in forces.tolist():
-        state = equilibrate(x, ReducedLoad(force=force), stencils, state)
+        state = bring_to_rest(x, ReducedLoad(force=force), stencils, state)
         found.append(
             (state.overlap + 0.5, lattice.coordination * np.mean(state.forces > 1e-6 * state.force))
         )

@@ -375,14 +375,14 @@ def test_a_simulated_piece_that_fails_says_at_which_load_of_the_sweep(rough, uni
     from granphon.media import loading
 
     forces = (np.array([4.0, 0.3, 1.0, 0.35]) * unit).tolist()
-    known = loading.equilibrate
+    known = loading.bring_to_rest
 
     def failing(deviations, load, *rest):
         if load.force is not None and abs(load.force - 0.35) < 1e-6:
             raise ConvergenceError("it has not come to rest.")
         return known(deviations, load, *rest)
 
-    monkeypatch.setattr(loading, "equilibrate", failing)
+    monkeypatch.setattr(loading, "bring_to_rest", failing)
     with pytest.raises(ConvergenceError, match=r"simulation.*force = .*come to rest") as error:
         sweep(rough, force=forces, media={"auto": {"tolerance": 5e-3}})
     assert error.value.load_index == 3

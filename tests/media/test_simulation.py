@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.sample import STEP
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
@@ -109,7 +109,7 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
     sample = simulate(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
     x = (sample.diameters - D) / WIDTH
     assert np.mean(x) == pytest.approx(0.0, abs=1e-12)
-    reduced = equilibrate(x - np.mean(x), ReducedLoad(overlap=0.1))
+    reduced = bring_to_rest(x - np.mean(x), ReducedLoad(overlap=0.1))
     force = unit_of_force(spread)
     assert sample.force == pytest.approx(force * reduced.force, rel=1e-9)
     assert sample.normal_stiffness == pytest.approx(force / WIDTH * reduced.stiffness, rel=1e-9)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import granphon as gp
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
+from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import CHAIN, FCC, HCP, TRIANGULAR
 from granphon.base.errors import ConvergenceError
@@ -23,7 +23,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import take_voigt
 from granphon.statics.options import GridOptions, ResponseOptions
-from granphon.statics.response import LinearResponse, find_elastic_tensor
+from granphon.statics.response import GridResponse, ListResponse, find_elastic_tensor
 from tests.contacts.test_tangent import random_list
 
 #: factors in place of iterations
@@ -36,7 +36,7 @@ def rest(lattice, side, overlap=0.2, seed=0):
     shape = cells if lattice.n_balls == 1 else (lattice.n_balls, *cells)
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
     stencils = Stencils(cells, lattice=lattice)
-    return equilibrate(x - np.mean(x), ReducedLoad(overlap=overlap), stencils)
+    return bring_to_rest(x - np.mean(x), ReducedLoad(overlap=overlap), stencils)
 
 
 def solve_densely(contacts):
@@ -52,7 +52,7 @@ def solve_densely(contacts):
 def test_equal_balls_follow_a_uniform_strain():
     """Triangular lattice, springs k along bonds and eta k across, area sqrt(3)/2 of a ball."""
     eta = 0.7
-    state = equilibrate(np.zeros((6, 5)), ReducedLoad(overlap=0.3))
+    state = bring_to_rest(np.zeros((6, 5)), ReducedLoad(overlap=0.3))
     k = state.stiffness
     c = 0.75 / math.sqrt(3.0) * k
     expected = [
@@ -62,7 +62,7 @@ def test_equal_balls_follow_a_uniform_strain():
     ]
     contacts = state._list_contacts(eta)
     np.testing.assert_allclose(find_elastic_tensor(contacts), expected, rtol=0.0, atol=1e-13 * k)
-    np.testing.assert_allclose(LinearResponse(contacts).motions, 0.0, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(ListResponse(contacts).motions, 0.0, rtol=0.0, atol=1e-7)
 
 
 def test_springs_of_a_chain_are_in_series():
@@ -76,7 +76,7 @@ def test_springs_of_a_chain_are_in_series():
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_factors_find_what_least_squares_find(dimension, tangential):
     contacts = random_list(dimension, 5, tangential=tangential, spins=tangential, n_balls=12)
-    found = LinearResponse(contacts).stiffness
+    found = ListResponse(contacts).stiffness
     expected = solve_densely(contacts)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.max(expected))
 
@@ -85,8 +85,8 @@ def test_factors_find_what_least_squares_find(dimension, tangential):
 def test_iterations_find_what_factors_find(lattice):
     side = 8 if lattice is TRIANGULAR else 3
     contacts = rest(lattice, side)._list_contacts(0.8, 0.1, 0.05)
-    iterated = LinearResponse(contacts)
-    factorised = LinearResponse(contacts, options=FACTORISED)
+    iterated = ListResponse(contacts)
+    factorised = ListResponse(contacts, options=FACTORISED)
     expected = factorised.stiffness
     np.testing.assert_allclose(
         iterated.stiffness, expected, rtol=0.0, atol=1e-11 * np.max(expected)
@@ -95,6 +95,36 @@ def test_iterations_find_what_factors_find(lattice):
     gone = iterated.motions - motions
     still = gone - np.mean(gone, axis=0) * (contacts.axes < 3)[:, None]
     np.testing.assert_allclose(still, 0.0, rtol=0.0, atol=1e-7 * np.max(np.abs(motions)))
+
+
+@pytest.mark.parametrize("overlap", [0.2, -0.03])
+@pytest.mark.parametrize("lattice", [CHAIN, TRIANGULAR, FCC, HCP], ids=lambda one: one.name)
+def test_a_grid_that_is_not_spelled_out_responds_as_its_list(lattice, overlap):
+    """At the less overlap few contacts are stiff, and factors of these precondition."""
+    side = {1: 60, 2: 9, 3: 3}[lattice.periods]
+    state = rest(lattice, side, max(overlap, 0.1) if lattice is CHAIN else overlap)
+    normal = state.stiffnesses
+    draw = np.random.default_rng(3)
+    uneven = draw.uniform(0.5, 0.9, normal.shape)
+    for springs in [(0.0,)] if lattice is CHAIN else [(0.0,), (0.8, 0.1, 0.05), (uneven, 0.1)]:
+        given = (*springs, *(0.0,) * (3 - len(springs)))
+        contacts = state._list_contacts(*given)
+        expected = ListResponse(contacts, options=FACTORISED).stiffness / contacts.measure
+        found = state._find_tensor_on_grid(*given)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.max(expected))
+    contacts = state._list_contacts()
+    iteration = state._iterate(normal)
+    tension = normal * draw.normal(size=normal.shape)
+    forces = iteration.collect(tension.reshape(len(normal), -1))
+    both = [
+        one.find_motions(forces[..., None])[..., 0]
+        for one in (GridResponse(iteration), ListResponse(contacts, options=FACTORISED))
+    ]
+    # motions that cost nothing are not unique
+    found, expected = (
+        np.sqrt(normal) * iteration.measure(one).reshape(normal.shape) for one in both
+    )
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize(
@@ -112,7 +142,7 @@ def test_all_ways_find_the_response_under_static_forces_across_normals(lattice, 
     expected = solve_densely(held)
     size = np.max(expected)
     assert np.max(np.abs(solve_densely(contacts) - expected)) > 1e-9 * size
-    found = LinearResponse(held, options=options).stiffness
+    found = ListResponse(held, options=options).stiffness
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * size)
 
 
@@ -147,7 +177,7 @@ def expand(tensor, dimension):
 @given(st.sampled_from([1, 2, 3]), st.integers(0, 2**16))
 def test_the_tensor_is_symmetric_and_positive_and_below_that_of_an_affine_strain(dimension, seed):
     contacts = random_list(dimension, seed)
-    found = LinearResponse(contacts).stiffness
+    found = ListResponse(contacts).stiffness
     affine = find_tangent(contacts, unit_strains(dimension)).blocks.corner
     np.testing.assert_array_equal(found, found.T)
     assert np.linalg.eigvalsh(found)[0] > -1e-12 * np.max(affine)
@@ -158,15 +188,15 @@ def test_a_response_that_stays_far_from_balance_is_an_error():
     """One round with springs to the ground that are as stiff as a tenth of the contacts."""
     rough = ResponseOptions(least_spring=0.1, rounds=1)
     with pytest.raises(ConvergenceError, match="not found"):
-        _ = LinearResponse(random_list(2, 1), options=rough).stiffness
+        _ = ListResponse(random_list(2, 1), options=rough).stiffness
 
 
 def test_a_ball_that_nothing_holds_changes_nothing():
     contacts = random_list(3, 1)
     more = replace(contacts, n_balls=contacts.n_balls + 1)
-    found = LinearResponse(more)
+    found = ListResponse(more)
     np.testing.assert_allclose(
-        found.stiffness, LinearResponse(contacts).stiffness, rtol=0.0, atol=1e-12
+        found.stiffness, ListResponse(contacts).stiffness, rtol=0.0, atol=1e-12
     )
     np.testing.assert_array_equal(found.motions[-1], 0.0)
 
@@ -175,7 +205,7 @@ def test_balls_that_are_pushed_aside_are_no_solid():
     contacts = replace(random_list(2, 1), shear_stiffness=np.zeros(18))
     pressed = replace(contacts, normal_force=np.full(18, 10.0))
     with pytest.raises(ConvergenceError, match="not stable"):
-        _ = LinearResponse(pressed).stiffness
+        _ = ListResponse(pressed).stiffness
 
 
 def list_contacts(network):

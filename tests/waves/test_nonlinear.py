@@ -24,6 +24,7 @@ from scipy.integrate import solve_ivp
 import granphon as gp
 from granphon.base.errors import InputError, LimitWarning, OutputError, StoppedEarlyWarning
 from granphon.base.records import RecordFile, hold
+from granphon.waves import nonlinear
 from tests.networks.test_cuts import D, bulk
 
 ROOT = Path(__file__).parents[2]
@@ -621,6 +622,50 @@ def test_the_step_follows_what_a_drive_presses(frames, scheme, ground, losses):
         assert_allclose(motion.forces.max(), heights, rtol=2e-2)
     # the force known beforehand gives the step of that order at once
     assert 0.5 < waves.find_step(force=100.0) / motion.step < 3.0
+
+
+@pytest.mark.parametrize("ground", [0.0, 2e6])
+@pytest.mark.parametrize(
+    "losses",
+    [
+        {},
+        {"damping": (2e-7, 5e-7)},
+        {"restitution": 0.4},
+        {"damping": 1e-7, "dashpot": (15.0, 4.0), "restitution": 0.6, "drag": (3e2, 1e2)},
+    ],
+    ids=lambda losses: ",".join(losses) or "none",
+)
+def test_the_stiffness_that_a_step_allows_is_the_greatest(losses, ground):
+    """The bounds of all rates are met with it, and one of them not with a little more."""
+    network = bulk("triangular").repeat((3, 3))
+    masses = network.masses * np.linspace(0.5, 2.0, network.n_balls)
+    springs = np.full((network.n_balls, 3), ground)
+    network = replace(network, masses=masses, on_site=springs if ground else None)
+    waves = gp.NonlinearWaves(network, **losses)
+    bound = nonlinear._System(waves, []).bound
+    ones = np.ones(network.n_contacts)
+    top = bound.find(network.normal_stiffness)
+    allowed = [
+        bound.find_allowed(frequency * top, viscous * top, waves.losses)
+        for frequency, viscous in ((2.0, 1e9), (1e9, 0.5), (2.0, 0.5))
+    ]
+    for stiffness, frequency, viscous in zip(
+        allowed, (2.0, 1e9, 2.0), (1e9, 0.5, 0.5), strict=True
+    ):
+        if math.isinf(stiffness):  # nothing slows motions down
+            assert not losses
+            continue
+
+        def is_within(factor, stiffness=stiffness, frequency=frequency, viscous=viscous):
+            springs = factor * stiffness * ones
+            slowed = bound.find_viscous(springs, waves.losses)
+            return bound.find(springs) <= frequency * top and slowed <= viscous * top
+
+        assert is_within(1.0 - 1e-12)
+        assert not is_within(1.0 + 1e-12)
+    assert allowed[2] == min(allowed[:2])
+    if ground or "drag" in losses:
+        assert bound.find_allowed(1e-3, 1e-3, waves.losses) == 0.0
 
 
 def test_a_drive_known_beforehand_gives_the_step():
