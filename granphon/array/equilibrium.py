@@ -305,7 +305,11 @@ class Equilibrium(Result):
         return self._derivatives[1]
 
     def find_elasticity(
-        self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0
+        self,
+        shear: ArrayLike,
+        torsion: ArrayLike = 0.0,
+        bending: float = 0.0,
+        options: ResponseOptions | None = None,
     ) -> Array:
         """Return the (n, n) elastic tensor of the array, in Voigt order, with springs at every
         contact that carries load.
@@ -316,16 +320,16 @@ class Equilibrium(Result):
         roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the normal stiffness
         of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ...,
         Lp). Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the
-        linear response enters squared. Contacts that bear no more than :data:`CARRIED_FORCE` times
-        the residual count as open. Which do matters more than their forces: a stiffness goes with
-        f^(1/3), and two contacts with some 1e-10 of the mean force make 2e-6 of the tensor of 64 x
-        64 balls. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not
-        found.
+        linear response enters squared; ``options`` are the numbers of the response of an array that
+        is spelled out. Contacts that bear no more than :data:`CARRIED_FORCE` times the residual
+        count as open. Which do matters more than their forces: a stiffness goes with f^(1/3), and
+        two contacts with some 1e-10 of the mean force make 2e-6 of the tensor of 64 x 64 balls.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
         """
         most = ResponseOptions().most_balls[self.lattice.periods]
         if not self.ratio and self.deviations.size > most:
             return self._find_tensor_on_grid(shear, torsion, bending)
-        return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
+        return find_elastic_tensor(self._list_contacts(shear, torsion, bending), options)
 
     def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
         """Return the tensor of :meth:`find_elasticity` by conjugate gradients on the grid, which

@@ -40,6 +40,7 @@ from granphon.base.results import held, read_only, result_class
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw
 from granphon.networks.network import ContactNetwork
+from granphon.statics.options import ResponseOptions
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -195,7 +196,11 @@ class PressedEquilibrium(Equilibrium):
         return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, share)
 
     def find_elasticity(
-        self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0
+        self,
+        shear: ArrayLike,
+        torsion: ArrayLike = 0.0,
+        bending: float = 0.0,
+        options: ResponseOptions | None = None,
     ) -> Array:
         """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of
         :meth:`shear_ratios`.
@@ -205,7 +210,7 @@ class PressedEquilibrium(Equilibrium):
         tensor is that of :func:`~granphon.statics.response.find_elastic_tensor`, of contacts with
         the static forces that act.
         """
-        return super().find_elasticity(shear, torsion, bending)
+        return super().find_elasticity(shear, torsion, bending, options)
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
@@ -418,14 +423,15 @@ class PressedSample(Sample):
         stencils.forget()
         return read_only(tensors)
 
-    def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
+    def _find_elasticity(
+        self, equilibrium: Equilibrium, torsion: Any, options: ResponseOptions | None
+    ) -> Array:
         """Return the elastic tensor of an ``equilibrium`` in its own units, with the tangential
         stiffness of :attr:`shear_response`.
         """
         assert isinstance(equilibrium, PressedEquilibrium)
-        return equilibrium.find_elasticity(
-            equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending
-        )
+        ratios = equilibrium.shear_ratios(self.shear_response)
+        return equilibrium.find_elasticity(ratios, torsion, self.packing.bending, options)
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.

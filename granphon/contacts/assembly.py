@@ -66,6 +66,15 @@ class Assembly:
     wall_balls: Array
     grid: Grid | None = None
 
+    def __post_init__(self) -> None:
+        """Make the numbers of bodies read-only, as those of a grid are: loops are compiled anew for
+        arrays that can be written.
+        """
+        for name in ("i", "j"):
+            numbers = getattr(self, name).view()
+            numbers.flags.writeable = False
+            object.__setattr__(self, name, numbers)  # the dataclass is frozen
+
     @property
     def n_contacts(self) -> int:
         """Number n_c of contacts."""

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 MOST_SECONDS = 10_000 * 86400.0
 #: time of a unit of any work, s, on any machine: a unit takes microseconds, or a millisecond
 _SLOWEST_UNIT = 0.1
+#: time in which a number is written as text, s, on any machine: 0.2 microseconds were seen
+_SLOWEST_NUMBER = 1e-5
 #: words for a time, each up to so many s
 _WORDS = ((60.0, "seconds"), (3600.0, "minutes"), (2 * 86400.0, "hours"), (math.inf, "days"))
 #: time for which a small piece of work is repeated, s; the shortest repetition counts
@@ -102,12 +104,14 @@ _TOLD_BYTES = 1e8
 
 
 class Units(NamedTuple):
-    """A ``number`` of equal units of work, such as balls brought to rest, and the function
-    ``measure`` that times one unit and returns its time, s.
+    """A ``number`` of equal units of work, such as balls brought to rest, the function ``measure``
+    that times one unit and returns its time, s, and the time ``slowest``, s, that a unit takes at
+    most on any machine.
     """
 
     number: float
     measure: Callable[[], float]
+    slowest: float = _SLOWEST_UNIT
 
 
 @dataclass(frozen=True)
@@ -172,13 +176,13 @@ class Cost:
         """Time on one processor of this machine, s, within a factor of about three; the first call
         times a small piece of each kind of work.
         """
-        return sum(number * measure() for number, measure in self.units)
+        return sum(unit.number * unit.measure() for unit in self.units)
 
     def takes_longer(self, seconds: float) -> bool:
         """Return whether the time on one processor is above ``seconds``, s. Nothing is timed if the
         units are so few that even on the slowest machine it is not.
         """
-        longest = _SLOWEST_UNIT * sum(number for number, _ in self.units)
+        longest = sum(unit.number * unit.slowest for unit in self.units)
         return longest > seconds and self.seconds > seconds
 
     @property
@@ -325,6 +329,11 @@ def _measure_number() -> float:
     """Return the time in which a number is written as text, s, a mean of many numbers."""
     numbers = np.linspace(0.0, 1.0, 10_000).tolist()
     return time_once(lambda: [f"{number:.12f}" for number in numbers]) / len(numbers)
+
+
+def _written_numbers(count: float) -> Units:
+    """Return the writing of ``count`` numbers as text as units of work."""
+    return Units(count, _measure_number, _SLOWEST_NUMBER)
 
 
 @cache
@@ -475,7 +484,7 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
         vector_numbers = _WRITTEN_VECTOR_NUMBERS if file else _VECTOR_NUMBERS
         kept = points * (_BAND_BYTES + vector_bytes * square)
         numbers = _BAND_NUMBERS + vector_numbers * square
-    units = [Units(points * numbers, _measure_number)]
+    units = [_written_numbers(points * numbers)]
     result = "bands" if eigenvectors else "frequencies"
     description = f"{result} at {points:,} wave {'vector' if points == 1 else 'vectors'}"
     working = 0.0
@@ -505,7 +514,7 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     modes = solved_points * _MODE_BYTES * branches
     memory = _DENSITY_BYTES + tables + modes + matrices
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
-    units = Units(solved_points * numbers_of_point, _measure_number)
+    units = _written_numbers(solved_points * numbers_of_point)
     description = f"density of states on {' x '.join(map(str, mesh))} wave vectors"
     return Cost(memory, units=(units,), parts=(description,))
 
@@ -527,7 +536,7 @@ def band_edges(
     gaps = branches if of_all else math.ceil(fraction_below * branches)
     solves = states * (0.5 * points + _EDGE_SOLVES * gaps)
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
-    units = [Units(solves * numbers_of_point, _measure_number)]
+    units = [_written_numbers(solves * numbers_of_point)]
     if branches > _FEW_MATRIX_ROWS:
         units.append(Units(solves * float(branches) ** 3, partial(_measure_matrix, True)))
     kept = _FREQUENCY_BYTES * points * branches
@@ -545,7 +554,7 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     """
     atoms = math.prod(dim) * (balls + 1)
     numbers = (_ATOM_FACTOR * atoms) ** _ATOM_POWER
-    units = Units(numbers, _measure_number)
+    units = _written_numbers(numbers)
     description = f"force constants of {' x '.join(map(str, dim))} cells"
     return Cost(_PAIR_BYTES * atoms * atoms, units=(units,), parts=(description,))
 
@@ -647,5 +656,5 @@ def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
     bytes_of_state = _STATE_BYTES + _STATE_FREQUENCY_BYTES * frequencies
     memory = _CASE_BYTES * cases + states * bytes_of_state + _SWEEP_FREQUENCY_BYTES * frequencies
     numbers = _CASE_NUMBERS * cases + states * (_STATE_NUMBERS + frequencies)
-    units = Units(numbers, _measure_number)
+    units = _written_numbers(numbers)
     return Cost(kept=memory, units=(units,), parts=(description,))

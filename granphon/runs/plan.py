@@ -773,7 +773,7 @@ class Plan:
         if n_checked == self.n_cases or not works:
             return sum(works, Cost())
         # compared by their numbers of units of work: to compare times, these would be measured
-        largest = max(works, key=lambda work: sum(number for number, _ in work.units))
+        largest = max(works, key=lambda work: sum(unit.number for unit in work.units))
         return largest.times(len(works) * self.n_cases / n_checked)
 
     def _cost_simulations(self) -> CostPart:

@@ -156,9 +156,14 @@ class Linearisation:
             what = f"the equations of balls that come to rest under {words} are singular"
             raise ConvergenceError(what) from None
 
-    def invert(self, load_slope: Array | None = None, mean_row: Array | None = None) -> Map:
+    def invert(
+        self,
+        load_slope: Array | None = None,
+        mean_row: Array | None = None,
+        factors: Factors | None = None,
+    ) -> Map:
         """Return the inverse, a function from forces (size,), N, to the step (size,), m, that takes
-        them away. A is factorised here.
+        them away. A is factorised here, unless its ``factors`` are given.
 
         ``load_slope`` (size, m) are the derivatives of the load's forces by the unknowns of walls
         and strains, None where these forces do not change. ``mean_row`` (size,) is that of
@@ -166,7 +171,7 @@ class Linearisation:
         that has one strain.
         """
         n = len(self.border)
-        solve_balls = self._invert_balls()
+        solve_balls = factors.solve if factors else self._invert_balls()
         columns = self.border
         corner = self.corner + self._hold * np.eye(len(self.corner))
         if load_slope is not None:
@@ -343,8 +348,7 @@ class GridEquations:
         solution = None
         if self._last is not None:
             stiffness, iteration = self._last
-            change = np.abs(configuration.stiffness - stiffness)
-            if np.all(change <= options.unchanged * stiffness):
+            if has_hardly_changed(configuration, stiffness, options):
                 solution = iteration.solve(right, options.probed, most, 0.0)
                 count = solution.iterations
         if solution is None or solution.way_down is not None:
@@ -409,6 +413,19 @@ class GridEquations:
             Tangent(contacts, blocks), True, self._earlier, self.options.grid
         )
         return self._earlier
+
+
+def has_hardly_changed(
+    configuration: Configuration, stiffness: Array, options: RestOptions
+) -> bool:
+    """Return whether the contacts of a ``configuration`` have about the ``stiffness`` (n_c,), N/m,
+    so that the tangent is that of an earlier one with this stiffness. Contacts whose force may be
+    nothing but what the tolerance leaves do not count: they are those of balls that nothing holds.
+    """
+    least_force = options.carried * options.tolerance * configuration.force_size
+    change = np.abs(configuration.stiffness - stiffness)
+    hardly = change <= options.unchanged * stiffness
+    return bool(np.all(hardly | (np.abs(configuration.force) <= least_force)))
 
 
 def find_strongest_push(configuration: Configuration) -> float:

@@ -415,7 +415,7 @@ class ListResponse(LinearResponse):
         return self._options.noise * self._level * math.sqrt(size)
 
 
-def find_elastic_tensor(contacts: ContactList) -> Array:
+def find_elastic_tensor(contacts: ContactList, options: ResponseOptions | None = None) -> Array:
     """Return the (s, s) elastic tensor of balls at rest in a cell, in Voigt order, in the unit of
     stiffness over that of length to the power p - 2.
 
@@ -423,9 +423,10 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
     that the contacts then store is the elastic energy. With static forces it is the change of the
     Cauchy stress with strain, as
     :meth:`granphon.dynamics.contact_lattice.ContactLattice.elastic_tensor` has it, of which the
-    symmetric part is kept. Errors are those of :class:`LinearResponse`.
+    symmetric part is kept. ``options`` are the numbers of the response. Errors are those of
+    :class:`LinearResponse`.
     """
-    stiffness = ListResponse(contacts).stiffness / contacts.measure
+    stiffness = ListResponse(contacts, options=options).stiffness / contacts.measure
     tensor = stiffness + find_stress_part(contacts.find_stress())
     return np.asarray(0.5 * (tensor + tensor.T))
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, MechanismError
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.descent import Trail
+from granphon.statics.krylov import Map
 from granphon.statics.list_descent import ListDescent
 from granphon.statics.loose_balls import (
     find_way_down,
@@ -29,7 +31,12 @@ from granphon.statics.loose_balls import (
     has_soft_motions,
     lead_loose_balls,
 )
-from granphon.statics.newton import GridEquations
+from granphon.statics.newton import (
+    GridEquations,
+    find_mean_row,
+    find_strongest_push,
+    has_hardly_changed,
+)
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest, find_unknowns
 
@@ -69,6 +76,21 @@ class TurningWay:
         return 0.0
 
 
+class Factored(NamedTuple):
+    """The factors of the tangent at a configuration near rest that is a minimum.
+
+    Attributes
+    ----------
+    stiffness : (n_c,) of the contacts, N/m.
+    residual : that of the last configuration from which a step has been found with the factors.
+    invert : from forces (size,), N, to the step (size,), m, that takes them away.
+    """
+
+    stiffness: Array
+    residual: float
+    invert: Map
+
+
 class TurningDescent(ListDescent):
     """The way to rest in exact directions, from rest on the lattice."""
 
@@ -85,6 +107,8 @@ class TurningDescent(ListDescent):
         self._closed = 1.0
         #: whether the last step has led down the energy, by more than rounding
         self._falls = False
+        #: the factors of an array near rest; None before
+        self._factored: Factored | None = None
 
     @cached_property
     def grid_equations(self) -> GridEquations:
@@ -184,8 +208,9 @@ class TurningDescent(ListDescent):
         """Return a configuration of less energy if ``place``, which is at rest, is a saddle; None
         at a minimum, and for balls that do not differ.
 
-        Of a grid that is well held iterations probe the curvature; elsewhere factors tell. Balls
-        that are too many for factors and no grid are not tested.
+        Of a grid that is well held iterations probe the curvature; elsewhere factors tell, those of
+        the last step if the stiffnesses have hardly changed since. Balls that are too many for
+        factors and no grid are not tested.
         """
         if not self.problem.assembly.differs:
             return None
@@ -197,6 +222,9 @@ class TurningDescent(ListDescent):
             if solution.has_arrived or not self.is_factored:
                 return None
         if not self.is_factored:
+            return None
+        factored = self._factored
+        if factored and has_hardly_changed(place, factored.stiffness, self.options):
             return None
         return find_way_down(place, self.equations)
 
@@ -253,7 +281,9 @@ class TurningDescent(ListDescent):
         shorter steps. One that leads too far from rest is replaced by a step down the energy.
         """
         options = self.options
-        step = self._find_grid_step(configuration, (1.0, -1.0))
+        step = self._find_last_step(configuration)
+        if step is None:
+            step = self._find_grid_step(configuration, (1.0, -1.0))
         ahead = configuration.move(configuration.x + step)
         work = float(configuration.pull @ step)
         length = 1.0
@@ -271,6 +301,37 @@ class TurningDescent(ListDescent):
             return ahead
         # with the true sign, a step along which there is hardly any curvature has no end
         return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
+
+    def _find_last_step(self, configuration: Configuration) -> Array | None:
+        """Return the step (size,) of Newton's method of an array by factors, where it is near rest
+        and factors are to tell whether that is a minimum; None elsewhere, and where the
+        configuration is a saddle.
+
+        The factors are kept: they serve further steps as long as the stiffnesses hardly change and
+        each step leaves less than a tenth of the residual, and :meth:`_leave_saddle`.
+        """
+        options = self.options
+        residual = configuration.residual
+        if residual > options.last or self._is_well_held(configuration):
+            return None
+        factored = self._factored
+        if (
+            factored is None
+            or residual > 0.1 * factored.residual
+            or not has_hardly_changed(configuration, factored.stiffness, options)
+        ):
+            stiffness = configuration.stiffness
+            linear = self.equations.linearise(configuration, stiffness)
+            springs = options.curvature * find_strongest_push(configuration)
+            factors = linear.factorise(springs)
+            self._factored = None
+            if factors.n_below:
+                return None
+            row = find_mean_row(configuration, stiffness)
+            invert = linear.invert(configuration.load_slope, row, factors)
+            factored = Factored(stiffness, residual, invert)
+        self._factored = factored._replace(residual=residual)
+        return self.problem.remove_drift(factored.invert(configuration.pull))
 
     def _is_well_held(self, configuration: Configuration) -> bool:
         """Return whether iterations are to be preferred to factors: so many contacts are closed

@@ -516,6 +516,16 @@ def test_what_cannot_take_long_is_not_timed():
         guess.takes_longer(10.0)
 
 
+def test_the_tables_of_few_states_are_not_timed(monkeypatch):
+    def measure():
+        raise AssertionError("this is timed")
+
+    monkeypatch.setattr(cost, "_measure_number", measure)
+    assert not cost.sweep_states(2, 9, 0).tells
+    with pytest.raises(AssertionError):
+        _ = cost.sweep_states(2, 9000, 0).tells
+
+
 def test_costs_add_up_to_one_after_the_other():
     first = taking(5.0, working=3.0, kept=1.0, work=7.0, balls=10, equilibria=2, parts=("a",))
     second = taking(6.0, working=2.0, kept=4.0, work=8.0, balls=20, equilibria=1, parts=("b",))
