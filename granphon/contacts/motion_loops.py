@@ -39,6 +39,9 @@ from granphon.contacts.vectors import Vector, add, cross, dot, scale
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
 CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew for each value of one
+#: numbers in a line of the processor's cache: rows begin with a line, as the processor reads several
+#: numbers at once from within a line faster than across two
+_LINE = 8
 #: least divisor: zero is divided by this number in place of zero
 _LEAST_DIVISOR = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)
@@ -262,11 +265,22 @@ def _begin(shared: Array) -> Array:
     """Return new rows of a chunk: the first ones hold the numbers ``shared`` by all contacts, the
     others zeros.
     """
-    rows = np.zeros(_N_ROWS)
+    numbers = np.zeros(_N_ROWS + _LINE)
+    rows = numbers[(-numbers.ctypes.data // numbers.itemsize) % _LINE :]
     for row in range(0, N_COLUMNS, CHUNK):
         for c in range(CHUNK):
             rows[row + c] = shared[row // CHUNK]
     return rows
+
+
+@compiled
+def _find_line(rows: Array, row: int, n: int) -> Array:
+    """Return the n numbers of a ``row``, as a view.
+
+    A loop over the view reads numbers that lie side by side. Of an index ``row + c`` compilers do
+    not know whether it is below zero, which would count from the end, unless the row is a constant.
+    """
+    return rows[row : row + n]
 
 
 @compiled
@@ -284,16 +298,18 @@ def _read_separate(
 def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set a row to the ``values`` (n_c,) of n contacts from the ``first`` on."""
     block = values[first : first + n]
+    line = _find_line(rows, row, n)
     for c in range(n):
-        rows[row + c] = block[c]
+        line[c] = block[c]
 
 
 @compiled
 def _write(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set the ``values`` (n_c,) of n contacts from the ``first`` on to a row."""
     block = values[first : first + n]
+    line = _find_line(rows, row, n)
     for c in range(n):
-        block[c] = rows[row + c]
+        block[c] = line[c]
 
 
 @compiled
@@ -316,21 +332,21 @@ def _gather(
     for motion in range(len(axes)):
         axis = axes[motion]
         if axis < 3:
-            start = _ACROSS + axis * CHUNK
-            end = _ACROSS_END + axis * CHUNK
+            start = _find_line(rows, _ACROSS + axis * CHUNK, n)
+            end = _find_line(rows, _ACROSS_END + axis * CHUNK, n)
             for c in range(n):
                 i = balls_i[c]
                 j = balls_j[c]
-                rows[start + c] = before[j, motion] - before[i, motion]
-                rows[end + c] = after[j, motion] - after[i, motion]
+                start[c] = before[j, motion] - before[i, motion]
+                end[c] = after[j, motion] - after[i, motion]
         else:
-            of_i = _TURN_I + (axis - 3) * CHUNK
-            of_j = _TURN_J + (axis - 3) * CHUNK
+            of_i = _find_line(rows, _TURN_I + (axis - 3) * CHUNK, n)
+            of_j = _find_line(rows, _TURN_J + (axis - 3) * CHUNK, n)
             for c in range(n):
                 i = balls_i[c]
                 j = balls_j[c]
-                rows[of_i + c] = after[i, motion] - before[i, motion]
-                rows[of_j + c] = after[j, motion] - before[j, motion]
+                of_i[c] = after[i, motion] - before[i, motion]
+                of_j[c] = after[j, motion] - before[j, motion]
 
 
 @compiled
@@ -374,11 +390,11 @@ def _scatter(
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
     for motion in range(len(axes)):
-        on_i = _ON_I + axes[motion] * CHUNK
-        on_j = _ON_J + axes[motion] * CHUNK
+        on_i = _find_line(rows, _ON_I + axes[motion] * CHUNK, n)
+        on_j = _find_line(rows, _ON_J + axes[motion] * CHUNK, n)
         for c in range(n):
-            forces[balls_i[c], motion] += rows[on_i + c]
-            forces[balls_j[c], motion] += rows[on_j + c]
+            forces[balls_i[c], motion] += on_i[c]
+            forces[balls_j[c], motion] += on_j[c]
 
 
 # -- a chunk of n contacts -------------------------------------------------------------------------
@@ -470,44 +486,70 @@ def _slip_turning(rows: Array, n: int) -> None:
 
 
 @compiled
-def _turn_rows(rows: Array, n: int, row: int, start: int, end: int) -> None:
-    """Turn the vectors that begin at ``row`` with their contacts, from the directions that begin at
-    ``start`` to those that begin at ``end``, and about these; see :func:`_turn`.
+def _turn_to_middle(rows: Array, place: int, c: int) -> None:
+    """Turn a vector across contact c, whose first component is at a ``place`` of the rows, with the
+    contact from the start of the step to its middle; see :func:`_turn`.
     """
-    for c in range(n):
-        turned = _turn(
-            _get(rows, row + c),
-            _get(rows, start + c),
-            _get(rows, end + c),
-            rows[_HALF + c],
-            rows[_COSINE + c],
-        )
-        _set(rows, row + c, turned)
+    start = _get(rows, _START + c)
+    middle = _get(rows, _MIDDLE + c)
+    force = _get(rows, place)
+    _set(rows, place, _turn(force, start, middle, rows[_HALF + c], rows[_COSINE + c]))
 
 
 @compiled
-def _deform_turning(rows: Array, n: int, is_mean: bool) -> None:
-    """Find how contacts that turn deform in the step, and turn the forces against slip to its
-    middle.
+def _turn_to_end(rows: Array, place: int, c: int) -> None:
+    """Turn a vector across contact c, whose first component is at a ``place`` of the rows, with the
+    contact from the middle of the step to its end; see :func:`_turn`.
+    """
+    middle = _get(rows, _MIDDLE + c)
+    end = _get(rows, _END + c)
+    force = _get(rows, place)
+    _set(rows, place, _turn(force, middle, end, rows[_HALF + c], rows[_COSINE + c]))
+
+
+@compiled
+def _turn_held(rows: Array, n: int, rolls: bool) -> None:
+    """Turn the forces against slip, and roll if the contact ``rolls``, from the start of the step
+    to its middle.
+    """
+    for c in range(n):
+        _turn_to_middle(rows, _HELD + c, c)
+    if rolls:
+        for c in range(n):
+            _turn_to_middle(rows, _HELD + _ROLL + c, c)
+
+
+@compiled
+def _turn_pull(rows: Array, n: int, rolls: bool) -> None:
+    """Turn the forces against slip, and roll if the contact ``rolls``, from the middle of the step
+    to its end.
+    """
+    for c in range(n):
+        _turn_to_end(rows, _PULL + c, c)
+    if rolls:
+        for c in range(n):
+            _turn_to_end(rows, _PULL + _ROLL + c, c)
+
+
+@compiled
+def _deform_turning(rows: Array, n: int, is_mean: bool, rolls: bool) -> None:
+    """Find how contacts that turn deform in the step, and turn the forces against slip and roll to
+    its middle.
     """
     _find_directions(rows, n, is_mean)
     _slip_turning(rows, n)
-    _turn_rows(rows, n, _HELD, _START, _MIDDLE)
+    _turn_held(rows, n, rolls)
 
 
 @compiled
 def _roll(rows: Array, n: int, turns: bool) -> None:
-    """Find the twists and rolls of the step; if contacts turn, turn the torques against roll to its
-    middle.
-    """
+    """Find the twists and rolls of the step."""
     for c in range(n):
         normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
         roll = add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
         twist = dot(normal, roll)
         rows[_SIDES + _TWIST + c] = twist
         _set(rows, _SIDES + _ROLL + c, add(roll, -twist, normal))
-    if turns:
-        _turn_rows(rows, n, _HELD + _ROLL, _START, _MIDDLE)
 
 
 @compiled
@@ -736,22 +778,26 @@ def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
 @compiled
 def _copy(rows: Array, n: int, row: int, copy: int) -> None:
     """Set the row ``copy`` to the numbers of the row ``row``."""
+    line = _find_line(rows, row, n)
+    line_of_copy = _find_line(rows, copy, n)
     for c in range(n):
-        rows[copy + c] = rows[row + c]
+        line_of_copy[c] = line[c]
 
 
 @compiled
 def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
     """Add the numbers of a row to ``sums`` (CHUNK,)."""
+    line = _find_line(rows, row, n)
     for c in range(n):
-        sums[c] += rows[row + c]
+        sums[c] += line[c]
 
 
 @compiled
 def _keep_greatest(rows: Array, n: int, row: int, greatest: Array) -> None:
     """Set ``greatest`` (CHUNK,) to the numbers of a row that are greater."""
+    line = _find_line(rows, row, n)
     for c in range(n):
-        greatest[c] = max(greatest[c], rows[row + c])
+        greatest[c] = max(greatest[c], line[c])
 
 
 # -- all contacts ----------------------------------------------------------------------------------
@@ -838,7 +884,7 @@ def follow(
         for line in range(n_lines):
             _read(rows, _HELD + line * CHUNK, pull[1 + line], first, n)
         if rules.turns:
-            _deform_turning(rows, n, is_mean)
+            _deform_turning(rows, n, is_mean, rolls)
         else:
             _deform_straight(rows, n)
         if rolls:
@@ -874,9 +920,7 @@ def follow(
         if is_mean:
             _average(rows, n)
         if rules.turns:
-            _turn_rows(rows, n, _PULL, _MIDDLE, _END)
-            if rolls:
-                _turn_rows(rows, n, _PULL + _ROLL, _MIDDLE, _END)
+            _turn_pull(rows, n, rolls)
         for line in range(n_lines):
             _write(rows, _PULL + line * CHUNK, pull_after[1 + line], first, n)
         if is_mean:
