@@ -234,8 +234,9 @@ def add_forces(
 ) -> None:
     """Add the ``force`` f (n_c,) of contacts along their ``normal`` n (n_c, 3), on body j and the
     opposite on body i, to the forces ``on_bodies`` (bodies, 3); and f n v, with the ``vector`` v
-    (n_c, 3) from body to body, to the ``virial`` (3, 3).
+    (n_c, 3) from body to body, to the ``virial`` (3, 3), or (0, 3) where it is not asked for.
     """
+    sums_virial = len(virial) > 0
     for contact in range(len(i)):
         size = force[contact]
         if size == 0.0:
@@ -246,8 +247,9 @@ def add_forces(
             component = size * normal[contact, axis]
             on_bodies[first, axis] -= component
             on_bodies[second, axis] += component
-            for period in range(3):
-                virial[axis, period] += component * vector[contact, period]
+            if sums_virial:
+                for period in range(3):
+                    virial[axis, period] += component * vector[contact, period]
 
 
 @compiled

@@ -286,8 +286,9 @@ class Problem:
         d = assembly.dimension
         on_bodies = np.zeros((assembly.n_bodies, 3))
         virial = np.zeros((3, 3))
+        asked = virial if len(self.unit_strains) else virial[:0]
         ends = (assembly.i, assembly.j, assembly.vector)
-        add_forces(*ends, normal, force, on_bodies, virial)
+        add_forces(*ends, normal, force, on_bodies, asked)
         on_walls = on_bodies[n : n + assembly.n_walls, :d]
         return np.concatenate(
             [

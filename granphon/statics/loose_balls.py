@@ -130,7 +130,7 @@ class _Cages:
         assembly = self.assembly
         on_bodies = np.zeros((assembly.n_bodies, 3))
         ends = (assembly.i, assembly.j, assembly.vector, self.normal)
-        add_forces(*ends, self.force, on_bodies, np.zeros((3, 3)))
+        add_forces(*ends, self.force, on_bodies, np.zeros((0, 3)))
         return np.asarray(self.load + on_bodies[:-1, : assembly.dimension])
 
     @property
