@@ -59,9 +59,10 @@ def measure_turned(
     loss: Array,
     current: Array,
     distance: Array,
+    normal: Array,
 ) -> None:
-    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), and the ``current`` vectors v + w (n_c, 3)
-    and their ``distance`` (n_c,), with w as in :func:`measure_losses`.
+    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), the ``current`` vectors v + w (n_c, 3), and
+    their ``distance`` (n_c,) and ``normal`` (n_c, 3), with w as in :func:`measure_losses`.
 
     Flat contacts keep their vectors, and lose n.w.
     """
@@ -82,8 +83,27 @@ def measure_turned(
             grown += end * end
             # |v + w|^2 - |v|^2 without the squares, which would leave no digits; 2 v.w if flat
             product += (begin + end) * apart
-        distance[contact] = math.sqrt(grown)
-        loss[contact] = product / (math.sqrt(touching) + distance[contact])
+        length = math.sqrt(grown)
+        distance[contact] = length
+        loss[contact] = product / (math.sqrt(touching) + length)
+        over = 1.0 / length
+        for axis in range(3):
+            normal[contact, axis] = over * current[contact, axis]
+
+
+@compiled
+def find_overlaps(offset: Array, loss: Array, rounding: float, overlap: Array) -> None:
+    """Set the ``overlap`` of contacts (n_c,) to their ``offset`` at touch less their ``loss``
+    (n_c,), or to zero where it is at most the part ``rounding`` of the largest.
+    """
+    largest = 0.0
+    for contact in range(len(offset)):
+        left = offset[contact] - loss[contact]
+        overlap[contact] = left
+        largest = max(largest, abs(left))
+    for contact in range(len(offset)):
+        if abs(overlap[contact]) <= rounding * largest:
+            overlap[contact] = 0.0
 
 
 @compiled

@@ -74,7 +74,9 @@ def _fill_displacements(
             between = forward[line, column]
             added = 1.0 if line == column else 0.0
             for contact in range(n_contacts):
-                entry = along[contact] * columns.normal[contact, row] * columns.normal[contact, axis]
+                entry = (
+                    along[contact] * columns.normal[contact, row] * columns.normal[contact, axis]
+                )
                 entry += added * across[contact]
                 near[columns.i[contact]] += entry
                 near[columns.j[contact]] += entry

@@ -39,7 +39,7 @@ from granphon.contacts.vectors import Vector, add, cross, dot, scale
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
 CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew for each value of one
-#: numbers in a line of the processor's cache. Rows begin with a line, as the processor reads several
+#: numbers in a line of the processor's cache. Rows begin with a line: the processor reads several
 #: numbers at once from within a line faster than across two
 _LINE = 8
 #: least divisor: zero is divided by this number in place of zero

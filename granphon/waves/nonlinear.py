@@ -930,13 +930,11 @@ class _RateBound:
         """Return a bound of the rates, 1/s, at which all ``losses`` slow motions down, for contacts
         with the normal ``stiffness`` (n_c or more,), N/m, as for :meth:`find`.
         """
-        rate = np.max(losses.drag)
-        # a run looks for its stiffest allowed contact in many calls, most often without dashpots
-        if not losses.has_dashpots:
-            return float(rate)
         stiffness = self._count_stiffest(stiffness)
         none = np.zeros(0, np.intp)
         *_, normal, side, root = losses.list_dashpots(none, none)
+        rate = np.max(losses.drag)
+        # a run looks for its stiffest allowed contact in many calls, most often without dashpots
         longest = np.max(losses.damping)
         if longest > 0.0:
             rate = rate + longest * np.max(self._bound(stiffness, stiffness))
