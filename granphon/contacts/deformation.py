@@ -61,8 +61,8 @@ def measure_turned(
     distance: Array,
     normal: Array,
 ) -> None:
-    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), the ``current`` vectors v + w (n_c, 3), and
-    their ``distance`` (n_c,) and ``normal`` (n_c, 3), with w as in :func:`measure_losses`.
+    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), with w as in :func:`measure_losses`; the
+    ``current`` vectors v + w (n_c, 3); their ``distance`` (n_c,); and their ``normal`` (n_c, 3).
 
     Flat contacts keep their vectors, and lose n.w.
     """
