@@ -244,11 +244,11 @@ class Equilibrium(Result):
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
         computed anew at each call.
         """
-        stiffness = self.stiffnesses
         response = self._respond(1.0)
         if self.strain is None:
             return response
         # the cell shears so far that the stress stays hydrostatic: no shear then does work
+        stiffness = self.stiffnesses
         units = list_shears(self.lattice.periods)
         responses = [self._respond(-self._elongate(unit)) for unit in units]
         coupling = [np.sum(stiffness * response * by_shear) for by_shear in responses]

@@ -126,8 +126,9 @@ class ExactPlace:
         self.vector = np.empty((means.size, 3))
         distance = np.empty(means.size)
         motion = (displacement, strained)
-        measure_turned(*grid.ends, vector, is_flat, *motion, loss, self.vector, distance)
-        self.normal = self.vector / distance[:, None]
+        self.normal = np.empty((means.size, 3))
+        places = (self.vector, distance, self.normal)
+        measure_turned(*grid.ends, vector, is_flat, *motion, loss, *places)
         self.size = distance.reshape(means.shape)
         self.differences = means - loss.reshape(means.shape) / unit
         self.overlaps = overlap + self.differences

@@ -59,9 +59,10 @@ def measure_turned(
     loss: Array,
     current: Array,
     distance: Array,
+    normal: Array,
 ) -> None:
-    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), and the ``current`` vectors v + w (n_c, 3)
-    and their ``distance`` (n_c,), with w as in :func:`measure_losses`.
+    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), with w as in :func:`measure_losses`; the
+    ``current`` vectors v + w (n_c, 3); their ``distance`` (n_c,); and their ``normal`` (n_c, 3).
 
     Flat contacts keep their vectors, and lose n.w.
     """
@@ -82,8 +83,27 @@ def measure_turned(
             grown += end * end
             # |v + w|^2 - |v|^2 without the squares, which would leave no digits; 2 v.w if flat
             product += (begin + end) * apart
-        distance[contact] = math.sqrt(grown)
-        loss[contact] = product / (math.sqrt(touching) + distance[contact])
+        length = math.sqrt(grown)
+        distance[contact] = length
+        loss[contact] = product / (math.sqrt(touching) + length)
+        over = 1.0 / length
+        for axis in range(3):
+            normal[contact, axis] = over * current[contact, axis]
+
+
+@compiled
+def find_overlaps(offset: Array, loss: Array, rounding: float, overlap: Array) -> None:
+    """Set the ``overlap`` of contacts (n_c,) to their ``offset`` at touch less their ``loss``
+    (n_c,), or to zero where it is at most the part ``rounding`` of the largest.
+    """
+    largest = 0.0
+    for contact in range(len(offset)):
+        left = offset[contact] - loss[contact]
+        overlap[contact] = left
+        largest = max(largest, abs(left))
+    for contact in range(len(offset)):
+        if abs(overlap[contact]) <= rounding * largest:
+            overlap[contact] = 0.0
 
 
 @compiled
@@ -234,8 +254,9 @@ def add_forces(
 ) -> None:
     """Add the ``force`` f (n_c,) of contacts along their ``normal`` n (n_c, 3), on body j and the
     opposite on body i, to the forces ``on_bodies`` (bodies, 3); and f n v, with the ``vector`` v
-    (n_c, 3) from body to body, to the ``virial`` (3, 3).
+    (n_c, 3) from body to body, to the ``virial`` (3, 3), or (0, 3) where it is not asked for.
     """
+    sums_virial = len(virial) > 0
     for contact in range(len(i)):
         size = force[contact]
         if size == 0.0:
@@ -246,8 +267,9 @@ def add_forces(
             component = size * normal[contact, axis]
             on_bodies[first, axis] -= component
             on_bodies[second, axis] += component
-            for period in range(3):
-                virial[axis, period] += component * vector[contact, period]
+            if sums_virial:
+                for period in range(3):
+                    virial[axis, period] += component * vector[contact, period]
 
 
 @compiled

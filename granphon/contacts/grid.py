@@ -22,7 +22,7 @@ from granphon.base.arrays import Array
 
 #: number of balls up to which a grid of a lattice is kept, and of cells up to which a grid in
 #: another unit shares the numbers of the balls of its contacts, which take 16 bytes a contact
-_KEPT_CELLS = 2**13
+_KEPT_CELLS = 2**14
 #: component of a unit normal up to which it is rounding
 _ROUNDING = 1e-15
 

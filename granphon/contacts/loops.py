@@ -51,6 +51,42 @@ def _set_turning(normal: Array, turning: Array) -> None:
 
 
 @compiled
+def _fill_displacements(
+    columns: Columns, axes: NDArray[np.int64], diagonal: Array, forward: Array
+) -> None:
+    """Do what :func:`fill_tangent` does for balls that do not rotate, under no strains.
+
+    The entries of a block are those of across (1 - nn) + k nn, for all contacts one after the
+    other: a loop over the contacts goes through memory in order, but for the two balls.
+    """
+    n_contacts = len(columns.i)
+    along = np.empty(n_contacts)
+    across = np.empty(n_contacts)
+    for contact in range(n_contacts):
+        side = columns.shear_stiffness[contact] + columns.side_stiffness[contact]
+        across[contact] = side
+        along[contact] = columns.normal_stiffness[contact] - side
+    for line in range(len(axes)):
+        row = axes[line]
+        for column in range(line + 1):
+            axis = axes[column]
+            near = diagonal[line, column]
+            between = forward[line, column]
+            added = 1.0 if line == column else 0.0
+            for contact in range(n_contacts):
+                entry = (
+                    along[contact] * columns.normal[contact, row] * columns.normal[contact, axis]
+                )
+                entry += added * across[contact]
+                near[columns.i[contact]] += entry
+                near[columns.j[contact]] += entry
+                between[contact] = -entry
+            if column < line:
+                diagonal[column, line] = near
+                forward[column, line] = between
+
+
+@compiled
 def fill_tangent(
     columns: Columns,
     axes: NDArray[np.int64],
@@ -78,6 +114,13 @@ def fill_tangent(
     """
     m = len(axes)
     s = len(strains)
+    rotates = False
+    for motion in range(m):
+        rotates = rotates or axes[motion] >= 3
+    if not rotates:
+        _fill_displacements(columns, axes, diagonal, forward)
+        if s == 0:
+            return
     turning = np.zeros((3, 3))
     strained = np.zeros((s, 3))
     pull = np.zeros((s, 3))
@@ -97,7 +140,7 @@ def fill_tangent(
             continue
         _set_turning(normal, turning)
         # near: force on ball i against motions of i; far: of j on j; between: on i against j
-        for line in range(m):
+        for line in range(m if rotates else 0):
             row = axes[line]
             for column in range(m):
                 axis = axes[column]

@@ -21,7 +21,9 @@ a chunk, and forces are scattered to balls. In between each number of a contact 
 chunk. Most loops go over the rows, on several contacts at a time, as the processor can where a
 loop has no index of a ball, no branch, and one array: rows at fixed places do not overlap. These
 functions take the ``rows`` of a chunk, an array of all of them, and the number ``n`` of contacts in
-the chunk; the constants at the head of this module say where each row begins.
+the chunk; the constants at the head of this module say where each row begins. A loop ends at
+``min(n, CHUNK)``, which is n: of an index that is a constant and a number of unknown size the
+compiler does not know that it is not below zero, where it would count from the end.
 """
 
 from __future__ import annotations
@@ -39,6 +41,9 @@ from granphon.contacts.vectors import Vector, add, cross, dot, scale
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
 CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew for each value of one
+#: numbers in a line of the processor's cache. Rows begin with a line: the processor reads several
+#: numbers at once from within a line faster than across two
+_LINE = 8
 #: least divisor: zero is divided by this number in place of zero
 _LEAST_DIVISOR = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)
@@ -262,11 +267,22 @@ def _begin(shared: Array) -> Array:
     """Return new rows of a chunk: the first ones hold the numbers ``shared`` by all contacts, the
     others zeros.
     """
-    rows = np.zeros(_N_ROWS)
+    numbers = np.zeros(_N_ROWS + _LINE)
+    rows = numbers[(-numbers.ctypes.data // numbers.itemsize) % _LINE :]
     for row in range(0, N_COLUMNS, CHUNK):
         for c in range(CHUNK):
             rows[row + c] = shared[row // CHUNK]
     return rows
+
+
+@compiled
+def _find_line(rows: Array, row: int, n: int) -> Array:
+    """Return the n numbers of a ``row``, as a view.
+
+    A loop over the view reads numbers that lie side by side. Of an index ``row + c`` compilers do
+    not know whether it is below zero, which would count from the end, unless the row is a constant.
+    """
+    return rows[row : row + n]
 
 
 @compiled
@@ -284,16 +300,18 @@ def _read_separate(
 def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set a row to the ``values`` (n_c,) of n contacts from the ``first`` on."""
     block = values[first : first + n]
+    line = _find_line(rows, row, n)
     for c in range(n):
-        rows[row + c] = block[c]
+        line[c] = block[c]
 
 
 @compiled
 def _write(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set the ``values`` (n_c,) of n contacts from the ``first`` on to a row."""
     block = values[first : first + n]
+    line = _find_line(rows, row, n)
     for c in range(n):
-        block[c] = rows[row + c]
+        block[c] = line[c]
 
 
 @compiled
@@ -316,21 +334,21 @@ def _gather(
     for motion in range(len(axes)):
         axis = axes[motion]
         if axis < 3:
-            start = _ACROSS + axis * CHUNK
-            end = _ACROSS_END + axis * CHUNK
+            start = _find_line(rows, _ACROSS + axis * CHUNK, n)
+            end = _find_line(rows, _ACROSS_END + axis * CHUNK, n)
             for c in range(n):
                 i = balls_i[c]
                 j = balls_j[c]
-                rows[start + c] = before[j, motion] - before[i, motion]
-                rows[end + c] = after[j, motion] - after[i, motion]
+                start[c] = before[j, motion] - before[i, motion]
+                end[c] = after[j, motion] - after[i, motion]
         else:
-            of_i = _TURN_I + (axis - 3) * CHUNK
-            of_j = _TURN_J + (axis - 3) * CHUNK
+            of_i = _find_line(rows, _TURN_I + (axis - 3) * CHUNK, n)
+            of_j = _find_line(rows, _TURN_J + (axis - 3) * CHUNK, n)
             for c in range(n):
                 i = balls_i[c]
                 j = balls_j[c]
-                rows[of_i + c] = after[i, motion] - before[i, motion]
-                rows[of_j + c] = after[j, motion] - before[j, motion]
+                of_i[c] = after[i, motion] - before[i, motion]
+                of_j[c] = after[j, motion] - before[j, motion]
 
 
 @compiled
@@ -374,11 +392,11 @@ def _scatter(
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
     for motion in range(len(axes)):
-        on_i = _ON_I + axes[motion] * CHUNK
-        on_j = _ON_J + axes[motion] * CHUNK
+        on_i = _find_line(rows, _ON_I + axes[motion] * CHUNK, n)
+        on_j = _find_line(rows, _ON_J + axes[motion] * CHUNK, n)
         for c in range(n):
-            forces[balls_i[c], motion] += rows[on_i + c]
-            forces[balls_j[c], motion] += rows[on_j + c]
+            forces[balls_i[c], motion] += on_i[c]
+            forces[balls_j[c], motion] += on_j[c]
 
 
 # -- a chunk of n contacts -------------------------------------------------------------------------
@@ -389,7 +407,7 @@ def _deform_straight(rows: Array, n: int) -> None:
     """Find the elongations before and after the step, and the slips of the step, of contacts that
     keep their directions; forces act along these.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         normal = _get(rows, REST + c)
         gap = rows[GAP + c]
         across = _get(rows, _ACROSS + c)
@@ -405,20 +423,69 @@ def _deform_straight(rows: Array, n: int) -> None:
 
 
 @compiled
-def _lengthen(
-    r_at_rest: Vector, length: float, free: float, across: Vector
-) -> tuple[Vector, float, Vector, float]:
-    """Return r = r_at_rest + free across, its length, its direction, and by what it is longer than
-    the ``length`` at rest.
+def _lengthen(length: float, free: float, square: float) -> tuple[float, float, float]:
+    """Return |r|, 1/|r| and by how much |r| exceeds the ``length`` |r_0| at rest, where r = r_0 +
+    free w and ``square`` is (r_0 + r).w: free times it is |r|^2 - |r_0|^2, no difference of
+    near-equal lengths.
     """
-    r = add(r_at_rest, free, across)
-    # |r|^2 - |r_0|^2, no difference of near-equal lengths
-    square = dot(add(r_at_rest, 1.0, r), across)
     r_length = math.sqrt(length * length + free * square)
-    # of one division, 1/|r| and e, which is the square over |r| + |r_0|
+    # of one division, 1/|r| and the square over |r| + |r_0|
     total_length = length + r_length
     quotient = 1.0 / (r_length * total_length)
-    return r, r_length, scale(total_length * quotient, r), square * (r_length * quotient)
+    return r_length, total_length * quotient, square * (r_length * quotient)
+
+
+# Of the next three functions each is so short that compilers put all that it calls into its loop.
+
+
+@compiled
+def _find_starts(rows: Array, n: int) -> None:
+    """Find the directions and elongations before the step of contacts that turn. The rows with
+    which forces act, and that of the mean of r, are set to |r| and to r before the step.
+    """
+    for c in range(min(n, CHUNK)):
+        r_at_rest = _get(rows, REST + c)
+        free = rows[FREE + c]
+        across = _get(rows, _ACROSS + c)
+        r = add(r_at_rest, free, across)
+        square = dot(add(r_at_rest, 1.0, r), across)
+        length, over, elongation = _lengthen(rows[LENGTH + c], free, square)
+        rows[_E_START + c] = rows[GAP + c] + elongation
+        _set(rows, _START + c, scale(over, r))
+        _set(rows, _R_MIDDLE + c, r)
+        rows[_R_LENGTH + c] = length
+
+
+@compiled
+def _find_ends(rows: Array, n: int, is_mean: bool) -> None:
+    """Find r, its directions and the elongations after the step of contacts that turn, after
+    :func:`_find_starts`; forces will act with the mean of |r| if ``is_mean``.
+    """
+    for c in range(min(n, CHUNK)):
+        r_at_rest = _get(rows, REST + c)
+        free = rows[FREE + c]
+        across = _get(rows, _ACROSS_END + c)
+        r = add(r_at_rest, free, across)
+        square = dot(add(r_at_rest, 1.0, r), across)
+        length, over, elongation = _lengthen(rows[LENGTH + c], free, square)
+        rows[_E + c] = rows[GAP + c] + elongation
+        _set(rows, _END + c, scale(over, r))
+        _set(rows, _R + c, r)
+        mean_length = 0.5 * (rows[_R_LENGTH + c] + length)
+        rows[_R_LENGTH + c] = mean_length if is_mean else length
+
+
+@compiled
+def _find_middles(rows: Array, n: int) -> None:
+    """Find the means of r before and after the step, and their directions, after
+    :func:`_find_ends`.
+    """
+    for c in range(min(n, CHUNK)):
+        start = _get(rows, _R_MIDDLE + c)
+        middle = scale(0.5, add(start, 1.0, _get(rows, _R + c)))
+        normal = scale(1.0 / math.sqrt(dot(middle, middle)), middle)
+        _set(rows, _MIDDLE + c, normal)
+        _set(rows, _R_MIDDLE + c, middle)
 
 
 @compiled
@@ -427,26 +494,12 @@ def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
 
     Forces will act with the mean of r if ``is_mean``, and otherwise with r after the step.
     """
-    for c in range(n):
-        r_at_rest = _get(rows, REST + c)
-        length = rows[LENGTH + c]
-        gap = rows[GAP + c]
-        free = rows[FREE + c]
-        across = _get(rows, _ACROSS + c)
-        start, start_length, direction, elongation = _lengthen(r_at_rest, length, free, across)
-        rows[_E_START + c] = gap + elongation
-        _set(rows, _START + c, direction)
-        across = _get(rows, _ACROSS_END + c)
-        end, end_length, direction, elongation = _lengthen(r_at_rest, length, free, across)
-        rows[_E + c] = gap + elongation
-        _set(rows, _END + c, direction)
-        middle = scale(0.5, add(start, 1.0, end))
-        normal = scale(1.0 / math.sqrt(dot(middle, middle)), middle)
-        _set(rows, _MIDDLE + c, normal)
-        mean_length = 0.5 * (start_length + end_length)
-        rows[_R_LENGTH + c] = mean_length if is_mean else end_length
-        _set(rows, _R_MIDDLE + c, middle)
-        _set(rows, _R + c, middle if is_mean else end)
+    _find_starts(rows, n)
+    _find_ends(rows, n, is_mean)
+    _find_middles(rows, n)
+    if is_mean:
+        for axis in range(3):
+            _copy(rows, n, _R_MIDDLE + axis * CHUNK, _R + axis * CHUNK)
 
 
 @compiled
@@ -454,7 +507,7 @@ def _slip_turning(rows: Array, n: int) -> None:
     """Find the slips of the step, and the angles by which forces turn about n in half of it, of
     contacts that turn.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         turn_i = _get(rows, _TURN_I + c)
         turn_j = _get(rows, _TURN_J + c)
         normal = _get(rows, _MIDDLE + c)
@@ -470,44 +523,70 @@ def _slip_turning(rows: Array, n: int) -> None:
 
 
 @compiled
-def _turn_rows(rows: Array, n: int, row: int, start: int, end: int) -> None:
-    """Turn the vectors that begin at ``row`` with their contacts, from the directions that begin at
-    ``start`` to those that begin at ``end``, and about these; see :func:`_turn`.
+def _turn_to_middle(rows: Array, place: int, c: int) -> None:
+    """Turn a vector across contact c, whose first component is at a ``place`` of the rows, with the
+    contact from the start of the step to its middle; see :func:`_turn`.
     """
-    for c in range(n):
-        turned = _turn(
-            _get(rows, row + c),
-            _get(rows, start + c),
-            _get(rows, end + c),
-            rows[_HALF + c],
-            rows[_COSINE + c],
-        )
-        _set(rows, row + c, turned)
+    start = _get(rows, _START + c)
+    middle = _get(rows, _MIDDLE + c)
+    force = _get(rows, place)
+    _set(rows, place, _turn(force, start, middle, rows[_HALF + c], rows[_COSINE + c]))
 
 
 @compiled
-def _deform_turning(rows: Array, n: int, is_mean: bool) -> None:
-    """Find how contacts that turn deform in the step, and turn the forces against slip to its
-    middle.
+def _turn_to_end(rows: Array, place: int, c: int) -> None:
+    """Turn a vector across contact c, whose first component is at a ``place`` of the rows, with the
+    contact from the middle of the step to its end; see :func:`_turn`.
+    """
+    middle = _get(rows, _MIDDLE + c)
+    end = _get(rows, _END + c)
+    force = _get(rows, place)
+    _set(rows, place, _turn(force, middle, end, rows[_HALF + c], rows[_COSINE + c]))
+
+
+@compiled
+def _turn_held(rows: Array, n: int, rolls: bool) -> None:
+    """Turn the forces against slip, and roll if the contact ``rolls``, from the start of the step
+    to its middle.
+    """
+    for c in range(min(n, CHUNK)):
+        _turn_to_middle(rows, _HELD + c, c)
+    if rolls:
+        for c in range(min(n, CHUNK)):
+            _turn_to_middle(rows, _HELD + _ROLL + c, c)
+
+
+@compiled
+def _turn_pull(rows: Array, n: int, rolls: bool) -> None:
+    """Turn the forces against slip, and roll if the contact ``rolls``, from the middle of the step
+    to its end.
+    """
+    for c in range(min(n, CHUNK)):
+        _turn_to_end(rows, _PULL + c, c)
+    if rolls:
+        for c in range(min(n, CHUNK)):
+            _turn_to_end(rows, _PULL + _ROLL + c, c)
+
+
+@compiled
+def _deform_turning(rows: Array, n: int, is_mean: bool, rolls: bool) -> None:
+    """Find how contacts that turn deform in the step, and turn the forces against slip and roll to
+    its middle.
     """
     _find_directions(rows, n, is_mean)
     _slip_turning(rows, n)
-    _turn_rows(rows, n, _HELD, _START, _MIDDLE)
+    _turn_held(rows, n, rolls)
 
 
 @compiled
 def _roll(rows: Array, n: int, turns: bool) -> None:
-    """Find the twists and rolls of the step; if contacts turn, turn the torques against roll to its
-    middle.
-    """
-    for c in range(n):
+    """Find the twists and rolls of the step."""
+    for c in range(min(n, CHUNK)):
         normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
         roll = add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
         twist = dot(normal, roll)
         rows[_SIDES + _TWIST + c] = twist
         _set(rows, _SIDES + _ROLL + c, add(roll, -twist, normal))
-    if turns:
-        _turn_rows(rows, n, _HELD + _ROLL, _START, _MIDDLE)
 
 
 @compiled
@@ -515,7 +594,7 @@ def _press(rows: Array, n: int) -> None:
     """Find f - f_0 by Hertz's law, without a difference of near-equal forces, and stiffnesses
     before and after the step.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         coefficient = rows[COEFFICIENT + c]
         overlap = rows[END + c]
         loss = min(rows[_E + c], overlap)  # loss of h_+
@@ -540,7 +619,7 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
     of T and the dashpot's force is, and its limit includes the normal dashpot.
     """
     slides = mu < math.inf
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
         least = min(punch, start_punch)
@@ -572,7 +651,7 @@ def _resist_roll(rows: Array, n: int) -> None:
     """Find the torques against twist and roll at the end of the step, as :func:`_resist` finds
     forces but without a limit, and add the work against them.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
         least = min(punch, start_punch)
@@ -596,7 +675,7 @@ def _average(rows: Array, n: int) -> None:
     turned to its middle.
     """
     for row in range(0, _N_SIDES, CHUNK):
-        for c in range(n):
+        for c in range(min(n, CHUNK)):
             held = rows[_HELD + row + c]
             rows[_MEAN + row + c] = 0.5 * (held + rows[_PULL + row + c])
 
@@ -605,17 +684,17 @@ def _average(rows: Array, n: int) -> None:
 def _take_mean(rows: Array, n: int) -> None:
     """Set the rows of forces that act to the means of :func:`_average`."""
     for row in range(0, _N_SIDES, CHUNK):
-        for c in range(n):
+        for c in range(min(n, CHUNK)):
             rows[_PULL + row + c] = rows[_MEAN + row + c]
 
 
 @compiled
 def _take_mean_rates(rows: Array, n: int, step: float) -> None:
     """Find the mean rates of elongation, slip, twist and roll in a ``step``, s."""
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         rows[_RATE + c] = (rows[_E + c] - rows[_E_START + c]) / step
     for row in range(0, _N_SIDES, CHUNK):
-        for c in range(n):
+        for c in range(min(n, CHUNK)):
             rows[_RATES + row + c] = rows[_SIDES + row + c] / step
 
 
@@ -624,7 +703,7 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
     """Find the rates of elongation, slip, twist and roll after the step, from the velocities and
     spins of :func:`_gather_speeds`.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         r = _get(rows, _R + c)
         normal = _get(rows, _END + c) if turns else r
         across = _get(rows, _ACROSS + c)
@@ -650,7 +729,7 @@ def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
     closes and one half less where it opens: over both halves it then does what a force does that
     jumps in between. It is zero where a contact opens if the dashpot must not pull.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         was_closed = rows[_PUNCH_START + c] > 0.0
         is_closed = rows[_PUNCH + c] > 0.0
         longest = max(rows[END + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
@@ -668,7 +747,7 @@ def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
     """Find the forces of dashpots after the step, or those of its mean if ``is_mean``; unless it
     ``pulls``, the normal dashpot is limited to the force of the law.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         k = 0.5 * (rows[_K_START + c] + rows[_K + c]) if is_mean else rows[_K + c]
         punch = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c]) if is_mean else rows[_PUNCH + c]
         root = rows[ROOT_DASHPOT + c] * math.sqrt(k)
@@ -684,7 +763,7 @@ def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
     for row in range(0, _N_SIDES, CHUNK):
         ratio_row = TWIST_RATIO if row == _TWIST else ROLL_RATIO
         ratio_row = SLIP_RATIO if row < _TWIST else ratio_row
-        for c in range(n):
+        for c in range(min(n, CHUNK)):
             viscosity = rows[_VISCOSITY + c] * rows[ratio_row + c]
             rows[_DASH + CHUNK + row + c] = viscosity * rows[_RATES + row + c]
 
@@ -695,13 +774,13 @@ def _damp(rows: Array, n: int, is_mean: bool) -> None:
     in the step: the work of their forces if ``is_mean``, or else of the means of their forces
     before and after the step.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         dash = rows[_DASH + c]
         rows[_CHANGE + c] = rows[_CHANGE + c] + dash
         mean = dash if is_mean else 0.5 * (rows[_DASH_START + c] + dash)
         rows[_LOSS + c] = mean * (rows[_E_START + c] - rows[_E + c])
     for row in range(0, _N_SIDES, CHUNK):
-        for c in range(n):
+        for c in range(min(n, CHUNK)):
             dash = rows[_DASH + CHUNK + row + c]
             mean = dash if is_mean else 0.5 * (rows[_DASH_START + CHUNK + row + c] + dash)
             rows[_PULL + row + c] += dash
@@ -714,7 +793,7 @@ def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
     against slip and, if the contact ``rolls``, against twist and roll. If contacts turn, static
     forces act too, along n.
     """
-    for c in range(n):
+    for c in range(min(n, CHUNK)):
         r = _get(rows, _R + c)
         pull = _get(rows, _PULL + c)
         push = rows[_CHANGE + c]
@@ -736,22 +815,26 @@ def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
 @compiled
 def _copy(rows: Array, n: int, row: int, copy: int) -> None:
     """Set the row ``copy`` to the numbers of the row ``row``."""
+    line = _find_line(rows, row, n)
+    line_of_copy = _find_line(rows, copy, n)
     for c in range(n):
-        rows[copy + c] = rows[row + c]
+        line_of_copy[c] = line[c]
 
 
 @compiled
 def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
     """Add the numbers of a row to ``sums`` (CHUNK,)."""
+    line = _find_line(rows, row, n)
     for c in range(n):
-        sums[c] += rows[row + c]
+        sums[c] += line[c]
 
 
 @compiled
 def _keep_greatest(rows: Array, n: int, row: int, greatest: Array) -> None:
     """Set ``greatest`` (CHUNK,) to the numbers of a row that are greater."""
+    line = _find_line(rows, row, n)
     for c in range(n):
-        greatest[c] = max(greatest[c], rows[row + c])
+        greatest[c] = max(greatest[c], line[c])
 
 
 # -- all contacts ----------------------------------------------------------------------------------
@@ -838,7 +921,7 @@ def follow(
         for line in range(n_lines):
             _read(rows, _HELD + line * CHUNK, pull[1 + line], first, n)
         if rules.turns:
-            _deform_turning(rows, n, is_mean)
+            _deform_turning(rows, n, is_mean, rolls)
         else:
             _deform_straight(rows, n)
         if rolls:
@@ -874,9 +957,7 @@ def follow(
         if is_mean:
             _average(rows, n)
         if rules.turns:
-            _turn_rows(rows, n, _PULL, _MIDDLE, _END)
-            if rolls:
-                _turn_rows(rows, n, _PULL + _ROLL, _MIDDLE, _END)
+            _turn_pull(rows, n, rolls)
         for line in range(n_lines):
             _write(rows, _PULL + line * CHUNK, pull_after[1 + line], first, n)
         if is_mean:

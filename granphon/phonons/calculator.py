@@ -863,8 +863,10 @@ class HertzMindlin(ContactCalculator):
             return normal, overlap - loss, distance
         vector = np.empty_like(along)
         is_flat = np.zeros(len(normal), bool)
-        measure_turned(*ends, is_flat, displacement, no_strain, loss, vector, distance)
-        return vector[:, :m] / distance[:, None], overlap - loss, distance
+        turned = np.empty_like(along)
+        places = (vector, distance, turned)
+        measure_turned(*ends, is_flat, displacement, no_strain, loss, *places)
+        return turned[:, :m], overlap - loss, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls: that of two balls for the Atoms of a sample, else

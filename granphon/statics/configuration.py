@@ -26,7 +26,12 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.contacts.assembly import ROUNDING, Assembly
 from granphon.contacts.columns import Columns
-from granphon.contacts.deformation import add_forces, measure_losses, measure_turned
+from granphon.contacts.deformation import (
+    add_forces,
+    find_overlaps,
+    measure_losses,
+    measure_turned,
+)
 
 #: whether contacts keep the directions of the sites, or turn with their balls
 Geometry = Literal["lattice", "exact"]
@@ -286,16 +291,15 @@ class Problem:
         d = assembly.dimension
         on_bodies = np.zeros((assembly.n_bodies, 3))
         virial = np.zeros((3, 3))
+        asked = virial if len(self.unit_strains) else virial[:0]
         ends = (assembly.i, assembly.j, assembly.vector)
-        add_forces(*ends, normal, force, on_bodies, virial)
+        add_forces(*ends, normal, force, on_bodies, asked)
         on_walls = on_bodies[n : n + assembly.n_walls, :d]
-        return np.concatenate(
-            [
-                on_bodies[:n, :d].ravel(),
-                np.einsum("wa,wa->w", on_walls, assembly.directions),
-                np.einsum("sab,ab->s", self.unit_strains, virial),
-            ]
-        )
+        forces = np.empty(self.size)
+        forces[: n * d].reshape(n, d)[:] = on_bodies[:n, :d]
+        forces[n * d : self.n_displacements] = np.einsum("wa,wa->w", on_walls, assembly.directions)
+        forces[self.n_displacements :] = np.einsum("sab,ab->s", self.unit_strains, virial)
+        return forces
 
     def start_at(self, x: Array, overlap: Array | None = None) -> Configuration:
         """Return the configuration at unknowns x; ``overlap`` (n_c,) are the overlaps, by default
@@ -350,13 +354,14 @@ class Configuration:
         loss = np.empty(assembly.n_contacts)
         self.current = np.empty((assembly.n_contacts, 3))
         self.distance = np.empty(assembly.n_contacts)
+        self.normal = np.empty((assembly.n_contacts, 3))
         displacement = self.problem.find_displacement(self.x)
         ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
-        measure_turned(*ends, displacement, strain, loss, self.current, self.distance)
-        self.normal = self.current / self.distance[:, None]
-        overlap = assembly.offset - loss
-        largest = np.max(np.abs(overlap), initial=0.0)
-        return np.where(np.abs(overlap) <= ROUNDING * largest, 0.0, overlap)
+        places = (self.current, self.distance, self.normal)
+        measure_turned(*ends, displacement, strain, loss, *places)
+        overlap = np.empty(assembly.n_contacts)
+        find_overlaps(assembly.offset, loss, ROUNDING, overlap)
+        return overlap
 
     @cached_property
     def deformed(self) -> Array:

@@ -240,10 +240,18 @@ class TangentIteration(GridIteration):
         """
         if search is not None:
             return self.list_motions(search[:, None])[..., 0]
-        values, vectors = np.linalg.eigh(np.moveaxis(self._product.diagonal, -1, 0))
-        ball = int(np.argmin(values[:, 0]))
-        motion = np.zeros(values.shape)
-        motion[ball] = vectors[ball, :, 0]
+        blocks = self._product.diagonal
+        # the lowest eigenvalue of a block is at most its least entry on the diagonal, and at least
+        # the least such entry less the sizes of the others in its row (Gershgorin's circles): most
+        # balls are not lowest
+        on_diagonal = np.einsum("aan->an", blocks)
+        in_rows = np.sum(np.abs(blocks), axis=1)
+        least = np.min(on_diagonal - (in_rows - np.abs(on_diagonal)), axis=0)
+        candidates = np.flatnonzero(least <= np.min(on_diagonal))
+        values, vectors = np.linalg.eigh(np.moveaxis(blocks[:, :, candidates], -1, 0))
+        lowest = int(np.argmin(values[:, 0]))
+        motion = np.zeros((blocks.shape[2], len(blocks)))
+        motion[candidates[lowest]] = vectors[lowest, :, 0]
         return motion
 
     def find_motions(self, forces: Array) -> Values:

@@ -68,9 +68,8 @@ def _lead_clusters(
     problem = configuration.problem
     assembly = problem.assembly
     d = assembly.dimension
-    flat = assembly.is_flat[:, None]
-    vector = np.where(flat, assembly.vector, configuration.current)
-    held = assembly.cut_out(loose, vector, configuration.overlap)  # of the loose balls alone
+    # of the loose balls alone
+    held = assembly.cut_out(loose, configuration.current, configuration.overlap)
     unknowns = np.repeat(loose, d)
     of_loose = np.concatenate([unknowns, np.zeros(problem.size - len(unknowns), bool)])
     cluster = np.empty(held.n_balls, np.int64)
@@ -113,16 +112,14 @@ class _Cages:
         loss = np.empty(assembly.n_contacts)
         self.current = np.empty((assembly.n_contacts, 3))
         self.distance = np.empty(assembly.n_contacts)
+        #: (n_c, 3) unit vectors of the contacts
+        self.normal = np.empty((assembly.n_contacts, 3))
         ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
-        measure_turned(*ends, displacement, np.zeros((3, 3)), loss, self.current, self.distance)
+        places = (self.current, self.distance, self.normal)
+        measure_turned(*ends, displacement, np.zeros((3, 3)), loss, *places)
         overlap = assembly.offset - loss
         self.force = assembly.laws.force(overlap)
         self.stiffness = assembly.laws.stiffness(overlap)
-
-    @cached_property
-    def normal(self) -> Array:
-        """(n_c, 3) unit vectors of the contacts."""
-        return np.asarray(self.current / self.distance[:, None])
 
     @cached_property
     def pull(self) -> Array:
@@ -130,7 +127,7 @@ class _Cages:
         assembly = self.assembly
         on_bodies = np.zeros((assembly.n_bodies, 3))
         ends = (assembly.i, assembly.j, assembly.vector, self.normal)
-        add_forces(*ends, self.force, on_bodies, np.zeros((3, 3)))
+        add_forces(*ends, self.force, on_bodies, np.zeros((0, 3)))
         return np.asarray(self.load + on_bodies[:-1, : assembly.dimension])
 
     @property

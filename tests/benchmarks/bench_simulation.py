@@ -36,8 +36,11 @@ FIRE = ((1.0, 1e-9, 0.9, 10.0), (0.7, 1e-9, 32.0, 30.0), (0.5, 5e-8, 70.0, 20.0)
 #: a*, times faster than Newton's method with a sparse LU
 DIRECT = ((1.0, 15.0), (0.7, 4.0))
 SEEDS = range(4)
-#: of ten million balls
+#: balls on a side, of a million and of ten million
+MILLION = 1000
 HUGE = 3164
+#: width of the spread of diameters, m
+WIDTH = 2.04e-6
 #: rigidity threshold, a*
 THRESHOLD = 0.343
 
@@ -192,6 +195,27 @@ def memory(length: int, bound: float) -> Callable[[int], list[Row]]:
     return part
 
 
+def alone_at_overlap(length: int) -> None:
+    """Print what the state of a simulation at a* = 1 takes, with the exponents that it finds of its
+    sample: in a process of its own, as memory is counted from its beginning.
+    """
+    steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(WIDTH), friction=False)
+    simulation = gp.DirectSimulation(packing, (length, length), 0, geometry="lattice")
+    _, spent = spend(lambda: simulation.at_overlap(0.5 * WIDTH))
+    print(json.dumps(spent))
+
+
+def state_memory(_: int) -> list[Row]:
+    """A million balls, once, as a user asks for them."""
+    seen = run_alone(f"bench_simulation.alone_at_overlap({MILLION})")
+    of = f"{MILLION}x{MILLION}, a* = 1: a state of DirectSimulation"
+    return [
+        Row(f"{of}, peak memory of the process", seen["GiB"], "GiB", 0.45),
+        Row(f"{of}, processor time", seen["busy"], "s"),
+    ]
+
+
 # -- near the rigidity threshold -------------------------------------------------------------------
 
 
@@ -300,6 +324,7 @@ def seconds(repeats: int) -> list[Row]:
 #: memory first: it is measured in a process that inherits the peak of this one
 PARTS: dict[str, Part] = {
     "memory": memory(1024, 0.45),
+    "state-memory": state_memory,
     "direct": direct,
     "growth": growth,
     "near": near_threshold,
