@@ -9,6 +9,7 @@ Displacements are without their mean, which nothing holds. Each path begins at t
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import pathlib
@@ -104,7 +105,7 @@ def test_a_path_has_the_digits_of_another_program(path):
 def test_each_step_from_the_state_of_another_program_has_its_digits(path):
     loading, _ = begin(path)
     states = path["states"]
-    for before, after in zip(states[:-1], states[1:], strict=True):
+    for before, after in itertools.pairwise(states):
         load = ReducedLoad(overlap=after["overlap"])
         end = loading.stepper.step([resume(loading, before)], load)
         assert_digits(loading, end, after)
