@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
-from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -134,7 +133,7 @@ class SparseArray:
             # held by hardly anything, loose balls that all but touch others would move far under
             # what rounding leaves
             stiffness += (
-                ADDED_STIFFNESS
+                RestOptions().added
                 * min(1.0, max(relative_residual, _LEAST_ADDED))
                 * np.mean(stiffness)
             )

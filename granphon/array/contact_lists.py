@@ -20,9 +20,10 @@ from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
+from granphon.statics.options import GridOptions
 
 #: number of balls up to which the contacts of an array are kept: they take 200 bytes a contact
-_KEPT_BALLS = 2**13
+_KEPT_BALLS = GridOptions().kept
 
 
 class Springs(NamedTuple):

@@ -38,7 +38,7 @@ from granphon.contacts.grid import find_lattice_grid
 from granphon.contacts.tangent import unit_strains
 from granphon.statics.configuration import list_shears
 from granphon.statics.lattice_equations import LatticeIteration
-from granphon.statics.options import ResponseOptions
+from granphon.statics.options import ResponseOptions, RestOptions
 from granphon.statics.response import GridResponse, find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
@@ -46,10 +46,10 @@ from granphon.statics.response import GridResponse, find_elastic_tensor
 REST_TOLERANCE = 1e-10
 #: f* below which a sample with open contacts counts as carrying no load: it is within 1e-5 W of its
 #: rigidity threshold, or below it
-THRESHOLD_FORCE = 1e-8
+THRESHOLD_FORCE = RestOptions().threshold
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
-CARRIED_FORCE = 10.0
+CARRIED_FORCE = RestOptions().carried
 
 
 @result_class

@@ -35,19 +35,15 @@ from typing import Protocol
 import numpy as np
 
 from granphon.array.options import LARGEST_RATIO, ReducedLoad
-from granphon.array.stencils import Stencils
+from granphon.array.stencils import OPTIONS, Stencils
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.contacts.deformation import measure_along, measure_bends, measure_turned
 from granphon.contacts.grid import find_lattice_grid
 
-#: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness
-#: times the distance from equilibrium: where many contacts are open the others do not make a solid,
-#: and without it the step would be unbounded
-ADDED_STIFFNESS = 1e-2
 #: fraction by which Newton's method may miss a given mean force, with friction or in the true
 #: geometry
-LOAD_TOLERANCE = 1e-12
+LOAD_TOLERANCE = OPTIONS.required
 
 
 def require_small(ratio: float) -> None:

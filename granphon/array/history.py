@@ -19,40 +19,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.load_step import BALANCE_TOLERANCE
+from granphon.array.geometry import LOAD_TOLERANCE
 from granphon.array.options import GAS, REFINEMENT_TOLERANCE, START_SPACING, ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.rest import bring_to_rest
 from granphon.array.stencils import Stencils, dot
-from granphon.array.stepper import MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
+from granphon.array.stepper import Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import FrictionLaw
-
-#: relative change of f*, over the tolerance of balance, that may come from the forces left on balls
-#: and not from the length of steps
-_NOISE = 10.0
-#: least change of f* that is allowed to a part of a step, over the tolerance of the whole
-_LEAST_SHARE = 1.0 / 16.0
-#: factor by which the estimate of what halving a step changes is multiplied
-_CAUTION = 2.0
-#: relative difference up to which a state counts as being at a load already
-_SAME_LOAD = 1e-12
-#: tolerance of the energy lost in a step, over that of f*: a part of the energy lost
-_OF_LOSS = 100.0
-#: and, added to it, a part of the work of the step
-_OF_WORK = 0.1
-#: number of halvings from which errors of lost energies no longer are a reason to halve a step
-_LOSS_HALVINGS = 6
-#: largest number of steps to one load
-_MOST_STEPS = 500
+from granphon.statics.options import LoadingOptions
 
 
 @dataclass
@@ -74,6 +57,7 @@ class LoadingHistory:
         stand, see :mod:`granphon.array.stepper`: a beginning for lattices that friction alone
         holds.
     geometry : geometry of the contacts; by default that of the lattice, the limit of small spread.
+    options : numbers of the loading.
 
     Attributes
     ----------
@@ -86,11 +70,12 @@ class LoadingHistory:
     tolerance: float = REFINEMENT_TOLERANCE
     start: Equilibrium | ReducedLoad | str | None = None
     geometry: PressedGeometry | None = None
+    options: LoadingOptions = field(default_factory=LoadingOptions)
 
     def __post_init__(self) -> None:
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
         geometry = self.geometry or PressedGeometry(self.stencils, self.deviations)
-        self.stepper = Stepper(geometry, self._law, from_gas=self.start == GAS)
+        self.stepper = Stepper(geometry, self._law, self.start == GAS, self.options)
 
     @property
     def ratio(self) -> float:
@@ -152,7 +137,7 @@ class LoadingHistory:
         for load in loads:
             current = self.stepper.measure(trail[-1], load)
             aim = find_aim(load)
-            if abs(aim - current) <= _SAME_LOAD * (current if load.overlap is None else 1.0):
+            if abs(aim - current) <= LOAD_TOLERANCE * (current if load.overlap is None else 1.0):
                 # the state is at this load already
                 yield trail[-1]
                 continue
@@ -173,6 +158,7 @@ class LoadingHistory:
         if self.tolerance == math.inf:
             yield self.stepper.step(trail, load)
             return
+        options = self.options
         # loads still to be reached, the nearest last, each with the change of f* that is allowed to
         # the step, and the number of halvings
         ahead = [(load, self.tolerance, 0)]
@@ -183,7 +169,7 @@ class LoadingHistory:
             middle = self.stepper.halve(trail[-1], load)
             states = []
             loads = [self.stepper.measure(state, load) for state in trail[-2:]]
-            if not goes_on([*loads, find_aim(load)]):
+            if not goes_on([*loads, find_aim(load)], options.similar):
                 # the trail does not tell how the path bends: a state in the middle of the step does
                 states = [self.stepper.step(trail, middle)]
             states.append(self.stepper.step([*trail, *states], load))
@@ -194,30 +180,32 @@ class LoadingHistory:
             loss = end.slid + end.loosened - start.slid - start.loosened
             work = abs(end.work - start.work)
             loss_changes = sum(abs(sum(losses)) for losses in changes_of_losses)
-            loss_is_settled = loss_changes <= self.tolerance * (_OF_LOSS * loss + _OF_WORK * work)
+            of_loss = options.of_loss * loss + options.of_work * work
+            loss_is_settled = loss_changes <= self.tolerance * of_loss
             # balance to a finite residual leaves f* uncertain
-            force_is_settled = change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
-            is_settled = force_is_settled and (halvings >= _LOSS_HALVINGS or loss_is_settled)
+            force_is_settled = change <= max(allowed, options.stiffer * options.tolerance)
+            # errors of lost energies are no reason to halve a step without end
+            is_settled = force_is_settled and (halvings >= options.halvings or loss_is_settled)
             # where a ball falls, however short the step is, f* changes by as much: it is accepted
             # in the shortest steps, as long as such changes are within the tolerance in sum
-            falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
+            falls = halvings == 2 * options.halvings and kept + change <= self.tolerance
             if falls or is_settled:
                 states = _add_losses(states, np.cumsum(changes_of_losses, axis=0).tolist())
                 yield from states
                 trail = [*trail, *states][-3:]
                 n_steps += len(states)
                 kept += change * falls
-            elif halvings == MOST_HALVINGS:
+            elif halvings == 2 * options.halvings:
                 percent = 100.0 * change
                 raise self.stepper.explain(
                     load, f"halving the step still changes the contact force by {percent:.2g} %"
                 )
-            elif n_steps + len(ahead) > _MOST_STEPS:
-                raise self.stepper.explain(load, f"it takes more than {_MOST_STEPS} steps")
+            elif n_steps + len(ahead) > options.most_steps:
+                raise self.stepper.explain(load, f"it takes more than {options.most_steps} steps")
             else:
                 # where a ball loses its hold and falls, one of the halves has all of the change, so
                 # that what is allowed has a lower bound
-                allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
+                allowed = max(0.5 * allowed, options.least_share * self.tolerance)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
     def _compare(
@@ -249,7 +237,7 @@ class LoadingHistory:
             # uncertain by its root
             rise = abs(float(np.sum(rises))) + math.sqrt(dot(rises, rises))
             compression = abs(three[last].overlap - three[last - 1].overlap)
-            change += _CAUTION * rise / end.overlaps.size / compression
+            change += self.options.caution * rise / end.overlaps.size / compression
             losses_of_halves = np.add(self._law.lost(start, half), self._law.lost(half, again))
             slid = three[last].slid - three[last - 1].slid
             loosened = three[last].loosened - three[last - 1].loosened

@@ -18,105 +18,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from granphon.array.geometry import ADDED_STIFFNESS, LOAD_TOLERANCE, find_lack
+from granphon.array.geometry import LOAD_TOLERANCE, find_lack
 from granphon.array.minimal_residuals import Single, solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
 from granphon.array.stencils import OPTIONS, Motion, dot
+from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts import grid_product
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 from granphon.contacts.slips import find_largest
+from granphon.statics.options import LoadingOptions
 
-#: largest force, or torque over the diameter, left on a ball, over the mean normal force
-BALANCE_TOLERANCE = 1e-9
-#: largest number of steps of Newton's method in a step of the load
-_NEWTON_STEPS = 120
-#: number of steps of Newton's method in which the residual has to fall by half
-_PATIENCE = 15
-#: the same number where the limits of sliding have just been found anew
-_SHORT_PATIENCE = 5
-#: friction coefficient below which Newton's method is continued in the shear stiffness of contacts,
-#: from soft ones on
-SMALL_FRICTION = 0.02
-#: factor of the shear stiffness between two stages of this continuation
-_STIFFER = 10.0
-#: residual at which a stage ends, over the friction coefficient
-_NEARLY = 0.03
-#: largest number of steps of Newton's method in a stage
-_SOFT_STEPS = 60
-#: largest number of stages: smaller stiffnesses lose digits
-_MOST_STAGES = 300
-#: largest tolerance of the linear equations of a step, over the residual
-_LOOSEST = 0.1
-#: tolerance of the linear equations of a step, over the root of the distance from balance
-_FORCING = 0.1
-#: residual with limits of sliding as the law has them, over that from which Newton's method was
-#: tried last, up to which Newton's method is tried again
-_NEARER = 0.5
-#: part of the residual that is left after a whole step, from which a longer step is tried next
-_LEFT_BY_LOOSE = 0.12
-#: length of that longer step: Newton's method comes to the zero of h^(3/2), where a ball that
-#: nothing else holds leaves its last contact, by two thirds of the way at a time
-_LONGER = 1.5
-#: number of lengths of a step of Newton's method that are tried, each half of the one before
-_LENGTHS = 6
-#: factor by which the added stiffness is raised after a step that had to be made short, where a
-#: ball has lost what held it, and lowered after a whole one
-_EASE = 10.0
-#: largest added stiffness, over the usual one: beyond it the iteration is given up
-_MOST_HOLD = 1e6
-#: share of their secant stiffness that sliding contacts have in a step of Newton's method, over the
-#: distance from balance, in space: without it nothing would hold balls whose contacts all slide
-_SECANT_SHARE_IN_SPACE = 30.0
-#: the same in a plane, where such balls are turned by themselves, over the distance in units of the
-#: friction coefficient
-_SECANT_SHARE = 0.3
-#: mean force, over that before the step, below which the array has fallen apart
-_FALLEN = 1e-6
-#: largest motion of a ball in a step of Newton's method, half of its rotation included, over the
-#: rms overlap
-_FARTHEST = 0.2
-#: stiffness of a ball against turning, over that without sliding, below which it is turned by
-#: itself
-_LOOSE = 1e-2
-#: torques on balls that turn without resistance, over all that is left of balance, from which they
-#: are turned by themselves
-_TURNING = 0.01
-#: largest number of iterations of GMRES
-_MOST_ITERATIONS = 300
-#: number of iterations of GMRES after which weakly held balls are looked for
-_FEW = 15
-
-
-class FixedLimitSettings(NamedTuple):
-    """How often and when Coulomb's limits of sliding are fixed at given overlaps, and found anew.
-
-    Attributes
-    ----------
-    most : largest number of times that limits are found anew.
-    steps : number of steps of Newton's method after which limits are no longer found anew.
-    left : part of the residual that may remain with fixed limits before they are found anew.
-    often : number of times after which Newton's method is tried with the law itself, even where the
-        residual under the law is more than half of that from which this was tried last.
-    """
-
-    most: int
-    steps: int
-    left: float
-    often: int
-
-
-#: settings with little patience, and with much: a ball that is squeezed out from between others has
-#: a long way to go, on which the limits change little at a time
-FAST_LIMITS = FixedLimitSettings(most=30, steps=600, left=1e-2, often=1)
-SLOW_LIMITS = FixedLimitSettings(most=80, steps=900, left=1e-4, often=8)
+#: part of the residual that a whole step of Newton's method leaves where a ball that nothing else
+#: holds leaves its last contact: the method comes to the zero of h^(3/2) by two thirds of the way
+#: at a time, and by all of it in a step that is longer by the exponent
+_LEFT_BY_LOOSE = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +59,7 @@ class Trial:
         the drag of dashpots, the greater of both; infinite if the balls have come apart.
     missed : magnitude of ``push`` for each contact, over the same number.
     size : norm of ``pull`` and ``push`` together.
+    is_balanced : whether all balls are in balance, and the load is met.
     newton, krylov : numbers of steps of Newton's method and of GMRES so far.
     """
 
@@ -149,6 +73,7 @@ class Trial:
     left: float
     missed: float
     size: float
+    is_balanced: bool
     newton: int = 0
     krylov: int = 0
 
@@ -156,11 +81,6 @@ class Trial:
     def tangent(self) -> Tangent:
         """Derivatives of the forces of contacts, found at the first call and kept."""
         return self.linearise()
-
-    @property
-    def is_balanced(self) -> bool:
-        """Whether all balls are in balance, and the load is met."""
-        return self.left <= BALANCE_TOLERANCE and self.missed <= LOAD_TOLERANCE
 
     def follow(self, other: Trial) -> Trial:
         """Return the ``other`` trial with the numbers of steps of this one."""
@@ -179,6 +99,7 @@ class LoadStep:
     patches : what finds and inverts patches of weakly held balls.
     drag : stiffness of dashpots between neighbours over the step, in c W^(1/2); see
         :mod:`granphon.array.stepper`.
+    options : numbers of the loading.
     """
 
     def __init__(
@@ -190,7 +111,9 @@ class LoadStep:
         load: ReducedLoad,
         patches: Patches,
         drag: float = 0.0,
+        options: LoadingOptions | None = None,
     ) -> None:
+        self._options = options or LoadingOptions()
         self._geometry = geometry
         self._stencils = geometry.stencils
         self._law = law
@@ -199,40 +122,38 @@ class LoadStep:
         self._load = load
         self._drag = drag
         self._patches = patches
-        self._linear = LinearSteps(patches, bool(drag))
+        self._linear = LinearSteps(patches, bool(drag), self._options)
         self._slides = 0.0 < law.friction_coefficient < math.inf
         # balls whose contacts all slide turn freely in a plane, unless dashpots hold them
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
-    def solve(self, balls: Array, overlap: float, lags: FixedLimitSettings | None) -> Trial:
+    def solve(self, balls: Array, overlap: float, finds_limits: bool) -> Trial:
         """Return the trial to which Newton's method leads from the motions ``balls`` (fields, L1,
         ..., Lp) and the ``overlap`` y; the trial may be in balance or not.
 
         Newton's method is first tried with the law itself. Where many contacts begin or cease to
         slide, steps go to and fro between the two sides of Coulomb's limit. So in a second attempt,
-        if ``lags`` are given, the limit is fixed at the overlaps of the last trial: with a fixed
-        limit there is always an equilibrium. The overlaps found then give a new limit, and Newton's
-        method with the law itself is tried again from there.
+        if ``finds_limits`` is true, the limit is fixed at the overlaps of the last trial: with a
+        fixed limit there is always an equilibrium. The overlaps found then give a new limit, and
+        Newton's method with the law itself is tried again from there.
         """
+        options = self._options
         near = self._stiffen(self._make_trial(balls, overlap))
-        trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
-        if lags is not None and not trial.is_balanced and self._slides:
-            lagged = trial.follow(near)  # the last trial with a fixed limit
-            tried = math.inf  # residual from which the law itself was tried last
-            for lag in range(1, lags.most + 1):
-                if lagged.left == math.inf or lagged.newton > near.newton + lags.steps:
-                    break
-                guess = lagged.contacts.overlaps
-                lagged = lagged.follow(self._make_trial(lagged.balls, lagged.overlap, guess))
-                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, share=lags.left)
-                trial = lagged.follow(self._make_trial(lagged.balls, lagged.overlap))
-                if trial.size > _NEARER * tried and lag % lags.often:
-                    continue
-                tried = trial.size
-                trial = self._iterate(trial, _NEWTON_STEPS, _SHORT_PATIENCE)
-                if trial.is_balanced:
-                    break
-                lagged = trial.follow(lagged)
+        trial = self._iterate(near, options.steps)
+        if not finds_limits or trial.is_balanced or not self._slides:
+            return trial
+        lagged = trial.follow(near)  # the last trial with a fixed limit
+        for _ in range(options.tries):
+            if lagged.left == math.inf:
+                break
+            guess = lagged.contacts.overlaps
+            lagged = lagged.follow(self._make_trial(lagged.balls, lagged.overlap, guess))
+            lagged = self._iterate(lagged, options.patience, guess, share=options.forcing)
+            trial = lagged.follow(self._make_trial(lagged.balls, lagged.overlap))
+            trial = self._iterate(trial, options.steps, patience=options.patience // 3)
+            if trial.is_balanced:
+                break
+            lagged = trial.follow(lagged)
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
@@ -248,12 +169,15 @@ class LoadStep:
         mu = self._law.friction_coefficient
         guess = None
         first = trial
-        if not self._slides or self._drag or mu >= SMALL_FRICTION:
+        options = self._options
+        if not self._slides or self._drag or mu >= options.small_friction:
             return trial
-        # a difference of logarithms: the ratio of the smallest numbers overflows
-        stages = math.ceil((math.log(SMALL_FRICTION) - math.log(mu)) / math.log(_STIFFER))
-        for stage in range(min(stages, _MOST_STAGES), -1, -1):
-            law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
+        # torques of less friction than the tolerance need no balance
+        ratio = options.small_friction / max(mu, options.tolerance)
+        stages = math.ceil(math.log(ratio) / math.log(options.stiffer))
+        for stage in range(stages, -1, -1):
+            softer = options.stiffer**-stage
+            law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * softer)
             step = LoadStep(
                 geometry=self._geometry,
                 law=law,
@@ -262,9 +186,10 @@ class LoadStep:
                 load=self._load,
                 patches=self._patches,
                 drag=self._drag,
+                options=options,
             )
             trial = trial.follow(step._make_trial(trial.balls, trial.overlap, guess))
-            trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
+            trial = step._iterate(trial, options.steps, guess, options.forcing * mu)
             if trial.left == math.inf:
                 return trial.follow(first)
             guess = trial.contacts.overlaps
@@ -274,19 +199,20 @@ class LoadStep:
         self,
         trial: Trial,
         most: int,
-        patience: int,
         guess: Array | None = None,
         enough: float = 0.0,
         share: float = 0.0,
+        patience: int | None = None,
     ) -> Trial:
         """Return the trial after at most ``most`` steps of Newton's method from a ``trial``.
 
         The iteration ends in balance; where ``left`` and ``missed`` are at most ``enough``; where
-        the residual is less than a ``share`` of the first one; where ``patience`` steps have not
-        halved it; where the balls have come apart; and where the added stiffness has become too
-        large. With a ``guess`` of the
-        overlaps Coulomb's limit is fixed there.
+        the residual is less than a ``share`` of the first one; where ``patience`` steps, by default
+        ``options.patience``, have not halved it; and where the balls have come apart. With a
+        ``guess`` of the overlaps Coulomb's limit is fixed there.
         """
+        options = self._options
+        patience = patience or options.patience
         last_size = math.inf
         hold = 1.0  # added stiffness, over the usual one
         slow = False  # whether the last step was a whole one and left much
@@ -303,18 +229,18 @@ class LoadStep:
                 last_size = trial.size
             motion, iterations = self._find_newton_step(trial, hold)
             new, length = self._search_line(trial, motion, guess, slow)
-            slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
+            slow = length == 1.0 and new.size > 0.5 * _LEFT_BY_LOOSE * trial.size
             turned = self._turn_loose(new, guess)
             # where contacts of turned balls change, the turn may undo the step, and would do so
             # after each step: then balls are not turned
             new = turned if turned.size <= trial.size else new
             trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + iterations)
-            if not math.isfinite(trial.size) or hold > _MOST_HOLD:
+            if not math.isfinite(trial.size):
                 break
             if length == 1.0:
-                hold = max(1.0, hold / _EASE)
+                hold = max(1.0, hold / options.stiffer)
             elif length < 0.5:
-                hold *= _EASE
+                hold *= options.stiffer
         return trial
 
     def _search_line(
@@ -346,7 +272,7 @@ class LoadStep:
         new = try_length(length)
         best = new
         best_length = length
-        for _ in range(_LENGTHS - 1):
+        for _ in range(self._options.halvings - 1):
             leaves_less = new.size < (1.0 - 0.1 * length) * trial.size
             is_not_too_far = guess is not None and find_power(new) > -0.5 * power_at_start
             if leaves_less or is_not_too_far:
@@ -359,8 +285,8 @@ class LoadStep:
             if new.size < best.size:
                 best = new
                 best_length = length
-        if slow and best_length == 1.0 and best.size > _LEFT_BY_LOOSE * trial.size:
-            new = try_length(_LONGER)
+        if slow and best_length == 1.0 and best.size > 0.5 * _LEFT_BY_LOOSE * trial.size:
+            new = try_length(hertz.EXPONENT)
             best = new if new.size < best.size else best
         return best, best_length
 
@@ -370,6 +296,7 @@ class LoadStep:
         With a ``guess`` of the overlaps, (n_c, L1, ..., Lp), the stiffness against slip and
         Coulomb's limit are fixed there.
         """
+        options = self._options
         place = self._geometry.place(balls, overlap)
         start = self._here.contacts
         slips = place.find_slips(self._place, start.slips)
@@ -391,7 +318,7 @@ class LoadStep:
         scale = max(force, self._drag)
         missed = 0.0
         left = math.inf  # balls that have come apart are far from balance
-        if _FALLEN * self._here.force < scale < math.inf:
+        if options.tolerance * self._here.force < scale < math.inf:
             missed = abs(push) / (forces.size * scale)
             left = largest / scale
         return Trial(
@@ -405,6 +332,7 @@ class LoadStep:
             left=left,
             missed=missed,
             size=size,
+            is_balanced=left <= options.tolerance and missed <= LOAD_TOLERANCE,
         )
 
     def _find_newton_step(self, trial: Trial, hold: float) -> tuple[Motion, int]:
@@ -415,24 +343,23 @@ class LoadStep:
         secant stiffness; ``hold`` times as much as usual. Motions of balls that go far are made
         shorter, each ball by itself.
         """
+        options = self._options
         stencils = self._stencils
         distance = max(trial.left, trial.missed)
         free = self._load.overlap is None
         mean = float(np.mean(trial.tangent.stiffness)) + self._drag
         eta = stencils.mindlin_ratio
-        added = ADDED_STIFFNESS * min(1.0, distance * hold) * mean
-        secant = (
-            _SECANT_SHARE / self._law.friction_coefficient
-            if self._spins
-            else _SECANT_SHARE_IN_SPACE
-        )
-        share = min(1.0, secant * distance * hold)
+        added = OPTIONS.added * min(1.0, distance * hold) * mean
+        # in a plane, where balls whose contacts all slide are turned by themselves, small friction
+        # counts
+        unit = self._law.friction_coefficient / options.secant if self._spins else 1.0
+        share = min(1.0, distance * hold / unit)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
         product = trial.place.linearise(
             tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=free
         )
-        reduction = min(
-            _LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)
+        reduction = options.forcing * min(
+            1.0, max(math.sqrt(distance), options.tolerance / distance)
         )
         push = trial.push / mean if free else None
         motion, iterations = self._linear.solve(
@@ -440,7 +367,7 @@ class LoadStep:
         )
         # the motions of balls that are about to lose their hold and fall are made shorter
         fields = motion.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
-        limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
+        limit = options.farthest * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
         sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
         np.maximum(
             sizes,
@@ -466,7 +393,7 @@ class LoadStep:
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
         torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
-        if not dot(torque, torque) > (_TURNING * trial.size) ** 2:
+        if not dot(torque, torque) > (self._options.loose * trial.size) ** 2:
             return trial
         index, arms = self._list_around(loose, turning)
         start = self._here.contacts
@@ -496,7 +423,7 @@ class LoadStep:
         """Return whether the contacts of each ball all slide, (n_balls, L1, ..., Lp)."""
         stencils = self._stencils
         tangent = trial.tangent
-        least = _LOOSE * self._law.mindlin_ratio
+        least = self._options.loose * self._law.mindlin_ratio
         # below zero for a contact that slides, and far above zero otherwise
         resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
         contacts = self._geometry.contacts
@@ -536,10 +463,12 @@ class LinearSteps:
     """Solver of the linear equations of the steps of Newton's method in one step of the load; it
     keeps the patch of weakly held balls from step to step.
 
-    ``damped`` says whether there are dashpots: few balls of such arrays touch.
+    ``damped`` says whether there are dashpots: few balls of such arrays touch; ``options`` are the
+    numbers of the loading.
     """
 
-    def __init__(self, patches: Patches, damped: bool) -> None:
+    def __init__(self, patches: Patches, damped: bool, options: LoadingOptions) -> None:
+        self._options = options
         self._stencils = patches.stencils
         self._patches = patches
         self._damped = damped
@@ -563,6 +492,7 @@ class LinearSteps:
         ``product`` multiplies motions by the tangent of the whole. Weakly held balls that the
         iteration finds are added to the patch.
         """
+        options = self._options
         size = pull.size
         inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
@@ -581,10 +511,10 @@ class LinearSteps:
         solution = np.zeros_like(right)
         residual = right
         taken = 0  # iterations
-        most = _FEW  # iterations until weakly held balls are looked for
+        most = options.patience  # iterations until weakly held balls are looked for
         renewed = False  # whether the patch has been inverted with this tangent
         goal = reduction * math.sqrt(dot(right, right))
-        while taken < _MOST_ITERATIONS:
+        while taken < OPTIONS.patience_of_grid:
             norm = math.sqrt(dot(residual, residual))
             if not norm > goal:
                 break
@@ -603,7 +533,7 @@ class LinearSteps:
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
                 # the patch does not grow, and its inverse is new: only iterations are left
-                most = _MOST_ITERATIONS - taken
+                most = OPTIONS.patience_of_grid - taken
             else:
                 self._weak = weak
                 self._put = self._patches.invert(weak, product)

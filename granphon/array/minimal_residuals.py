@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from granphon.array.stencils import dot
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
+from granphon.statics.options import ResponseOptions
 
 Single = NDArray[Any]
 #: function that sets its second array to a linear function of the first
 Map = Callable[[Single, Single], None]
-#: number of vectors of Krylov space after which the method starts again
-_KEPT = 60
 #: elements of vectors that are multiplied at a time: a power of two
 _LENGTH = 1024
 #: part of a vector's length that is left by the projection on those before it, below which it is
@@ -53,7 +52,7 @@ def solve_by_minimal_residuals(
     residual = (right / size).astype(np.float32)
     norm = 1.0
     while norm > reduction and iterations < most_iterations:
-        length = min(_KEPT, most_iterations - iterations)
+        length = min(ResponseOptions().kept, most_iterations - iterations)
         count, norm, change = _cycle(apply, precondition, residual, reduction, length)
         if not count:  # no product with A contains the residual
             break

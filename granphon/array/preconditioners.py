@@ -23,32 +23,26 @@ from granphon.array.sparse_matrices import compose
 from granphon.array.stencils import OPTIONS, Stencils, number_cells
 from granphon.base.arrays import Array, Index
 from granphon.dynamics.factors import factorise
+from granphon.statics.options import LoadingOptions
 
 #: function of a force and an array of motions that writes the motions under the force of some balls
 #: into the array
 Put = Callable[[Array, Array], None]
-#: part of the square of a residual that acts on the balls that are added to a patch
-_HELD = 0.9
-#: largest number of balls that are added to a patch at a time, over all balls of the array
-_MOST_PART = 1.0 / 32.0
-#: the same as a number, where this is more
-_MOST = 48
-#: part of the array from which a patch is the whole array, if that is not too large
-_WHOLE = 0.4
-#: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods:
-#: factors of more cost more than the iterations that they save
-_LARGEST = (2**16, 12_288, 768)
 
 
 class Patches:
-    """Table of the contacts of each ball, from which patches are cut."""
+    """Table of the contacts of each ball, from which patches are cut; ``options`` are the numbers
+    of the loading.
+    """
 
-    def __init__(self, stencils: Stencils) -> None:
+    def __init__(self, stencils: Stencils, options: LoadingOptions | None = None) -> None:
         self.stencils = stencils
+        self._options = options or LoadingOptions()
         self._fields = stencils.motions.count
         self._cells = math.prod(stencils.shape)
         self._balls = stencils.n_balls * self._cells
-        self._largest = _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts
+        most = self._options.most_in_patch[len(stencils.shape)]  # contacts
+        self._largest = most * stencils.n_balls // stencils.n_contacts
 
     @cached_property
     def _ends(self) -> Index:
@@ -71,29 +65,27 @@ class Patches:
         """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
         act, and of their neighbours.
 
-        The balls are as few as bear the part :data:`_HELD` of the sum of the squares of all forces,
-        and no more than the limits on the size of a patch allow.
+        The balls are as few as bear all but the part ``options.forcing`` of the sum of the squares
+        of all forces, and no more than a patch may hold.
         """
         by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
         near = 1 + self._ends.size // self._balls  # a ball and its neighbours
-        most_added = max(_MOST, int(_MOST_PART * self._balls))
-        most_in_patch = max(1, self._largest // near)
-        most = min(most_added, most_in_patch, self._balls)
+        most = min(max(1, self._largest // near), self._balls)
         worst = np.argsort(-squares, kind="stable")[:most]
         sums = np.cumsum(squares[worst])
-        held = min(_HELD * float(np.sum(squares)), sums[-1])
+        held = min((1.0 - self._options.forcing) * float(np.sum(squares)), sums[-1])
         worst = worst[: int(np.searchsorted(sums, held)) + 1]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
     def join(self, balls: Index, added: Index) -> Index:
         """Return the numbers of the ``balls`` of a patch and of the balls ``added`` to it, sorted.
 
-        A patch of many balls becomes that of all balls, if the array is small enough. If the patch
-        would be too large, nothing is added.
+        A patch of half of the balls becomes that of all balls, if the array is small enough. If the
+        patch would be too large, nothing is added.
         """
         joined = np.union1d(balls, added)
-        if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
+        if 2 * joined.size > self._balls and self._balls <= self._largest:
             return np.arange(self._balls)
         return joined if joined.size <= self._largest else balls
 

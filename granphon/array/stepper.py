@@ -25,8 +25,8 @@ A loading history may begin at the gas: balls apart on their sites, pressed with
 stand. Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array
 then comes to rest by what damps it, and so does this one: in each step of the load, dashpots resist
 what neighbours move against each other. Balls that nothing pushes stay where they are. The overlap
-grows by :data:`STEP` at a time from the first contact on. When the mean force has come to
-:data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come to rest or
+grows by ``options.step`` at a time from the first contact on. When the mean force has come to
+``options.standing``, about that at a* = 1/2, the overlap is held, and the balls come to rest or
 give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next
 to nothing they are taken away. If the array then bears at least half of this force, in balance, it
 stands, and its history begins there; if it gives way before, or is not at rest after many steps, it
@@ -46,20 +46,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.geometry import find_boundary_force
-from granphon.array.load_step import (
-    FAST_LIMITS,
-    SLOW_LIMITS,
-    SMALL_FRICTION,
-    FixedLimitSettings,
-    LoadStep,
-    Trial,
-)
+from granphon.array.load_step import LoadStep, Trial
 from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches
 from granphon.array.pressed_array import PressedArray
@@ -68,42 +61,7 @@ from granphon.array.stencils import dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.friction import Contacts, FrictionLaw
-
-#: number of times that a step of the load is halved where Newton's method fails, and where f* is
-#: not yet accurate
-MOST_HALVINGS = 12
-#: number of halvings below which the halves of a step are tried without finding limits of sliding
-#: anew, which takes long and has failed in the whole step
-_LAG_HALVINGS = 6
-#: number of steps without a balance after which a load is given up
-_MOST_FAILED = 40
-#: largest step of the load, over the one before, across which a polynomial is continued
-_FARTHEST = 4.0
-#: first stiffness of dashpots over a step, in c W^(1/2)
-DRAG = 1e-2
-#: factor by which dashpots are weakened from one step to the next
-WEAKER = 0.3
-#: largest number of steps with dashpots, those that find no balance included
-_MOST_DAMPED_STEPS = 60
-#: number of steps in a row, in each of which the forces of dashpots have become smaller, after
-#: which a balance without dashpots is tried
-_CALM = 3
-#: change of the overlap, in W, in a step from the gas
-STEP = 0.0125
-#: mean force at which an array that has been a gas has to stand
-STANDING_FORCE = 2e-2
-#: largest number of steps at held overlap
-_MOST_SETTLINGS = 30
-#: largest force of a dashpot, over the mean force, at which dashpots are taken away
-_NEXT_TO_NOTHING = 1e-3
-#: largest motion in a step, in W, at which the weakest dashpots are taken away in the true geometry
-#: of space
-_STILL = 1e-3
-#: weakest dashpots in the true geometry of space, over W/d times the mean force: contacts push
-#: balls aside with about that stiffness
-_ABOVE_PUSH = 10.0
-#: overlap, in W, at which an array that does not stand yet is given up
-_MOST_OVERLAP = 2.0
+from granphon.statics.options import LoadingOptions
 
 
 def find_aim(load: ReducedLoad) -> float:
@@ -120,6 +78,7 @@ class Stepper:
     geometry : geometry of the contacts.
     law : law of the contacts.
     from_gas : whether balls were pressed from the gas, so that friction alone may hold them.
+    options : numbers of the loading.
 
     A *trail* is a sequence of the last states, one to three, the newest last.
     """
@@ -127,9 +86,10 @@ class Stepper:
     geometry: PressedGeometry
     law: FrictionLaw
     from_gas: bool = False
+    options: LoadingOptions = field(default_factory=LoadingOptions)
 
     def __post_init__(self) -> None:
-        self._patches = Patches(self.geometry.stencils)
+        self._patches = Patches(self.geometry.stencils, self.options)
         self._located: deque[tuple[Array, PressedPlace]] = deque(maxlen=3)
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
@@ -161,17 +121,18 @@ class Stepper:
         """
         # with small friction Newton's method finds a balance only in stages of softer contacts,
         # which steps with dashpots do not have: so balls are not slowed by dashpots then
-        relaxes = not drag and self.law.friction_coefficient >= SMALL_FRICTION
+        options = self.options
+        relaxes = not drag and self.law.friction_coefficient >= options.small_friction
         ahead = [load]  # loads still to be reached, the nearest last
         halvings = 0  # of the present step
         failed = 0  # steps without a balance
         while ahead:
             state = trail[-1]
-            # where friction alone holds balls, shorter steps of the load help sooner
-            patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
-            lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
+            # halves of a step are first tried without finding limits of sliding anew, which takes
+            # long and has failed in the whole step
+            finds_limits = not relaxes or not 0 < halvings < options.halvings
             balls, overlap = self._extrapolate(trail, ahead[-1])
-            trial = self._make_step(state, ahead[-1], drag).solve(balls, overlap, lags)
+            trial = self._make_step(state, ahead[-1], drag).solve(balls, overlap, finds_limits)
             at_rest = None
             if not trial.is_balanced and relaxes and trial.left < math.inf:
                 at_rest = self.relax_overdamped(trail, ahead[-1])
@@ -184,7 +145,8 @@ class Stepper:
                 is_shortest = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
                 if trial.left == math.inf and state.force < THRESHOLD_FORCE:
                     raise self._explain_loss(load, state)
-                if halvings == MOST_HALVINGS or failed == _MOST_FAILED or is_shortest:
+                is_shortest = is_shortest or halvings == 2 * options.halvings
+                if is_shortest or failed == options.tries:
                     raise self._explain_failure(load, state)
                 halvings = halvings + 1
                 failed = failed + 1
@@ -199,16 +161,16 @@ class Stepper:
         trail: Sequence[PressedArray],
         load: ReducedLoad,
         drag: float,
-        lags: FixedLimitSettings | None = None,
+        finds_limits: bool = False,
     ) -> PressedArray | None:
         """Return the state to which balls come from the last state of the ``trail`` in one step to
         a ``load``, slowed by dashpots of stiffness ``drag``; None if no balance is found.
 
-        Unlike :meth:`step`, this method takes no shorter steps. With ``lags`` the limits of sliding
-        are found anew as they say.
+        Unlike :meth:`step`, this method takes no shorter steps. If ``finds_limits`` is true, limits
+        of sliding are found anew where that is needed.
         """
         balls, overlap = self._extrapolate(trail[-1:], load)
-        trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, lags)
+        trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, finds_limits)
         return self._damp(trail, trial) if trial.is_balanced else None
 
     def relax_overdamped(
@@ -219,20 +181,23 @@ class Stepper:
 
         Balls are slowed by dashpots in each step. Dashpots are weakened from step to step as long
         as a balance is found, and made stronger where none is found. Once the forces of dashpots
-        have fallen in :data:`_CALM` steps in a row, the balance without dashpots is tried.
+        have fallen in ``options.calm`` steps in a row, the balance without dashpots is tried.
         """
-        drag = DRAG
+        options = self.options
+        drag = options.drag
         too_weak = 0.0  # largest drag that has found no balance
         push = math.inf  # largest force of a dashpot in the last step
         calm_steps = 0  # in a row, in each of which the push has fallen
-        for _ in range(_MOST_DAMPED_STEPS):
+        for _ in range(options.tries):
             start = trail[-1]
             end = self.settle(trail, load, drag)
             if end is None:
-                if calm_steps or drag >= DRAG:  # balls do not fall: shorter steps of the load help
+                if (
+                    calm_steps or drag >= options.drag
+                ):  # balls do not fall: shorter steps of the load help
                     return None
                 too_weak = drag
-                drag = drag / WEAKER
+                drag = drag / options.weaker
                 continue
             damped = start.damped + _find_even_loss(start, end, drag)
             trail = [replace(end, damped=max(end.damped, damped))]
@@ -241,11 +206,12 @@ class Stepper:
             calm_steps = calm_steps + 1 if push <= last_push else 0
             if calm_steps:
                 too_weak = 0.0
-                at_rest = self.settle(trail, load, 0.0) if calm_steps % _CALM == 0 else None
+                is_calm = calm_steps % options.calm == 0
+                at_rest = self.settle(trail, load, 0.0) if is_calm else None
                 if at_rest is not None:
                     return replace(at_rest, damped=max(at_rest.damped, trail[-1].damped))
-            if WEAKER * drag > too_weak:
-                drag *= WEAKER
+            if options.weaker * drag > too_weak:
+                drag *= options.weaker
         return None
 
     def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
@@ -260,6 +226,7 @@ class Stepper:
             load=load,
             patches=self._patches,
             drag=drag,
+            options=self.options,
         )
 
     @staticmethod
@@ -326,7 +293,7 @@ class Stepper:
         count = 1
         steps = np.diff([*loads, aim])
         for step in steps[-2::-1]:
-            if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
+            if step * steps[-1] <= 0.0 or abs(steps[-1]) > self.options.similar * abs(step):
                 break
             count += 1
         weights = weigh_states(loads[-count:], aim)
@@ -369,7 +336,8 @@ class Stepper:
             self.locate(passed).press(passed.contacts.forces, passed.contacts.shears)
             for passed in states
         ]
-        pressed = integrate_last([passed.overlap for passed in states], presses)
+        overlaps = [passed.overlap for passed in states]
+        pressed = integrate_last(overlaps, presses, self.options.similar)
         released = pressed - (state.work - trail[-1].work)
         return replace(state, work=state.work + released, damped=state.damped + released)
 
@@ -385,9 +353,11 @@ class Stepper:
         stencils = self.geometry.stencils
         sites = np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape))
         state = self.place(sites, contact)
-        while state.overlap < _MOST_OVERLAP:
+        options = self.options
+        while state.overlap < options.most_overlap:
+            load = ReducedLoad(overlap=state.overlap + options.step)
             try:
-                state = self.step([state], ReducedLoad(overlap=state.overlap + STEP), DRAG)
+                state = self.step([state], load, options.drag)
             except ConvergenceError as error:
                 problem = (
                     f"the balls, pressed from the gas, are not in balance beyond an overlap of"
@@ -402,7 +372,7 @@ class Stepper:
                     )
                     mend = 'Take the geometry "lattice"'
                 raise ConvergenceError(problem, why, mend) from error
-            if state.force >= STANDING_FORCE:
+            if state.force >= options.standing:
                 at_rest = self._come_to_rest(state)
                 if at_rest is not None:
                     return at_rest
@@ -414,45 +384,46 @@ class Stepper:
 
     def _come_to_rest(self, state: PressedArray) -> PressedArray | None:
         """Return the state in which balls stand without dashpots at the overlap of a ``state``,
-        bearing at least half of :data:`STANDING_FORCE`; None if they give way.
+        bearing at least half of ``options.standing``; None if they give way.
 
         Dashpots are weakened from step to step, and taken away when balls hardly move.
         """
         load = ReducedLoad(overlap=state.overlap)
-        drag = DRAG
+        options = self.options
+        drag = options.drag
         motion = 0.0
         # where contacts push balls aside, in space, dashpots stay stronger than these pushes
         ratio = self.geometry.ratio
         is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, _ABOVE_PUSH * ratio * state.force) if is_pushed else 0.0
-        for _ in range(_MOST_SETTLINGS):
+        weakest = min(drag, options.stiffer * ratio * state.force) if is_pushed else 0.0
+        for _ in range(options.tries):
             last_drag = drag
             last_motion = motion
-            drag = max(WEAKER * drag, weakest)
-            settled = self.settle([state], load, drag, FAST_LIMITS)
-            if settled is None or settled.force < 0.5 * STANDING_FORCE:
+            drag = max(options.weaker * drag, weakest)
+            settled = self.settle([state], load, drag, finds_limits=True)
+            if settled is None or settled.force < 0.5 * options.standing:
                 return None
             motion = settled.measure_motion(state)
             state = settled
             if drag == last_drag and motion > last_motion:  # balls move faster and faster
                 return None
-            is_still = drag * motion < _NEXT_TO_NOTHING * state.force
+            is_still = drag * motion < options.still * state.force
             if is_pushed:
-                is_still = drag == last_drag and motion < _STILL
+                is_still = drag == last_drag and motion < options.still
             if is_still:
-                at_rest = self.settle([state], load, 0.0, FAST_LIMITS)
-                stands = at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
+                at_rest = self.settle([state], load, 0.0, finds_limits=True)
+                stands = at_rest is not None and at_rest.force >= 0.5 * options.standing
                 return at_rest if stands else None
         return None
 
 
-def goes_on(loads: Sequence[float]) -> bool:
+def goes_on(loads: Sequence[float], similar: float) -> bool:
     """Return whether there are three ``loads``, of which the last continues the way of the first
-    two by a step of similar length.
+    two by a step of similar length, at most the factor ``similar`` longer or shorter.
     """
     steps = np.diff(loads)
     return len(loads) == 3 and bool(
-        steps[0] * steps[1] > 0.0 and 1.0 / _FARTHEST <= steps[1] / steps[0] <= _FARTHEST
+        steps[0] * steps[1] > 0.0 and 1.0 / similar <= steps[1] / steps[0] <= similar
     )
 
 
@@ -467,7 +438,7 @@ def weigh_states(loads: Sequence[float], load: float) -> list[float]:
     return weights
 
 
-def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
+def integrate_last(loads: Sequence[float], values: Sequence[float], similar: float) -> float:
     """Return the integral between the last two of two or three ``loads`` of a function whose
     ``values`` at the loads are known.
 
@@ -477,7 +448,7 @@ def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
     start, end = loads[-2:]
     value_at_start, value_at_end = values[-2:]
     straight = 0.5 * (value_at_start + value_at_end) * (end - start)
-    if not goes_on(loads):
+    if not goes_on(loads, similar):
         return straight
     # Newton's divided differences
     slope = (value_at_end - value_at_start) / (end - start)

@@ -110,7 +110,7 @@ class GridPlace:
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of
         # doubles at the common overlap and at the displacements is too coarse to meet the load
         largest = max(float(np.max(self.common)), float(np.max(np.abs(self.balls))))
-        rounding = self.options.load_rounding * self.force + math.ulp(largest) * self.level
+        rounding = 8.0 * math.ulp(self.force) + math.ulp(largest) * self.level
         return np.asarray(push * (np.abs(push) * problem.weight > rounding))
 
     @cached_property
@@ -283,7 +283,7 @@ class GridDescent(Descent[GridPlace]):
         reduction = options.loosest
         if self._before:
             reduction = min(reduction, (residual / self._before) ** options.progress)
-        reduction = max(reduction, options.accuracy * self.tolerance / residual)
+        reduction = max(reduction, options.margin * self.tolerance / residual)
         step, taken = self._find_step(place, min(options.loosest, reduction))
         self.inverses.count(taken)
         # near rest, where it comes no nearer, slopes are rounding: a line search would stay there

@@ -121,11 +121,11 @@ class GridProblem:
 
     def needs_more_load(self, options: RestOptions) -> bool:
         """Return whether the search is to begin at rest under a larger load: where balls differ and
-        the mean force of the load is below ``options.direct_force``.
+        the mean force of the load is below those of ``options.interior_forces``.
         """
         if self.is_given or not self.spread:
             return False
-        return bool(self.load_force < options.direct_force)
+        return bool(self.load_force < options.interior_forces[0])
 
     def begins_inside(self, strains: Array, options: RestOptions) -> bool:
         """Return whether the interior-point method is to come before Newton's: where balls differ,

@@ -55,11 +55,11 @@ def approach(
     taken = 0
     before = math.inf
     h = _find_overlaps(problem, balls, strains)
-    f, s = split(h, (numbers.width if is_fresh else numbers.width_nearby) * float(np.std(h)))
-    for step in range(numbers.steps):
+    f, s = split(h, (1.0 if is_fresh else numbers.width_nearby) * float(np.std(h)))
+    for step in range(equations.options.inner_steps):
         product = float(np.mean(f * s))
         mean = float(np.mean(f))
-        if mean < numbers.least_force:  # too few balls touch to hold each other
+        if mean < equations.options.threshold:  # too few balls touch to hold each other
             return None
         # mean of f s over the mean force to the power 5/3, and largest force left on a ball
         relative = product / (mean * float(hertz.overlap_of(mean)))

@@ -98,9 +98,10 @@ class LatticeEquations:
         """Return the motion of balls and strains under a ``force``, and the number of iterations.
 
         Iterations, preconditioned by ``inverse`` for balls, end where the force that is left has a
-        norm of at most ``reduction`` times that of ``force``, at ``options.most_on_grid``, or where
-        a direction has no curvature above zero. The motion is then what has been found: Newton's
-        method goes on from there. Vectors have the precision of the ``stiffness`` (kinds, cells).
+        norm of at most ``reduction`` times that of ``force``, at ``options.most_iterations``, or
+        where a direction has no curvature above zero. The motion is then what has been found:
+        Newton's method goes on from there. Vectors have the precision of the ``stiffness`` (kinds,
+        cells).
         """
         precision = stiffness.dtype
         runs = self._runs[precision]
@@ -125,7 +126,7 @@ class LatticeEquations:
         aim = reduction**2 * square
         product = 0.0
         count = 0
-        while square > aim and count < self.options.most_on_grid:
+        while square > aim and count < self.options.most_iterations:
             better[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
             if len(of_strains):
                 better[n:] = of_strains @ remaining[n:]

@@ -58,7 +58,7 @@ def _lead_clusters(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> tuple[Configuration, Flags]:
     """Return the configuration in which more than three quarters of the ``loose`` balls have come
-    to rest, and the balls (n,) that have not; none count as such once ``options.loose_steps`` have
+    to rest, and the balls (n,) that have not; none count as such once ``options.inner_steps`` have
     been taken.
 
     The other balls are held. A ball is at rest if no more force than ``least`` times the mean is
@@ -78,7 +78,7 @@ def _lead_clusters(
     force_at_rest = least * configuration.force_size
     mean_stiffness = float(np.mean(configuration.stiffness))
     moves = np.ones(held.n_balls, bool)
-    for _ in range(options.loose_steps):
+    for _ in range(options.inner_steps):
         largest = np.zeros(count)
         np.maximum.at(largest, cluster, cages.size_of_pull)
         moves = (largest > force_at_rest)[cluster]

@@ -349,14 +349,14 @@ class GridEquations:
         if self._last is not None:
             stiffness, iteration = self._last
             if has_hardly_changed(configuration, stiffness, options):
-                solution = iteration.solve(right, options.probed, most, 0.0)
+                solution = iteration.solve(right, options.reduction, most, 0.0)
                 count = solution.iterations
         if solution is None or solution.way_down is not None:
             blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
             axes = np.arange(assembly.dimension)
             blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
-            solution = iteration.solve(right, options.probed, most, 0.0)
+            solution = iteration.solve(right, options.reduction, most, 0.0)
             count += solution.iterations
         return GridProbe(self._extend(solution.way_down), solution.has_arrived, count)
 
@@ -528,7 +528,7 @@ class IteratedEquations:
             ]
         )
         diagonal += options.hold * level
-        alone = blocks[: assembly.n_balls] + options.hold_alone * level * np.eye(d)
+        alone = blocks[: assembly.n_balls] + options.grid.holding * level * np.eye(d)
         invert_blocks(alone)
 
         def solve(force: Array) -> Array:

@@ -1,5 +1,5 @@
-"""The numbers of statics, of the search for rest and of what follows from it, each with its reason,
-in one table.
+"""The numbers of statics, of the search for rest, of what follows from it and of loading with
+friction, each with its reason, in one table.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class GridOptions:
     Attributes
     ----------
     holding : stiffness, over the mean, that preconditioners add to each motion: motions that cost
-        nothing, such as that of the whole, have no inverse, and blocks of single balls that nothing
-        holds have none in single precision.
+        nothing, such as that of the whole, have no inverse, blocks of single balls that nothing
+        holds have none in single precision, and factors could be unstable by rounding.
     damped : part of the way to its balance that each ball moves before and after Green's function:
         the energy of a contact is at most twice that of its two balls moving one at a time, so that
         with less than the whole way the preconditioner is positive definite.
@@ -59,11 +59,9 @@ class InteriorOptions:
 
     Attributes
     ----------
-    steps : Newton steps, at most.
     close : mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's
         method goes on from there.
     balanced : largest force left on a ball, over the mean force, with which it then ends well.
-    least_force : mean force at which the array counts as carrying no load.
     speed : mu of a step is the mean of f s, times the factor by which it fell in the step before,
         to this power: it falls the faster the better it goes.
     least_factor, largest_factor : factors by which mu is lowered in a step.
@@ -75,15 +73,12 @@ class InteriorOptions:
     accuracy : tolerance of linear equations, as a part of the factor by which mu is lowered.
     least_error, largest_error : tolerance of linear equations, over their right side; it is the
         least where mu is held.
-    width : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start
-        is the sites of the lattice.
-    width_nearby : the same ratio where the start is at rest under another load.
+    width_nearby : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where
+        the start is at rest under another load; on the sites of the lattice they are as large.
     """
 
-    steps: int = 100
     close: float = 1e-9
     balanced: float = 0.1
-    least_force: float = 1e-10
     speed: float = 1.5
     least_factor: float = 1e-2
     largest_factor: float = 0.2
@@ -94,7 +89,6 @@ class InteriorOptions:
     accuracy: float = 0.5
     least_error: float = 0.03
     largest_error: float = 0.1
-    width: float = 1.0
     width_nearby: float = 0.03
 
 
@@ -123,9 +117,9 @@ class RestOptions:
     added : stiffness that is added to all contacts, over their mean, at a residual of 1: open
         contacts have none.
     hold : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
-    hold_alone : stiffness of the springs, over the mean of contacts, that hold single balls in a
-        preconditioner, whose inverse enlarges rounding.
-    reduction : relative residual at which iterations end near rest.
+    reduction : relative residual at which iterations end near rest; and part of the error of a
+        response to random forces that is left when the curvature has been probed, less than the
+        part of one ball among 10^6.
     rough : relative residual at which iterations end far from rest, over the root of the residual
         of rest: a step from there need not be exact.
     untorn : part of the step at which the first contact that adheres would be torn, to which a step
@@ -139,14 +133,14 @@ class RestOptions:
         found: of 64^2 balls 50 take as long.
     patience_of_factors : iterations with the factors of an earlier step, after which new ones are
         found: a solution takes a tenth of the time of factors, and near rest 2 do.
-    most_iterations : iterations in a step, at most, where matrices are not factorised.
-    patience_of_grid : iterations with Green's function of an array, after which factors are found.
+    most_iterations : iterations in a step, at most, where matrices are not factorised: the search
+        goes on from what they have found.
+    patience_of_grid : iterations with Green's function of an array, after which factors are found;
+        and, in loading with friction, at most.
     inexact : relative error of a step of an array, at most: with more of it soft motions are hardly
         solved for, and come to rest over many steps more.
-    margin : part of the tolerance that an accurate step of an array is to leave: the largest force
-        left falls less than the error of motions.
-    probed : part of the error of a response to random forces that is left when the curvature has
-        been probed: less than the part of one ball among 10^6.
+    margin : part of the tolerance that an accurate step is to leave: the largest force left falls
+        less than the error of motions.
     last : residual of an array from which the tangent of a step may be that at rest.
     unchanged : change of the stiffness of each contact, over it, up to which the curvature is
         probed with the tangent of the last step.
@@ -175,8 +169,8 @@ class RestOptions:
         clusters as large as the array.
     most_shaken : part of the balls, at most, that become loose by a step: one that shakes more was
         too long, and they are not loose.
-    loose_steps : steps of Newton's method for loose balls while the others are held, at most; loose
-        balls go on after the others have moved.
+    inner_steps : steps, at most, of Newton's method for loose balls while the others are held,
+        which go on after the others have moved, and of the interior-point method.
     loose_slopes : slopes in a line search of a step of loose balls, at most.
     loose_slope : slope of the energy of a group of loose balls along a step, over that at its
         start, at which its line search ends: loose balls are many, and each need not be exact.
@@ -192,14 +186,11 @@ class RestOptions:
     workers : threads that share each Fourier transform on a grid in the directions of the lattice.
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
-    most_on_grid : iterations in a step on a grid in the directions of the lattice, at most: the
-        search goes on from what they have found.
     loosest : relative residual of the linear equations of a step on such a grid, at most.
     progress : exponent: the relative residual of the equations of a step is the ratio by which the
         step before reduced the residual of rest, to this power, up to ``loosest``. Where balls that
         nothing holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat
         and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose tolerances in this way).
-    accuracy : part of the ``grid_tolerance`` that the last step on a grid is to leave.
     spoilt : length of a step below which later ones are solved in double precision.
     even : standard deviation of stiffnesses, over their mean, up to which Green's function alone
         preconditions.
@@ -207,14 +198,12 @@ class RestOptions:
         makes: in a chain all contacts carry the same force, but for rounding.
     move_rounding : force left on a ball of a line that the rounding of displacements explains, over
         this rounding times the mean stiffness.
-    load_rounding : part of a load by which rounding may miss it.
     closed_on_sites : part of contacts closed on the sites, below which interior points come before
         Newton's method where the strain is given.
     interior_forces : least and largest mean force, in the unit of
         :class:`~granphon.statics.grid_problem.GridProblem`, for which interior points come before
-        Newton's method where a load is given.
-    direct_force : mean force, in that unit of a grid, below which the search begins at rest under
-        the last of the ``detours`` times the load.
+        Newton's method where a load is given. Below, the search begins at rest under the last of
+        the ``detours`` times the load.
     start_tolerance : ``grid_tolerance`` of a rest that is only the start of another search: that
         under more load, and that of an array in the directions of the lattice before a search in
         exact directions.
@@ -233,9 +222,6 @@ class RestOptions:
     cost_of_solution : cost of an iteration with factors, in iterations with Green's function.
     stale : iterations beyond those of the first equations with the same factors, from which these
         are made anew.
-    hold_diagonal : stiffness that holds balls which nothing else holds, in factors, over the mean.
-    hold_scaled : added to the matrix whose diagonal is one: without it rounding could make motions
-        that cost nothing unstable.
     most_ratio_of_stiffnesses, most_ratio_of_forces : factors by which stiffnesses of contacts, and
         forces of a load on balls, may differ where balls do not come to rest; beyond, rounding is
         named as the cause.
@@ -255,7 +241,6 @@ class RestOptions:
     near: float = 1e-6
     added: float = 1e-2
     hold: float = 1e-11
-    hold_alone: float = 1e-6
     reduction: float = 1e-4
     rough: float = 0.1
     untorn: float = 0.9
@@ -268,7 +253,6 @@ class RestOptions:
     patience_of_grid: int = 200
     inexact: float = 1e-2
     margin: float = 0.1
-    probed: float = 1e-4
     last: float = 1e-5
     unchanged: float = 1e-3
     longest: float = 2.0**10
@@ -282,7 +266,7 @@ class RestOptions:
     failed: float = 0.3
     worst: float = 1e-2
     most_shaken: float = 0.25
-    loose_steps: int = 100
+    inner_steps: int = 100
     loose_slopes: int = 12
     loose_slope: float = 0.3
     hold_loose: float = 1e-14
@@ -293,18 +277,14 @@ class RestOptions:
     soft: float = 1e-9
     workers: int = 1
     cached: int = 2**14
-    most_on_grid: int = 3000
     loosest: float = 0.15
     progress: float = 1.2
-    accuracy: float = 0.3
     spoilt: float = 0.3
     even: float = 0.1
     least_difference: float = 1e-4
     move_rounding: float = 16.0
-    load_rounding: float = 1e-15
     closed_on_sites: float = 0.45
     interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
-    direct_force: float = 1e-4
     start_tolerance: float = 1e-3
     differing_overlap: float = 0.05
     differing_force: float = 0.05
@@ -315,8 +295,6 @@ class RestOptions:
     patience_of_green: int = 150
     cost_of_solution: int = 3
     stale: int = 30
-    hold_diagonal: float = 1e-5
-    hold_scaled: float = 1e-5
     most_ratio_of_stiffnesses: float = 1e10
     most_ratio_of_forces: float = 1e6
     most_explained: int = 20_000
@@ -335,11 +313,10 @@ class ResponseOptions:
 
     Attributes
     ----------
-    least_spring : stiffness of the springs to the ground over the mean one of contacts, where
-        factors allow it: far above rounding, so that motions that cost nothing do not count as
-        unstable, and far below what holds a ball that is pushed aside, W/d of the others.
-    strongest_spring, raised : relative stiffness of these springs, at most, and the factor by which
-        it is raised where the matrix is singular all the same.
+    springs : stiffnesses of the springs to the ground over the mean one of contacts, where factors
+        allow them, each where the matrix is singular with those before: far above rounding, so that
+        motions that cost nothing do not count as unstable, and far below what holds a ball that is
+        pushed aside, W/d of the others.
     borne : part of the energy of the response that springs may bear, of which the error of an
         elastic tensor is about the square.
     borne_of_motions : part of the energy that springs may bear where motions are asked for.
@@ -367,9 +344,7 @@ class ResponseOptions:
     grid : numbers of iterations on a grid.
     """
 
-    least_spring: float = 1e-10
-    strongest_spring: float = 1e-6
-    raised: float = 100.0
+    springs: tuple[float, ...] = (1e-10, 1e-8, 1e-6)
     borne: float = 1e-7
     borne_of_motions: float = 1e-11
     rounds: int = 20
@@ -401,18 +376,97 @@ class CourseOptions:
     least_step : relative step of a parameter, at least: below, rounding is larger than what
         contacts near their opening contribute.
     part : change of the overlap of a contact in a step, over the overlap, at most.
-    rounds : rounds of refinement, at most.
-    left : part of the derivative of the forces that rounds leave.
-    rounding : rounding of the forces on an unknown, over the mean force.
-    stalled, required : part of what a round has left from which the rounds come no nearer, and that
-        they may end with.
+    required : part of the derivative of the forces that rounds of refinement may end with where
+        they come no nearer.
     """
 
     step: float = 2e-4
     least_step: float = 1e-7
     part: float = 0.02
-    rounds: int = 12
-    left: float = 1e-12
-    rounding: float = 1e-15
-    stalled: float = 0.5
     required: float = 1e-8
+
+
+@dataclass(frozen=True)
+class LoadingOptions:
+    """Options of loading with friction (:mod:`granphon.array.history`,
+    :mod:`granphon.array.stepper`, :mod:`granphon.array.load_step`).
+
+    Attributes
+    ----------
+    tolerance : largest force, or torque over the diameter, left on a ball in balance, over the mean
+        normal force. Below this part of the force before a step balls have come apart, and the
+        torques of a friction coefficient below it need no balance.
+    steps : steps of Newton's method, at most.
+    patience : steps of Newton's method in which the residual has to fall by half, a third of them
+        where limits of sliding have just been found anew; and iterations of GMRES after which balls
+        are looked for that nothing but few others holds.
+    forcing : part that an inner problem may leave: equations of a step of the forces on balls, less
+        near balance; limits of sliding at given overlaps of the residual; a stage of soft contacts
+        of the friction coefficient; balls outside a patch of the square of the residual.
+    most_in_patch : contacts between the balls of a patch, at most: factors of more cost more than
+        the iterations that they save.
+    secant : share of their secant stiffness that sliding contacts of a plane have in a step of
+        Newton's method, over the distance from balance in units of the friction coefficient. In
+        space the share is the distance: without it nothing would hold balls whose contacts all
+        slide.
+    farthest : motion of a ball in a step of Newton's method, half of its rotation included, over
+        the rms overlap, at most.
+    loose : stiffness of a ball against turning, over that without sliding, below which it is turned
+        by itself; and the torques on such balls, over all that is left of balance, from which they
+        are.
+    small_friction : friction coefficient below which Newton's method is continued in the shear
+        stiffness of contacts, from soft ones on.
+    stiffer : factor between two stages of this continuation; by which stiffness that is added to
+        contacts is raised after a step that had to be made short, where a ball has lost what held
+        it; by which dashpots resist more than contacts push balls aside; and, over the
+        ``tolerance``, the change of the mean force that may come from the forces left on balls.
+    halvings : halvings of a step of the load from which limits of sliding are found anew in each
+        half, and from which errors of lost energies no longer halve it; twice as many are the most;
+        and lengths of a step of Newton's method that are tried, each half of the one before.
+    tries : steps of the load without a balance, steps with dashpots, and limits of sliding that are
+        found anew, at most.
+    most_steps : steps to one load, at most.
+    similar : length of a step of the load, over the one before, up to which a polynomial through
+        the states is continued.
+    caution : factor of the estimate of what halving a step changes.
+    least_share : change of the mean force that is allowed to a part of a step, over that of the
+        whole, at least: where a ball falls, one of the halves has all of the change.
+    of_loss, of_work : error of the energy lost in a step, over that energy and over the work of the
+        load, in tolerances of the mean force.
+    drag : first stiffness of dashpots over a step, in c W^(1/2): a convention, of which the mean
+        force of small arrays that come from the gas keeps percents.
+    weaker : factor by which dashpots are weakened from one step to the next.
+    calm : steps in a row in which forces of dashpots fall, after which a balance without is tried.
+    still : force of dashpots, over the mean force, at which they are taken away; in the true
+        geometry of space, where they stay strong, the motion in a step, in W.
+    step : change of the overlap, in W, in a step from the gas.
+    standing : mean force at which an array that has been a gas has to stand, about that at
+        a* = 1/2.
+    most_overlap : overlap, in W, at which an array that does not stand yet is given up.
+    """
+
+    tolerance: float = 1e-9
+    steps: int = 120
+    patience: int = 15
+    forcing: float = 0.1
+    most_in_patch: Mapping[int, int] = _by_axes(2**16, 12_288, 768)
+    secant: float = 0.3
+    farthest: float = 0.2
+    loose: float = 1e-2
+    small_friction: float = 0.02
+    stiffer: float = 10.0
+    halvings: int = 6
+    tries: int = 60
+    most_steps: int = 500
+    similar: float = 4.0
+    caution: float = 2.0
+    least_share: float = 1.0 / 16.0
+    of_loss: float = 100.0
+    of_work: float = 0.1
+    drag: float = 1e-2
+    weaker: float = 0.3
+    calm: int = 3
+    still: float = 1e-3
+    step: float = 0.0125
+    standing: float = 2e-2
+    most_overlap: float = 2.0

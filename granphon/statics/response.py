@@ -358,19 +358,16 @@ class ListResponse(LinearResponse):
         ConvergenceError if it is singular with the strongest springs, or if the factors of an A
         that is symmetric show that the balls are at no minimum.
         """
-        spring = self._options.least_spring
-        while True:
+        for spring in self._options.springs:
             matrix = self._make_held_matrix(self._symmetric_tangent.data, spring)
             try:
                 factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
-                if spring >= self._options.strongest_spring:
-                    raise explain_failure(True) from None
-                spring *= self._options.raised
                 continue
             if self._symmetric and factors.n_below:
                 raise explain_failure(False)
             return spring, factors
+        raise explain_failure(True)
 
     def _solve_by_gmres(self, right: Array) -> Array:
         """Return the motions (n m, k) of balls that springs hold to the ground under forces
@@ -382,7 +379,7 @@ class ListResponse(LinearResponse):
             spring, factors = self._factors_with_springs
             invert = factors.solve
         else:
-            spring = self._options.least_spring
+            spring = self._options.springs[0]
             shape = (self._contacts.n_balls, -1, 1)
 
             def invert(vector: Array) -> Array:

@@ -29,7 +29,7 @@ from granphon.base.errors import ConvergenceError
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map
 from granphon.statics.newton import Equations, GridEquations, IteratedEquations, find_mean_row
-from granphon.statics.options import CourseOptions, RestOptions
+from granphon.statics.options import CourseOptions, ResponseOptions, RestOptions
 from granphon.statics.rest import Rest, find_unknowns
 
 #: the problem of a rest where the parameter is larger by a relative step
@@ -116,13 +116,14 @@ class RestFollower:
         if slope is not None:
             course = replace(course, slope=slope)
             left = self._find_left(course)
-        rounding = numbers.rounding * self.configuration.force_size * math.sqrt(problem.size)
+        rounding = 8.0 * math.ulp(self.configuration.force_size) * math.sqrt(problem.size)
         before = math.inf
         earlier = course
-        for _ in range(numbers.rounds):
+        refinement = ResponseOptions()
+        for _ in range(refinement.rounds):
             norm = float(np.linalg.norm(left * problem.weights))
-            stalls = norm > numbers.stalled * before and norm <= numbers.required * size
-            if norm <= max(numbers.left * size, rounding / course.step) or stalls:
+            stalls = norm > refinement.stalled * before and norm <= numbers.required * size
+            if norm <= max(RestOptions().required * size, rounding / course.step) or stalls:
                 return course if norm <= before else earlier  # a last round may do harm
             before = norm
             earlier = course

@@ -32,14 +32,14 @@ def factorise_stiff(
     tangent = fill_blocks(stiff, axes, strains, n_balls)
     soft = fill_blocks(_select(columns, ~is_stiff), axes, strains, n_balls)
     lines = np.arange(len(axes))
-    tangent.diagonal[lines, lines] += soft.diagonal[lines, lines] + options.hold_diagonal * mean
+    tangent.diagonal[lines, lines] += soft.diagonal[lines, lines] + options.grid.holding * mean
     # made anew, and not kept: which contacts are stiff changes from step to step
     pattern = Pattern(stiff.i, stiff.j, n_balls, len(axes))
     data = tangent.list_entries(pattern)
     scale = 1.0 / np.sqrt(data[pattern.diagonal])
     matrix = pattern.make_matrix(data)
     matrix.data *= scale[matrix.indices] * np.repeat(scale, np.diff(matrix.indptr))
-    matrix.data[pattern.diagonal] += options.hold_scaled
+    matrix.data[pattern.diagonal] += options.grid.holding
     factors = factorise(matrix, approximate=True)
 
     def solve(force: Array) -> Array:

@@ -16,8 +16,6 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.optimize import root
 
 import granphon as gp
-from granphon.array import history as module
-from granphon.array import load_step, stepper
 from granphon.array.history import LoadingHistory
 from granphon.array.minimal_residuals import solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
@@ -39,10 +37,12 @@ from granphon.balls.lattices import (
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw, Tangent
 from granphon.dynamics.elasticity import bulk_and_shear
+from granphon.statics.options import LoadingOptions
 from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
 
 ETA = 0.82
+OPTIONS = LoadingOptions()
 
 
 def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, ratio=0.0, **more):
@@ -320,13 +320,13 @@ WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2.0
         ),
     ],
 )
-def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu, steps):
+def test_paths_are_those_of_dense_equations(shape, mu, steps):
     # balls that little holds move by much more than the residual
-    monkeypatch.setattr(load_step, "BALANCE_TOLERANCE", 1e-12)
+    options = LoadingOptions(tolerance=1e-12)
     loads = ramp(0.5, 0.9, 0.6, steps=steps)
     x = balls(shape, 3)
     dense = Dense(x, mu)
-    paths = history(shape, mu, seed=3)
+    paths = history(shape, mu, seed=3, options=options)
     begun = paths.begin()
     motion, rng = cartesian(paths.stencils, begun.balls), np.random.default_rng(1)
     before = [
@@ -701,7 +701,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     paths = history((3, 3), lattice=lattice, start="gas")
     begun = paths.begin()
     assert begun.overlap < 0.1
-    assert begun.force >= 0.5 * stepper.STANDING_FORCE
+    assert begun.force >= 0.5 * OPTIONS.standing
     assert begun.residual <= 1e-9
     assert residual(paths, begun) < 2e-9
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
@@ -723,7 +723,7 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
     for finer in (1, 2) if lattice is SQUARE else (1, 2, 4):
         # equally viscous dashpots resist a shorter step more
         paths = history(shape, 0.3, lattice=lattice, start="gas")
-        drag = finer * stepper.DRAG
+        drag = finer * OPTIONS.drag
         # where the first two balls touch
         first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))
         here, taken = paths.stepper.place(np.zeros((2, *shape)), first), 0.0
@@ -731,7 +731,7 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
             before, here = (
                 here,
                 paths.stepper.step(
-                    [here], ReducedLoad(overlap=here.overlap + stepper.STEP / finer), drag
+                    [here], ReducedLoad(overlap=here.overlap + OPTIONS.step / finer), drag
                 ),
             )
             loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
@@ -803,17 +803,17 @@ def test_balls_that_are_squeezed_out_do_not_end_a_path():
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
     begun = history(shape, 0.5, lattice=lattice, start="gas").begin()
     assert begun.residual <= 1e-9
-    assert begun.force > 0.5 * stepper.STANDING_FORCE
+    assert begun.force > 0.5 * OPTIONS.standing
     # each takes some tenths of a millisecond; it was more than 200 000
     assert begun.krylov < 20_000
 
 
 @pytest.mark.exhaustive
-def test_the_drag_of_the_gas_matters_little_at_high_loads(monkeypatch):
+def test_the_drag_of_the_gas_matters_little_at_high_loads():
     forces = []
     for drag in (1e-2, 5e-3):
-        monkeypatch.setattr(stepper, "DRAG", drag)
-        forces.append(run(history((8, 8), 0.3, start="gas"), ramp(0.5, 1.0, steps=5))[-1].force)
+        paths = history((8, 8), 0.3, start="gas", options=LoadingOptions(drag=drag))
+        forces.append(run(paths, ramp(0.5, 1.0, steps=5))[-1].force)
     assert forces[0] == pytest.approx(forces[1], rel=1e-2)
     assert forces[0] == pytest.approx(
         run(history((8, 8), 0.3), ramp(0.5, 1.0, steps=5))[-1].force, rel=3e-2
@@ -933,9 +933,9 @@ def test_balls_that_come_apart_are_an_error_of_their_load(mu, shape, first, last
 
 
 @pytest.mark.parametrize(("places", "ends"), [((0.07,), False), ((0.07, 0.17), True)])
-def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, places, ends):
+def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(places, ends):
     """The shortest steps keep what falls change, over the whole way no more than the tolerance."""
-    paths = history((6, 6), 0.2, 1e-6)
+    paths = history((6, 6), 0.2, 1e-6, options=LoadingOptions(halvings=2))
 
     def fall(trail, steps, load):
         start = trail[-1 - steps].overlap
@@ -946,7 +946,6 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
         ] * steps
 
     paths._compare = fall
-    monkeypatch.setattr(module, "MOST_HALVINGS", 4)
     loads = [ReducedLoad(overlap=0.2)]
     if ends:
         with pytest.raises(ConvergenceError, match="Halving"):
@@ -956,16 +955,16 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
 
 
 @pytest.mark.parametrize(
-    ("limit", "most", "said"),
+    ("limit", "said"),
     [
-        ("MOST_HALVINGS", 1, "Halving"),
-        ("_MOST_STEPS", 2, "2 steps"),
+        ({"halvings": 1}, "Halving"),
+        ({"most_steps": 2}, "2 steps"),
     ],
 )
-def test_a_refinement_without_end_names_the_load(monkeypatch, limit, most, said):
-    monkeypatch.setattr(module, limit, most)
+def test_a_refinement_without_end_names_the_load(limit, said):
+    paths = history((6, 6), 0.2, 1e-6, options=LoadingOptions(**limit))
     with pytest.raises(ConvergenceError, match=said):
-        run(history((6, 6), 0.2, 1e-6), ramp(0.5, 0.9, steps=1))
+        run(paths, ramp(0.5, 0.9, steps=1))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])

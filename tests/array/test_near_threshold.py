@@ -23,7 +23,7 @@ from granphon.array.shift_iteration import ShiftIteration
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import FCC
 from granphon.contacts.friction import Tangent
-from granphon.statics.options import InteriorOptions, RestOptions
+from granphon.statics.options import LoadingOptions, RestOptions
 from granphon.statics.response import GridResponse
 from tests.array.test_equilibrium import balls, close_forces, residual
 from tests.array.test_stencils import ETA, Explicit
@@ -110,7 +110,7 @@ def test_it_takes_far_fewer_iterations(side):
 def test_newtons_method_goes_on_from_the_start_where_it_does_not_come_near(load, monkeypatch):
     x = balls((16, 15), 1)
     expected = bring_to_rest(x, load)
-    few = partial(RestOptions, interior=InteriorOptions(steps=5))
+    few = partial(RestOptions, inner_steps=5)
     monkeypatch.setattr("granphon.array.rest.RestOptions", few)
     found = bring_to_rest(x, load)
     assert found.newton > expected.newton
@@ -240,7 +240,7 @@ def test_weakly_held_balls_are_found_and_save_iterations(push):
     pull -= np.mean(pull, axis=(1, 2), keepdims=True)
 
     def solve(patches):
-        steps = LinearSteps(patches, damped=False)
+        steps = LinearSteps(patches, damped=False, options=LoadingOptions())
         way, taken = steps.solve(product, tangent, pull, push, 1e-3)
         back = np.empty(way.balls.shape, np.float32)
         force = product.resist(way.balls.astype(np.float32), way.compression, back)

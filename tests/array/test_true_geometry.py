@@ -18,7 +18,6 @@ from scipy.integrate import simpson
 import granphon as gp
 from granphon.array.geometry import ExactPlace, list_displacements
 from granphon.array.history import LoadingHistory
-from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.options import ReducedLoad
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
@@ -40,7 +39,12 @@ from granphon.statics import response
 from granphon.statics.configuration import AppliedLoad, Problem
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, GridEquations
-from granphon.statics.options import GridOptions, ResponseOptions, RestOptions
+from granphon.statics.options import (
+    GridOptions,
+    LoadingOptions,
+    ResponseOptions,
+    RestOptions,
+)
 from granphon.statics.turning_descent import TurningDescent
 from tests.array.test_equilibrium import balls, close_forces
 from tests.array.test_friction_history import Dense, history, ramp
@@ -1301,7 +1305,7 @@ def test_paths_tend_to_those_of_the_lattice(mu):
         )
         changes.append(max(float(np.max(np.abs(part))) for part in parts))
     # the same equations, whose products are rounded in another order
-    assert changes[0] < 1e-3 * BALANCE_TOLERANCE
+    assert changes[0] < 1e-3 * LoadingOptions().tolerance
     assert changes[1] / changes[2] == pytest.approx(2.0, rel=0.02)
 
 

@@ -186,7 +186,7 @@ def test_the_tensor_is_symmetric_and_positive_and_below_that_of_an_affine_strain
 
 def test_a_response_that_stays_far_from_balance_is_an_error():
     """One round with springs to the ground that are as stiff as a tenth of the contacts."""
-    rough = ResponseOptions(least_spring=0.1, rounds=1)
+    rough = ResponseOptions(springs=(0.1,), rounds=1)
     with pytest.raises(ConvergenceError, match="not found"):
         _ = ListResponse(random_list(2, 1), options=rough).stiffness
 
