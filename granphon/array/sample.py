@@ -42,8 +42,8 @@ STEP = 0.05
 #: 1e-7 or less from those found with 1e-10; in the true geometry at a few hundredths of f* = 1,
 #: where the places of loose balls and so the rests differ, by up to 6e-4 in every third sample
 _TOLERANCE = 1e-8
-#: the linear response under the loads beside: its error enters squared, over STEP
-_RESPONSE_BESIDE = ResponseOptions(reduction=1e-4)
+#: the linear response under the loads beside is as exact as the rest, as its error enters squared
+_RESPONSE_BESIDE = ResponseOptions(reduction=math.sqrt(_TOLERANCE))
 
 
 @result_class

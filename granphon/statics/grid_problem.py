@@ -148,9 +148,9 @@ class GridProblem:
         that leads there.
         """
         if self.is_given:
-            leaves_loose = float(np.mean(self.given)) < options.differing_overlap
+            leaves_loose = float(np.mean(self.given)) < options.differing
         else:
-            leaves_loose = self.load_force < options.differing_force
+            leaves_loose = self.load_force < options.differing
         return leaves_loose and not self.begins_inside(self.find_strains(), options)
 
     def find_strains(self) -> Array:

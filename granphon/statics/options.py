@@ -207,10 +207,10 @@ class RestOptions:
     start_tolerance : ``grid_tolerance`` of a rest that is only the start of another search: that
         under more load, and that of an array in the directions of the lattice before a search in
         exact directions.
-    differing_overlap, differing_force : mean overlap and mean force, in the unit of a grid, below
-        which rest in exact directions depends on its start: the side to which loose balls go, and
-        so the energy, depends on where the lattice leaves them. From a start to ``start_tolerance``
-        the energy is higher, in two of three arrays in which it differs.
+    differing : mean overlap, or mean force where the load is no strain, in the unit of a grid,
+        below which rest in exact directions depends on its start: the side to which loose balls go,
+        and so the energy, depends on where the lattice leaves them. From a start to
+        ``start_tolerance`` the energy is higher, in two of three arrays in which it differs.
     interior : numbers of the interior-point method.
     threshold : mean force, in the unit of a grid, below which contacts that do not all touch carry
         nothing.
@@ -286,8 +286,7 @@ class RestOptions:
     closed_on_sites: float = 0.45
     interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
     start_tolerance: float = 1e-3
-    differing_overlap: float = 0.05
-    differing_force: float = 0.05
+    differing: float = 0.05
     interior: InteriorOptions = InteriorOptions()
     threshold: float = 1e-8
     stiff: float = 1e-3
@@ -325,10 +324,8 @@ class ResponseOptions:
     left : part of the forces that may stay where rounds come no nearer: balls that are not quite at
         rest left up to 2e-9 along motions that cost nothing.
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is at
-        most its square, and was 1/50 of the square in samples of a plane and of space: twelve
-        digits are to be right. Each digit takes a twentieth of the iterations.
-    reduction_of_large : the same of a grid that is too large for factors, or is not spelled out:
-        its errors were up to the square, 1e-11 of a tensor with the ``reduction``.
+        most its square: twelve digits are to be right. Each digit takes a twentieth of the
+        iterations.
     reduction_of_motions : error of an iteration where motions are asked for.
     patience : iterations after which a grid that is small enough is factorised.
     most_iterations : iterations, at most, of a grid that is too large for factors.
@@ -350,8 +347,7 @@ class ResponseOptions:
     rounds: int = 20
     stalled: float = 0.5
     left: float = 1e-6
-    reduction: float = 3e-6
-    reduction_of_large: float = 3e-7
+    reduction: float = 3e-7
     reduction_of_motions: float = 1e-9
     patience: int = 60
     most_iterations: int = 60_000

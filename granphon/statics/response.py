@@ -140,7 +140,7 @@ class GridResponse(LinearResponse):
         gradients.
         """
         options = self._options
-        reduction = options.reduction_of_motions if for_motions else options.reduction_of_large
+        reduction = options.reduction_of_motions if for_motions else options.reduction
         solution = self._iteration.solve(forces, reduction, options.most_iterations, options.noise)
         if not solution.has_arrived:
             raise explain_failure(solution.way_down is None)
@@ -182,10 +182,8 @@ class ListResponse(LinearResponse):
         right = forces.reshape(-1, forces.shape[-1])
         answer = None
         if self._may_iterate and self._symmetric:
-            reduction = options.reduction if self._may_factorise else options.reduction_of_large
-            answer = self._iterate(
-                right, options.reduction_of_motions if for_motions else reduction
-            )
+            reduction = options.reduction_of_motions if for_motions else options.reduction
+            answer = self._iterate(right, reduction)
         if answer is None:
             borne = options.borne_of_motions if for_motions else options.borne
             answer = self._refine(right, borne)
