@@ -334,8 +334,8 @@ class WaveEstimate:
             block_size = periods**2  # all gradients of a displacement
             iterations = _ITERATIONS * operator.balls.size ** (1.0 / periods)
             columns = _RELAXATIONS * block_size + PROBES
-            # conjugate gradients hold three times the vectors of a recursion, which are counted
-            # once below, and the lattice has a matrix of its own
+            # conjugate gradients, with what they make in between, count as three recursions, of
+            # which _cost_products adds one; and the lattice has a matrix of its own
             memory = 2.0 * 8.0 * _HELD_VECTORS * operator.size * block_size + self._matrix_bytes
             return self._cost_products(words, iterations * columns, block_size, memory)
         return self._cost_factors(words, _FACTORS_OF_MODULI)

@@ -236,8 +236,7 @@ class Propagation:
         order falls short of it by a quarter of a margin.
         """
         # coefficients J_2n(top t) fall off beyond 2n = top t, within a width of (top t)^1/3: twelve
-        # widths, and forty orders where the phase is small, nearly always suffice; where they do
-        # not, more nodes are tried
+        # widths are tried first, and forty orders more, for phases that are small
         phase = 0.5 * self.operator.top * self.duration
         margin = 12.0 * phase ** (1.0 / 3.0) + 40.0
         count = math.ceil(phase + margin)

@@ -1261,8 +1261,8 @@ class _Problem:
         spring = np.sqrt(-weigh() - 1j * weigh(self.losses.factors)) / top
         apply = self._make_first_order_product(spring, times)
         source = self._make_first_order_source(spring, times)
-        # from velocities, for which equations are of first order, to motions; a wall is displaced,
-        # and its source has the factor i omega already
+        # from velocities, which the equations of first order give, to motions; the source of a wall
+        # is taken without its factor i omega, and so gives motions already
         to_motions = np.ones(w.size, complex) if self.driven.is_moved else _invert(1j * omega)
         strength = -to_motions / top
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
@@ -1472,9 +1472,8 @@ class _Problem:
         vectors = np.zeros((self.operator.size, len(self.heard_motions)))
         receivers = zip(self.heard_motions, self.motion_weights, strict=True)
         for number, (motions, weights) in enumerate(receivers):
-            np.add.at(
-                vectors[:, number], motions, weights
-            )  # both ends of a contact may be one ball
+            # added, as both ends of a contact may be one ball
+            np.add.at(vectors[:, number], motions, weights)
         return vectors
 
     def _solve_adjoint(
