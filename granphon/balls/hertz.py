@@ -140,13 +140,15 @@ class EnergyLaw(ABC):
 
     def _find(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m; raise :class:`InputError` for an overlap that :func:`read_overlap` refuses,
-        and where the result is no finite number.
+        ``overlap``, m; raise :class:`InputError` for what is no real number, for nan, and where the
+        result is no finite number.
         """
-        delta = read_overlap(overlap)
+        delta = real_array("overlap", overlap)
         with np.errstate(all="ignore"):  # numbers that are not finite are refused below
             derivative = self._evaluate(delta, order)
-        require_finite(QUANTITIES[order], derivative, "an overlap", delta, "m")
+        # balls that are apart have zero whatever their distance, but nan is refused
+        checked = np.where(np.isnan(delta), delta, derivative)
+        require_finite(QUANTITIES[order], checked, "an overlap", delta, "m")
         return derivative
 
     def energy(self, overlap: ArrayLike) -> Any:

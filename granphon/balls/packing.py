@@ -201,7 +201,7 @@ class Packing:
         """
         return WidthUnits(self.law.coefficient, self.width or self.diameter)
 
-    @property
+    @cached_property
     def mindlin_ratio(self) -> float:
         """Ratio eta = kappa / k of the shear to the normal stiffness of a contact (equation 4); 0
         without friction.
@@ -228,7 +228,7 @@ class Packing:
         twist = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
-    @property
+    @cached_property
     def mass(self) -> float:
         """Mass of a ball of the mean diameter, M = pi rho d^3 / 6, kg (equation 7)."""
         return self.material.ball_mass(self.diameter)
