@@ -75,6 +75,9 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     """Return the distance from Gamma to the edge of the Brillouin zone of a ``lattice``, 1/d: a
     number for one ``direction`` (p,) of any length, or an array (n,) for n directions (n, p).
+
+    Raises :class:`~granphon.base.errors.InputError` for a direction of another shape, not finite or
+    of length zero.
     """
     along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges.
@@ -512,6 +515,9 @@ def follow_acoustic_branches(
 ) -> dict[str, AcousticBranch]:
     """Return the acoustic branches along ``direction`` (p,), followed through crossings to their
     maxima, as a dictionary by the lattice's ``wave_names``.
+
+    Raises :class:`~granphon.base.errors.InputError` for another number of directions than one, and
+    what :meth:`ContactLattice.sound_velocities` raises.
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])

@@ -213,7 +213,9 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def _make_of_network(cls, network: ContactNetwork) -> Self:
-        """Return a new lattice of a ``network``, as :meth:`from_network` describes it."""
+        """Return a new lattice of a ``network``, as :meth:`from_network` describes it, with the
+        same errors.
+        """
         network.require_rest()
         if not any(network.pbc):
             raise InputError(
@@ -362,6 +364,9 @@ class ContactLattice(LongWaves):
         omega^2; that of a branch that begins at zero is the derivative of its group velocity v. A
         cubic polynomial through four points beside Gamma gives the derivatives, of d(omega^2)/dq =
         2 omega v and of v.
+
+        Raises :class:`~granphon.base.errors.InputError` for another direction, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         along = one_direction(direction, self.periods)
         longest = float(np.max(np.linalg.norm(self.cell, axis=1)))

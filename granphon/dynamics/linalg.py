@@ -285,6 +285,10 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     -------
     values : (..., n), ascending, never negative, each accurate to rounding for graded columns.
     right : (..., n, n), unitary; its columns are the right singular vectors.
+
+    Raises
+    ------
+    RuntimeError : the iteration does not converge, as it always does for finite matrices.
     """
     shape = matrices.shape[:-2]
     m, n = matrices.shape[-2:]

@@ -899,7 +899,8 @@ class LongWaves(Compatibility):
         sound velocities.
 
         ``direction`` is (p,), or (n, p), with the result (..., n, n_u, n_u). ``prestress`` (...) is
-        that of :meth:`gradient_stiffness`.
+        that of :meth:`gradient_stiffness`, with the same errors; another direction raises
+        :class:`~granphon.base.errors.InputError`.
         """
         along = as_direction(direction, self.periods)
         directions = along.reshape(-1, self.periods)

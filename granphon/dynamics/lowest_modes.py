@@ -193,7 +193,8 @@ class LowestSearch:
 
     def _converge(self, block: _Block, count: int) -> _Block:
         """Return the ``block`` after as many iterations as the residuals of its first ``count``
-        vectors take to fall to the tolerance; tell the progress.
+        vectors take to fall to the tolerance; tell the progress. Raises
+        :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST` iterations.
         """
         first_worst: float | None = None
         reached = 0.0
@@ -220,7 +221,9 @@ class LowestSearch:
     def _find_missing(self, block: _Block, count: int) -> _Block | None:
         """Return a block of fresh vectors, perpendicular to those of the ``block``, whose lowest
         Ritz value is below the last of the first ``count`` values of the ``block``, so that an
-        eigenvector is missing there; None if no eigenvector is missing.
+        eigenvector is missing there; None if no eigenvector is missing. Raises
+        :class:`~granphon.base.errors.ConvergenceError` if this does not settle within :data:`_MOST`
+        iterations.
         """
         highest = float(block.values[count - 1])
         fresh = self._draw_block(_FRESH, block.vectors)

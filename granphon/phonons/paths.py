@@ -497,10 +497,13 @@ class BandPath:
         # tuples of floats, because these can be hashed, whatever was given
         paths_of_floats = tuple(tuple(tuple(point) for point in piece.tolist()) for piece in pieces)
         object.__setattr__(self, "paths", paths_of_floats)
-        if self.labels is None:
+        labels: Any = self.labels
+        if labels is None:
             return
-        labels = texts("labels", self.labels)
-        object.__setattr__(self, "labels", labels)
+        are_texts = isinstance(labels, tuple) and set(map(type, labels)) <= {str}
+        if not are_texts:
+            labels = texts("labels", labels)
+            object.__setattr__(self, "labels", labels)
         count = sum(len(piece) for piece in pieces)
         if len(labels) != count:
             raise InputError(

@@ -709,7 +709,9 @@ class Phonons:
 
         The attribute :attr:`~granphon.media.cost.Cost.text` of the result says the cost in words;
         ``memory`` is in bytes, and ``seconds`` is the time of the processor. For cells with
-        hundreds of branches the time is extrapolated from that of a small matrix.
+        hundreds of branches the time is extrapolated from that of a small matrix. Raises
+        :class:`~granphon.base.errors.InputError` for another number of points than a whole one from
+        1 on, and for ``eigenvectors`` that is not true or false.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
         has_eigenvectors = require("eigenvectors", truth, eigenvectors)
