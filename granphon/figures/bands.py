@@ -23,6 +23,7 @@ from granphon.figures.scales import (
     find_axis,
     hide_axes,
     make_error_handle,
+    name_errors,
     read_errors,
     styled_figure,
 )
@@ -42,7 +43,7 @@ from granphon.base.scales import HertzPrefix
 from granphon.base.validation import positive, real_array
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import BLUE, FRAME, VERMILION, write_hertz
-from granphon.figures.views import HALO, Painter, View
+from granphon.figures.views import HALO, Painter, View, read_view
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
@@ -162,7 +163,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ends = ends_of_segments[..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
-        view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
+        view = read_view(view, _choose_view(ends.reshape(-1, 3), faces))
         outline = _draw_zone_in_space(ax, faces, view)
         paper_ends = view.project(ends)
     elif periods == 2:
@@ -356,7 +357,7 @@ def plot_bands(
     shape, gaps that are not finite, ``edges`` of bands of no cut, and what :func:`plot_asymptotes`
     raises.
     """
-    unit = _choose_unit(bands) if unit is None else unit
+    unit = _read_unit(unit, bands)
     # the eigenvectors that connect branches do not tell coinciding waves of two edges apart
     is_followed = bands.eigenvectors is not None and not edges
     hertz = bands.connected_frequencies if is_followed else bands.frequencies
@@ -577,6 +578,17 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
     return np.asarray(widths)
 
 
+def _read_unit(unit: HertzPrefix | None, result: Bands | DensityOfStates) -> HertzPrefix:
+    """Return the ``unit`` that a user gives, for None that of :func:`_choose_unit`; InputError for
+    what is no decimal unit of hertz.
+    """
+    if unit is None:
+        return _choose_unit(result)
+    if not isinstance(unit, HertzPrefix):
+        raise InputError(f"unit is {brief(unit)}", mend='Give gp.HertzPrefix.named("kHz")')
+    return unit
+
+
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
     """Return the decimal unit of hertz of the highest frequency of bands, or of the highest
     frequency at which a density has states.
@@ -614,7 +626,7 @@ def plot_asymptotes(
             mend="Give velocities of sound, or Phonons.lattice",
         )
     part = positive("reach", reach)
-    unit = _choose_unit(bands) if unit is None else unit
+    unit = _read_unit(unit, bands)
     if isinstance(velocities, SoundVelocities):
         _require_single(velocities)
     reciprocal = find_reciprocal(bands)
@@ -711,7 +723,7 @@ def plot_dos(
 
     Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
     """
-    unit = _choose_unit(dos) if unit is None else unit
+    unit = _read_unit(unit, dos)
     frequency = dos.frequencies / unit.hertz
     fill = ax.fill_betweenx if horizontal else ax.fill_between
     curves: dict[str, tuple[Array, Any]] = {"total": (dos.total, "black")}
@@ -729,8 +741,9 @@ def plot_dos(
             line_width = 1.0
         x, y = (density, frequency) if horizontal else (frequency, density)
         ax.plot(x, y, color=colour, linewidth=line_width, label=name)
-    if errors and "total" in errors:
-        total_errors = read_errors(errors["total"], dos.total.shape) * unit.hertz
+    given_errors = name_errors(errors)
+    if "total" in given_errors:
+        total_errors = read_errors(given_errors["total"], dos.total.shape) * unit.hertz
         total = dos.total * unit.hertz
         draw_error_band(ax, frequency, total, total_errors, _ERRORS, "errors", upright=horizontal)
         ax.add_line(make_error_handle())

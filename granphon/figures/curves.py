@@ -15,7 +15,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -1150,19 +1150,27 @@ def comparison_figure(
 
 
 def _list_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
-    """Return the runs of several results; InputError for none."""
+    """Return the runs of several results; InputError for none, and for what are not several."""
     if isinstance(results, Mapping):
         runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
-    else:
+    elif isinstance(results, Iterable):
         runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
+    else:
+        raise InputError(f"results are {brief(results)}", mend="Give a list, or results by name")
     if not runs:
         raise InputError("there is nothing to draw", mend="Give results")
     return runs
 
 
 def _list_data(data: Any) -> list[Any]:
-    """Return the sets of measured velocities that an argument gives, one or several."""
-    return [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
+    """Return the sets of measured velocities that an argument gives, one or several; InputError for
+    anything else.
+    """
+    if isinstance(data, str | os.PathLike | Measurements):
+        return [data]
+    if not isinstance(data, Iterable):
+        raise InputError(f"data are {brief(data)}", mend="Give measurements, a file, or a list")
+    return list(data)
 
 
 def _draw_run_in_panels(
@@ -1181,9 +1189,10 @@ def _draw_run_in_panels(
     of :func:`comparison_figure`, and the other arguments those of :func:`plot_together`.
     """
     dataset: Any = run.dataset
-    dataset_over_x = turn_over(dataset, x and x.strip())
+    requested_x = _read_axis("x", x)
+    dataset_over_x = turn_over(dataset, requested_x)
     run_over_x = replace(run, dataset=dataset_over_x)
-    x_name, y_name = choose_axes([run_over_x], x, y)
+    x_name, y_name = choose_axes([run_over_x], requested_x, _read_axis("y", y))
     layout = arrange(dataset, y_name, x_name, rows, columns)
     n_curves = len(describe_lines(dataset_over_x, y_name))
     is_plain = not layout.has_panels and not layout.shown
@@ -1229,13 +1238,14 @@ def _draw_together(
         densities = [run.dos for run in runs if run.dos is not None]
         if len(densities) == len(runs):
             return _draw_densities_together(runs, densities, ax)
+    requested_x = _read_axis("x", x)
     runs_over_x = []  # over the parameter x, if it is one
     for run in runs:
-        if x and run.dataset is not None:
-            runs_over_x.append(replace(run, dataset=turn_over(run.dataset, x.strip())))
-        else:
+        if run.dataset is None:
             runs_over_x.append(run)
-    x_name, y_name = choose_axes(runs_over_x, x, y)
+        else:
+            runs_over_x.append(replace(run, dataset=turn_over(run.dataset, requested_x)))
+    x_name, y_name = choose_axes(runs_over_x, requested_x, _read_axis("y", y))
     curves = list[Curve]()
     for run in runs_over_x:
         curves += _read_curves_of_run(run, x_name, y_name)
@@ -1460,6 +1470,13 @@ def _tabulate_over_force(
     return tabulate(fit.packing, fit.medium, force, {**values, **velocities}, attributes)
 
 
+def _read_axis(letter: str, name: str | None) -> str | None:
+    """Return the ``name`` that a user requests for the axis of this ``letter``, without blanks
+    about it, or None if the choice is free; InputError for what is no name.
+    """
+    return None if name is None else str(require(letter, text, name)).strip()
+
+
 def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
     """Return the names of the load and of the quantity of the axes; ``x`` and ``y`` are the
     requested names, None where the choice is free.
@@ -1483,7 +1500,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
     load = _choose_load(runs, common, x)
     if y is None:
         return load, _choose_velocity(runs, common)
-    name = y.strip().lower().replace(" ", "_")
+    name = y.lower().replace(" ", "_")
     failing_runs = [run for run in runs if name not in run.quantities]
     if failing_runs:
         closest_name = closest(name, common)
@@ -1528,9 +1545,8 @@ def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> s
     if x is None:
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
         return loads.pop() if len(loads) == 1 else "force"
-    name = x.strip()
-    is_parameter = all(run.dataset is not None and name in run.dataset.coords for run in runs)
-    load = name if is_parameter else name.lower().replace(" ", "_")
+    is_parameter = all(run.dataset is not None and x in run.dataset.coords for run in runs)
+    load = x if is_parameter else x.lower().replace(" ", "_")
     if load not in _LOADS and not is_parameter:
         dataset = runs[0].dataset
         parameters = []

@@ -6,7 +6,6 @@ As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on 
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -36,13 +35,12 @@ from granphon.base.validation import (
     one_of,
     positive,
     real_array,
-    real_number,
     require,
     whole_number,
 )
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, write_hertz
-from granphon.figures.views import Painter, View
+from granphon.figures.views import Painter, View, read_angle, read_view
 
 if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
@@ -189,20 +187,15 @@ def plot_mode(
     Raises
     ------
     InputError : a ``q`` without p or three components, no such branch, ``cells`` that are not p
-        whole numbers from 1 to 1000, a ``phase`` that is not finite, a ``size`` that is not above
-        zero, or at a point where branches touch, Gamma among them, no ``direction``.
+        whole numbers from 1 to 1000, a ``phase`` that is not finite, a ``view`` of another class, a
+        ``size`` that is not above zero, several directions, or at a point where branches touch,
+        Gamma among them, no ``direction``.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
-    motion.draw(ax, _read_phase(phase), view or motion.view, positive("size", size))
+    direction_of_view = read_view(view, motion.view)
+    phase_of_motion = read_angle("phase", phase, "rad")
+    motion.draw(ax, phase_of_motion, direction_of_view, positive("size", size))
     return ax
-
-
-def _read_phase(phase: float) -> float:
-    """Return the ``phase`` of a motion, rad; InputError for what is no finite number."""
-    value = real_number(phase)  # nan for what is no number
-    if not math.isfinite(value):
-        raise InputError(f"phase is {brief(phase)}", mend="Give a finite number, rad")
-    return value
 
 
 def mode_figure(phonons: Phonons, q: ArrayLike, branch: int, **options: Any) -> Figure:
@@ -240,7 +233,9 @@ def plot_network_mode(
     if one_of("show", show, ("motion", "sensitivity")) == "sensitivity":
         return _draw_shares(modes, index, ax)
     motion = _find_network_motion(modes, index)
-    motion.draw(ax, _read_phase(phase), view or motion.view, positive("size", size))
+    direction_of_view = read_view(view, motion.view)
+    phase_of_motion = read_angle("phase", phase, "rad")
+    motion.draw(ax, phase_of_motion, direction_of_view, positive("size", size))
     return ax
 
 
@@ -422,7 +417,7 @@ def animate_mode(
     motion = _find_motion(phonons, q, branch, cells, direction)
     n_frames = whole_number("frames", frames, 2, 1000)
     ball_size = positive("size", size)
-    direction_of_view = view or motion.view
+    direction_of_view = read_view(view, motion.view)
     # limits of spheres, the same in all pictures
     centres = direction_of_view.project(motion.places)
     margin = _LARGEST + ball_size * motion.radii.max() + _MARGIN_OF_SPHERES
@@ -454,6 +449,8 @@ def _find_motion(
     """Return a mode of a lattice, of branch ``branch`` at ``q``, on the balls that are drawn; the
     arguments are those of :func:`plot_mode`.
     """
+    if direction is not None and real_array("direction", direction).ndim != 1:
+        raise InputError(f"direction is {brief(direction)}", mend="Give one direction")
     modes = phonons.modes([real_array("q", q)], direction)
     n_branches = modes.frequencies.shape[1]
     if not (is_whole(branch) and 0 <= branch < n_branches):

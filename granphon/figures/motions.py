@@ -16,6 +16,7 @@ from granphon.figures.scales import (
     draw_balls,
     draw_error_band,
     make_error_handle,
+    name_errors,
     read_errors,
     styled_figure,
 )
@@ -171,7 +172,7 @@ def plot_energies(motion: Motion, ax: Axes, errors: Mapping[str, Array] | None =
     :class:`~granphon.base.errors.InputError` for errors of another name or shape.
     """
     energy_errors = {}
-    for name, values in (errors or {}).items():
+    for name, values in name_errors(errors).items():
         one_of("name of errors", name, _ENERGIES)
         energy_errors[name] = read_errors(values, motion.times.shape)
     greatest = max(float((motion.energy + motion.lost).max()), LEAST_LIMIT)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
+from granphon.base.errors import FigureError, InputError, MissingPackageError, brief, needing
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.base.validation import real_array
 from granphon.figures.style import (
@@ -325,6 +325,18 @@ def draw_error_band(
     else:
         fill = ax.fill_betweenx if upright else ax.fill_between
         fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
+
+
+def name_errors(errors: Any) -> Mapping[str, Any]:
+    """Return standard ``errors`` by the names of what has the errors, an empty mapping for None;
+    :class:`~granphon.base.errors.InputError` for what is no mapping.
+    """
+    if errors is None:
+        return {}
+    if not isinstance(errors, Mapping):
+        mend = "Give a mapping, from the names of what has errors to the errors"
+        raise InputError(f"errors are {brief(errors)}", mend=mend)
+    return errors
 
 
 def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:

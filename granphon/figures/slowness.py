@@ -28,7 +28,7 @@ from granphon.base.text import counted
 from granphon.base.validation import real_array
 from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
-from granphon.figures.views import HALO, Painter, View
+from granphon.figures.views import HALO, Painter, View, read_view
 from granphon.media.state import State, as_state
 
 #: unit of slowness in figures, which equals ms/m
@@ -240,7 +240,7 @@ def plot_slowness_surface(
         problem = f"the {crystal_state.name} has {counted(periods, 'period')}"
         raise InputError(problem, "Surfaces belong to three", "Use plot_slowness")
     # the octant of positive x, y, z faces the viewer
-    view = View(32.0, 24.0) if view is None else view
+    view = read_view(view, View(32.0, 24.0))
     directions = _make_mesh()
     slowness, longitudinal, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
     shape = (*directions.shape[:2], 3)  # three waves in each direction

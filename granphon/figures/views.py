@@ -4,6 +4,7 @@ shapes are drawn later.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,12 +21,36 @@ from matplotlib.typing import ColorType
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import real_number
 
 _Rgba = tuple[float, float, float, float]
 #: white border of letters on a drawing
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
 #: length of the head of an arrow, over the width of its shaft
 _HEAD_LENGTH = 3.6
+
+
+def read_angle(name: str, value: Any, unit: str) -> float:
+    """Return the ``value`` of an angle as a float; InputError, which calls the angle by its
+    ``name`` and asks for the ``unit``, for what is no finite number.
+    """
+    angle = real_number(value)  # nan for what is no number
+    if not math.isfinite(angle):
+        raise InputError(f"{name} is {brief(value)}", mend=f"Give a finite number, {unit}")
+    return angle
+
+
+def read_view(view: Any, default: View) -> View:
+    """Return the ``view`` that a user gives, ``default`` for None; InputError for what is no
+    view.
+    """
+    if view is None:
+        return default
+    if not isinstance(view, View):
+        mend = "Give granphon.figures.views.View(azimuth, elevation)"
+        raise InputError(f"view is {brief(view)}", mend=mend)
+    return view
 
 
 @dataclass(frozen=True)
@@ -36,10 +61,17 @@ class View:
     ----------
     azimuth : angle of the viewer about z, from x towards y, degrees.
     elevation : angle of the viewer above the xy plane, degrees.
+
+    Raises :class:`~granphon.base.errors.InputError` for an angle that is no finite number.
     """
 
     azimuth: float = -60.0
     elevation: float = 20.0
+
+    def __post_init__(self) -> None:
+        """Check the angles."""
+        for name in ("azimuth", "elevation"):
+            read_angle(name, getattr(self, name), "degrees")
 
     @cached_property
     def axes(self) -> Array:

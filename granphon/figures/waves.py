@@ -23,6 +23,7 @@ from granphon.figures.scales import (
     draw_error_band,
     list_balls,
     make_error_handle,
+    name_errors,
     read_errors,
     scale_axis,
     styled_figure,
@@ -398,7 +399,7 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
     n_lines = len(spectra.distances)
     tables = {
         name: read_errors(np.ravel(table), (count * n_lines,)).reshape(count, n_lines)
-        for name, table in (errors or {}).items()
+        for name, table in name_errors(errors).items()
     }
     height = 0.3 + 2.8 * count  # inches
     ratios = [1.4] * count
@@ -443,10 +444,11 @@ def plot_attenuation(
     ax.plot(
         frequencies, attenuations, "o", markersize=3.0, color=colour, label=spectrum.polarisation
     )
-    if errors:
+    given_errors = name_errors(errors)
+    if given_errors:
         zeros = np.zeros(is_drawn.shape)
         frequency_errors, attenuation_errors = (
-            np.nan_to_num(read_errors(errors.get(name, zeros), is_drawn.shape))[is_drawn]
+            np.nan_to_num(read_errors(given_errors.get(name, zeros), is_drawn.shape))[is_drawn]
             for name in ("peak", "attenuation")
         )
         ax.errorbar(
@@ -527,11 +529,12 @@ def plot_sample_dos(
         densities.append((COLOURS[0], "translational", *translational))
         densities.append((ORANGE, "rotational", dos.rotational, dos.rotational_error))
     labels = {"translational": "translation", "rotational": "rotation"}
+    given_errors = name_errors(errors)
     curves = []
     for colour, name, density, own_error in densities:
         error = own_error
-        if errors and name in errors:
-            error_of_parameters = np.nan_to_num(read_errors(errors[name], density.shape))
+        if name in given_errors:
+            error_of_parameters = np.nan_to_num(read_errors(given_errors[name], density.shape))
             error = np.hypot(own_error, error_of_parameters)
         curves.append((colour, labels.get(name, name), frequencies, density, error))
     draw_densities(ax, curves)
@@ -798,8 +801,9 @@ def plot_seismogram(
     ]
     for row, (_, trace, colour) in enumerate(curves):
         ax.plot(times, _HEIGHT * trace - row, color=colour, linewidth=0.7)
-    if errors and "coherent" in errors:
-        mean_errors = read_errors(errors["coherent"], pulse.times.shape)
+    given_errors = name_errors(errors)
+    if "coherent" in given_errors:
+        mean_errors = read_errors(given_errors["coherent"], pulse.times.shape)
         heights = _HEIGHT * mean_errors / greatest_signal
         mean = ax.lines[1].get_ydata()
         draw_error_band(ax, times, np.asarray(mean), heights, BLUE, "errors")
@@ -823,9 +827,10 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
     time, nan where unknown, are bands; :class:`~granphon.base.errors.InputError` for errors of
     another shape.
     """
+    given_errors = name_errors(errors)
     with styled_figure(4.2) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
-        plot_seismogram(pulse, above, errors=errors)
+        plot_seismogram(pulse, above, errors=given_errors)
         above.tick_params(axis="x", labelbottom=True)  # a shared axis would hide them
         highest = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
         scale, unit = prefixed(highest, "m/s")
@@ -835,10 +840,10 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
             ("speckle", pulse.speckle_amplitude, VERMILION, "speckle, rms"),
         ):
             below.plot(times, values / scale, color=colour, linewidth=1.0, label=label)
-            if errors and name in errors:
-                heights = read_errors(errors[name], values.shape) / scale
+            if name in given_errors:
+                heights = read_errors(given_errors[name], values.shape) / scale
                 draw_error_band(below, times, values / scale, heights, colour, f"{name}-errors")
-        if errors:
+        if given_errors:
             below.add_line(make_error_handle())
         below.set(
             xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None)

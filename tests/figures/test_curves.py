@@ -112,6 +112,14 @@ def test_a_run_of_one_curve_stands_below_the_heading_that_it_shares(steel, glass
     assert "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium" in texts(ax)[:-4]
 
 
+def test_names_and_results_of_another_kind_are_told(steel, ax):
+    for name, junk in {"x": 1, "y": ["bulk"], "data": 1.0}.items():
+        with pytest.raises(InputError, match=name):
+            plot_together([steel], ax, **{name: junk})
+    with pytest.raises(InputError, match="results are 3"):
+        plot_together(3, ax)
+
+
 def test_any_quantity_has_its_standard_errors(steel, ax):
     plot_together([steel], ax, y="bulk", x="pressure")
     (bars,) = ax.containers

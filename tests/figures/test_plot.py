@@ -27,6 +27,7 @@ from granphon.figures import scales, style
 from granphon.figures.curves import sweep_figure
 from granphon.figures.modes import plot_mode
 from granphon.figures.plot import OF_DATASETS, PICTURES
+from granphon.figures.views import View
 from granphon.phonons.paths import zone_polygon
 from granphon.scene.outputs import OUTPUTS
 from tests.figures.conftest import assert_inside_page, with_gid
@@ -305,6 +306,20 @@ def test_wrong_long_waves_are_told(ax, phonons, bands):
         plot.plot_asymptotes(bands, 3, ax)
     with pytest.raises(InputError, match="reach"):
         plot.plot_asymptotes(bands, phonons.lattice, ax, reach=-1.0)
+
+
+def test_options_of_another_kind_are_told(ax, phonons, bands):
+    dos = phonons.dos((4, 4))
+    for words, draw in (
+        ("unit is 'kHz'", lambda: plot.plot_bands(bands, ax, unit="kHz")),
+        ("unit is 'kHz'", lambda: plot.plot_dos(dos, ax, unit="kHz")),
+        ("errors are", lambda: plot.plot_dos(dos, ax, errors=np.ones(dos.total.shape))),
+        ("view is", lambda: plot_mode(phonons, (0.3, 0.1), 0, ax, view=(30.0, 20.0))),
+        ("direction is", lambda: plot_mode(phonons, (0.3, 0.1), 0, ax, direction=np.eye(2))),
+        ("azimuth", lambda: View("30 deg")),
+    ):
+        with pytest.raises(InputError, match=words):
+            draw()
 
 
 # -- the density of states -------------------------------------------------------------------------
