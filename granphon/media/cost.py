@@ -331,9 +331,8 @@ def _measure_number() -> float:
     return time_once(lambda: [f"{number:.12f}" for number in numbers]) / len(numbers)
 
 
-def _written_numbers(count: float) -> Units:
-    """Return the writing of ``count`` numbers as text as units of work."""
-    return Units(count, _measure_number, _SLOWEST_NUMBER)
+#: units of work for a number of numbers that are written as text
+_written_numbers = partial(Units, measure=_measure_number, slowest=_SLOWEST_NUMBER)
 
 
 @cache

@@ -35,7 +35,7 @@ from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.loading import find_equilibria, find_equilibrium
 from granphon.media.simulation import SampleLaw, SimulatedState
 from granphon.observables.catalogue import CATALOGUE
-from granphon.statics import response
+from granphon.statics import response, turning_descent
 from granphon.statics.configuration import AppliedLoad, Problem
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, GridEquations
@@ -593,6 +593,24 @@ def test_balls_are_at_rest_at_a_minimum_where_rests_differ(kind, value):
         equations = Equations(configuration.problem, RestOptions())
         linear = equations.linearise(configuration, configuration.stiffness)
         assert linear.factorise(1e-9 * linear.level).n_below == 0
+
+
+def test_factors_that_find_the_last_steps_tell_that_rest_is_a_minimum(monkeypatch):
+    """Others are made where the stiffnesses have changed since. That rest is a minimum is what the
+    test before finds.
+    """
+    asked = []
+
+    def find(*arguments):
+        asked.append(arguments)
+        return find_way_down(*arguments)
+
+    monkeypatch.setattr(turning_descent, "find_way_down", find)
+    states = [
+        equilibrate(draw_balls(seed), ReducedLoad(overlap=0.0), ratio=STEEL_WIDTH)
+        for seed in range(3)
+    ]
+    assert len(asked) < len(states)
 
 
 def draw_balls(seed):

@@ -74,6 +74,20 @@ def test_the_first_loop_that_is_compiled_says_so_and_one_that_is_read_does_not(
     assert capsys.readouterr().err == module.COMPILING + "\n"
 
 
+def test_numba_fills_its_inference_of_types_for_a_loop_that_is_compiled_alone(kept, monkeypatch):
+    from numba.core.cpu import CPUContext
+
+    filled = []
+    really = CPUContext.refresh
+    monkeypatch.setattr(CPUContext, "refresh", lambda one: (filled.append(one), really(one))[1])
+    assert call() == 2
+    assert not filled
+    for file in kept.rglob("*.nb?"):
+        file.unlink()
+    assert compiled(halve)(3) == 1.5
+    assert filled
+
+
 @contextmanager
 def full_disk(part):
     """Writing to files whose name has this part finds no space."""

@@ -517,10 +517,11 @@ def test_what_cannot_take_long_is_not_timed():
 
 
 def test_the_tables_of_few_states_are_not_timed(monkeypatch):
-    def measure():
+    def measure(do_piece):
         raise AssertionError("this is timed")
 
-    monkeypatch.setattr(cost, "_measure_number", measure)
+    monkeypatch.setattr(cost, "time_once", measure)
+    cost._measure_number.cache_clear()
     assert not cost.sweep_states(2, 9, 0).tells
     with pytest.raises(AssertionError):
         _ = cost.sweep_states(2, 9000, 0).tells
