@@ -205,7 +205,7 @@ class LoadingHistory:
             else:
                 # where a ball loses its hold and falls, one of the halves has all of the change, so
                 # that what is allowed has a lower bound
-                allowed = max(0.5 * allowed, options.least_share * self.tolerance)
+                allowed = max(0.5 * allowed, self.tolerance / options.similar**2)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
     def _compare(

@@ -127,7 +127,9 @@ class LoadStep:
         # balls whose contacts all slide turn freely in a plane, unless dashpots hold them
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
-    def solve(self, balls: Array, overlap: float, finds_limits: bool) -> Trial:
+    def solve(
+        self, balls: Array, overlap: float, finds_limits: bool, is_patient: bool = False
+    ) -> Trial:
         """Return the trial to which Newton's method leads from the motions ``balls`` (fields, L1,
         ..., Lp) and the ``overlap`` y; the trial may be in balance or not.
 
@@ -135,7 +137,10 @@ class LoadStep:
         slide, steps go to and fro between the two sides of Coulomb's limit. So in a second attempt,
         if ``finds_limits`` is true, the limit is fixed at the overlaps of the last trial: with a
         fixed limit there is always an equilibrium. The overlaps found then give a new limit, and
-        Newton's method with the law itself is tried again from there.
+        Newton's method with the law itself is tried again from there. A ball that is squeezed out
+        from between others has a long way to go, on which the limits change little at a time: if
+        ``is_patient`` is true, less is left with fixed limits, and where the residual under the law
+        has not fallen by half since the law was last tried, it is tried only now and then.
         """
         options = self._options
         near = self._stiffen(self._make_trial(balls, overlap))
@@ -143,13 +148,19 @@ class LoadStep:
         if not finds_limits or trial.is_balanced or not self._slides:
             return trial
         lagged = trial.follow(near)  # the last trial with a fixed limit
-        for _ in range(options.tries):
+        tried = math.inf  # residual from which the law itself was tried last
+        left = options.forcing ** (4 if is_patient else 2)
+        often = options.often if is_patient else 1
+        for count in range(1, options.tries + 1):
             if lagged.left == math.inf:
                 break
             guess = lagged.contacts.overlaps
             lagged = lagged.follow(self._make_trial(lagged.balls, lagged.overlap, guess))
-            lagged = self._iterate(lagged, options.patience, guess, share=options.forcing)
+            lagged = self._iterate(lagged, options.patience, guess, share=left)
             trial = lagged.follow(self._make_trial(lagged.balls, lagged.overlap))
+            if trial.size > 0.5 * tried and count % often:
+                continue
+            tried = trial.size
             trial = self._iterate(trial, options.steps, patience=options.patience // 3)
             if trial.is_balanced:
                 break

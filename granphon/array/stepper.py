@@ -132,7 +132,9 @@ class Stepper:
             # long and has failed in the whole step
             finds_limits = not relaxes or not 0 < halvings < options.halvings
             balls, overlap = self._extrapolate(trail, ahead[-1])
-            trial = self._make_step(state, ahead[-1], drag).solve(balls, overlap, finds_limits)
+            step = self._make_step(state, ahead[-1], drag)
+            # where friction alone holds balls, shorter steps of the load help sooner
+            trial = step.solve(balls, overlap, finds_limits, is_patient=not self.from_gas)
             at_rest = None
             if not trial.is_balanced and relaxes and trial.left < math.inf:
                 at_rest = self.relax_overdamped(trail, ahead[-1])

@@ -397,8 +397,9 @@ class LoadingOptions:
         where limits of sliding have just been found anew; and iterations of GMRES after which balls
         are looked for that nothing but few others holds.
     forcing : part that an inner problem may leave: equations of a step of the forces on balls, less
-        near balance; limits of sliding at given overlaps of the residual; a stage of soft contacts
-        of the friction coefficient; balls outside a patch of the square of the residual.
+        near balance; limits of sliding at given overlaps its square of the residual, or the square
+        of that; a stage of soft contacts of the friction coefficient; balls outside a patch of the
+        square of the residual.
     most_in_patch : contacts between the balls of a patch, at most: factors of more cost more than
         the iterations that they save.
     secant : share of their secant stiffness that sliding contacts of a plane have in a step of
@@ -421,12 +422,14 @@ class LoadingOptions:
         and lengths of a step of Newton's method that are tried, each half of the one before.
     tries : steps of the load without a balance, steps with dashpots, and limits of sliding that are
         found anew, at most.
+    often : limits of sliding that are found anew between trials of the law itself where balls are
+        squeezed out from between others, on a long way.
     most_steps : steps to one load, at most.
     similar : length of a step of the load, over the one before, up to which a polynomial through
-        the states is continued.
+        the states is continued. The change of the mean force that is allowed to a part of a step
+        is not less than that of the whole over its square: where a ball falls, one of the halves
+        has all of the change.
     caution : factor of the estimate of what halving a step changes.
-    least_share : change of the mean force that is allowed to a part of a step, over that of the
-        whole, at least: where a ball falls, one of the halves has all of the change.
     of_loss, of_work : error of the energy lost in a step, over that energy and over the work of the
         load, in tolerances of the mean force.
     drag : first stiffness of dashpots over a step, in c W^(1/2): a convention, of which the mean
@@ -452,11 +455,11 @@ class LoadingOptions:
     small_friction: float = 0.02
     stiffer: float = 10.0
     halvings: int = 6
-    tries: int = 60
+    tries: int = 80
+    often: int = 8
     most_steps: int = 500
     similar: float = 4.0
     caution: float = 2.0
-    least_share: float = 1.0 / 16.0
     of_loss: float = 100.0
     of_work: float = 0.1
     drag: float = 1e-2
