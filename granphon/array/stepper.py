@@ -388,12 +388,14 @@ class Stepper:
         """Return the state in which balls stand without dashpots at the overlap of a ``state``,
         bearing at least half of ``options.standing``; None if they give way.
 
-        Dashpots are weakened from step to step, and taken away when balls hardly move.
+        Dashpots are weakened from step to step, and taken away when balls hardly move. In space, in
+        the true geometry, they stay stronger than the pushes of contacts, and balls that move more
+        there from one step to the next give way.
         """
         load = ReducedLoad(overlap=state.overlap)
         options = self.options
         drag = options.drag
-        motion = 0.0
+        motion = math.inf  # before the first step there is none to compare with
         # where contacts push balls aside, in space, dashpots stay stronger than these pushes
         ratio = self.geometry.ratio
         is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
@@ -409,9 +411,10 @@ class Stepper:
             state = settled
             if drag == last_drag and motion > last_motion:  # balls move faster and faster
                 return None
-            is_still = drag * motion < options.still * state.force
             if is_pushed:
                 is_still = drag == last_drag and motion < options.still
+            else:
+                is_still = drag * motion < options.still * state.force
             if is_still:
                 at_rest = self.settle([state], load, 0.0, finds_limits=True)
                 stands = at_rest is not None and at_rest.force >= 0.5 * options.standing

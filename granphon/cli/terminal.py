@@ -229,7 +229,9 @@ def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
     ]
     names = [name for row in list_outputs(scene) for name in row.files_without_errors]
     if names:
-        rows.append(("without errors", f"{', '.join(names)}; tables and sweep.nc have errors"))
+        rows.append(
+            ("without errors", f"{', '.join(names)}; other tables and sweep.nc have errors")
+        )
     return rows
 
 

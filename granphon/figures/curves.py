@@ -293,17 +293,19 @@ class Curve:
             served=served,
         )
 
-    def join(self, curve: Curve) -> Curve:
-        """Return the points of two curves as one curve, in order of x."""
+    def join(self, other: Curve) -> Curve:
+        """Return the points of this curve and of an ``other``, of the same facts and units, as one
+        curve with the names of both runs, in order of x; of a path, those of the other come last.
+        """
         return replace(
             self,
-            run=f"{self.run}, {curve.run}",
-            x=np.concatenate([self.x, curve.x]),
-            y=np.concatenate([self.y, curve.y]),
-            error=np.concatenate([self.error, curve.error]),
-            valid=np.concatenate([self.valid, curve.valid]),
-            simulated=np.concatenate([self.simulated, curve.simulated]),
-            served=self.served + curve.served,
+            run=f"{self.run}, {other.run}",
+            x=np.concatenate([self.x, other.x]),
+            y=np.concatenate([self.y, other.y]),
+            error=np.concatenate([self.error, other.error]),
+            valid=np.concatenate([self.valid, other.valid]),
+            simulated=np.concatenate([self.simulated, other.simulated]),
+            served=self.served + other.served,
         ).sorted()
 
     @property

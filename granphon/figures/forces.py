@@ -277,12 +277,13 @@ def _find_displacement(network: ContactNetwork) -> Array:
 
 def _find_spin(network: ContactNetwork) -> Array:
     """Return the rotation (n,), rad, about z of each ball per shear; InputError if the balls do not
-    turn about z.
+    turn about z, or have no motions under a strain in their plane.
     """
+    motions = find_nonaffine(network)  # first: its errors say what balls of a plane need
     if 2 not in network.ball_motions.rotations:
         mend = 'Colour them by "nonaffine", or read the network with friction'
         raise InputError("the balls of the network do not turn about z", mend=mend)
-    return find_nonaffine(network).rotations[:, 2]
+    return motions.rotations[:, 2]
 
 
 #: what the balls of a network may be coloured by: the function of the numbers, their name and unit

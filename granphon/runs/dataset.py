@@ -790,24 +790,20 @@ def _fill_missing(
 
 
 def _explain_missing(result: TaskResult, missing: Sequence[str]) -> str:
-    """Return a sentence that says why the variables ``missing``, which the ``result`` lacks, are
-    nan; empty if nothing is to be said.
+    """Return in words why the variables ``missing``, which the ``result`` lacks, are nan: reasons
+    parted by semicolons; empty if nothing is to be said.
 
-    The sentence is about the pressure, and about velocities and moduli if the result has others of
+    The reasons are about the pressure, and about velocities and moduli if the result has others of
     them: a result without any is that of a mechanism, which has its own warning.
     """
     reasons = list[str]()
     if "pressure" in missing:
-        reasons.append("pressure is nan, as the stress of the lattice is not one")
-    # a case has its own notes on waves in arrays
-    velocities = [name for name in missing if name != "pressure" and _is_of_sound(name)]
-    if velocities and any(map(_is_of_sound, result)):
-        names = ", ".join(velocities)
-        why = "as balls with these motions have no such waves"
-        if len(velocities) == 1:
-            reasons.append(f"{names} is nan, {why.removesuffix('s')}")
-        else:
-            reasons.append(f"{names} are nan, {why}")
+        reasons.append("pressure is nan, as the stress of the lattice is not a pressure")
+    # waves in arrays, which are not of sound, have notes of their own
+    of_sound = [name for name in missing if _is_of_sound(name)]
+    if of_sound and any(map(_is_of_sound, result)):
+        verb = "is" if len(of_sound) == 1 else "are"
+        reasons.append(f"{', '.join(of_sound)} {verb} nan, as balls with these motions have none")
     return "; ".join(reasons)
 
 

@@ -170,9 +170,9 @@ class Export:
 
     @property
     def files_without_errors(self) -> tuple[str, ...]:
-        """The files of numbers of an output of one state, which are not in sweep.nc, that have no
-        standard errors, although parameters have: those of other programs, maps, and motions of all
-        balls. Tables have them.
+        """The files of numbers, of an output of one state alone, that hold no standard errors even
+        if parameters have them: all but band.yaml and the tables (.csv) of an output with
+        ``columns`` or ``of_states``. Empty for other outputs, whose numbers are in sweep.nc.
         """
         if self.states != "one":
             return ()
@@ -799,9 +799,10 @@ def _write_surface(run: Any, folder: Path) -> None:
 
 def _write_bands(run: Any, folder: Path) -> None:
     """Write the bands as band.yaml, with the standard errors of their frequencies."""
+    bands = run["bands"]
     errors = run.dataset.get("frequencies_error")
-    of_state = None if errors is None else errors.values
-    run["bands"].write(folder / "band.yaml", errors=of_state)
+    of_state = None if errors is None else errors.values.reshape(bands.frequencies.shape)
+    bands.write(folder / "band.yaml", errors=of_state)
 
 
 def _write_value(name: str, file: str, method: str, run: Any, folder: Path) -> None:

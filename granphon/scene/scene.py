@@ -534,7 +534,7 @@ class Scene(SceneValues):
         if n_errors and self._slightly_shifted:
             counted += [(part, 2 * n_errors) for part in self._slightly_shifted[0][0].plan.parts]
         counted += [
-            (row.estimate_cost(self), 1 + 2 * n_errors * _is_uncertain(row))
+            (row.estimate_cost(self), 1 + 2 * n_errors * _is_found_in_shifted(row))
             for row in rows
             if row.cost
         ]
@@ -558,11 +558,14 @@ def _list_uncertain(scene: Scene) -> list[Export]:
     """Return the rows of those outputs of a ``scene`` that have numbers for the summary or tables,
     whose standard errors are found.
     """
-    return [row for row in list_outputs(scene) if _is_uncertain(row)]
+    return [row for row in list_outputs(scene) if _is_found_in_shifted(row)]
 
 
-def _is_uncertain(row: Export) -> bool:
-    """Whether an output has numbers whose standard errors are found from those of parameters."""
+def _is_found_in_shifted(row: Export) -> bool:
+    """Whether an output is found in the shifted scenes too: if it has numbers for the summary, or
+    tables, whose standard errors are found from theirs. Errors of variables of the data set need no
+    output.
+    """
     return row.summarise is not None or row.columns is not None
 
 

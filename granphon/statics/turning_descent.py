@@ -388,14 +388,15 @@ class TurningDescent(ListDescent):
         )
 
     def _find_step(self, configuration: Configuration) -> Array:
-        """Return the step (size,) of Newton's method, by factors, or by iterations for too many
-        balls.
+        """Return the step (size,) of Newton's method, by factors; for too many balls for factors, a
+        step by iterations, which leave out f/r and the changes of the load's forces.
         """
         stiffness = configuration.stiffness
         if not self.is_factored:
             return self._find_iterated_step(configuration, stiffness)
-        slope = configuration.load_slope
-        return self.equations.solve(configuration, stiffness, configuration.pull, load_slope=slope)
+        return self.equations.solve(
+            configuration, stiffness, configuration.pull, load_slope=configuration.load_slope
+        )
 
     def _find_leaning_step(self, configuration: Configuration) -> Array:
         """Return a step (size,) of a tangent in which forces push balls back instead of aside, with

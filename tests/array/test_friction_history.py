@@ -707,6 +707,15 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
 
 
+@pytest.mark.parametrize("ratio", [0.05, 0.2])
+def test_balls_of_wide_spreads_in_space_stand_when_they_are_pressed_from_the_gas(ratio):
+    """The pushes of contacts are then as strong as the first dashpots, which are never weakened."""
+    begun = history((3, 3, 3), 0.5, seed=1, lattice=FCC, ratio=ratio, start="gas").begin()
+    assert begun.overlap < 0.1
+    assert begun.force >= 0.5 * OPTIONS.standing
+    assert begun.residual <= 1e-9
+
+
 @pytest.mark.claim("friction-gas-energy")
 @pytest.mark.parametrize(
     ("lattice", "shape"),

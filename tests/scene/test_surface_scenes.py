@@ -69,7 +69,7 @@ def test_the_waves_of_an_edge_are_in_the_cost():
         one = scene(PACKING, LATTICE="triangular", AXIS="1", FORCE=force)
         costs = [cost for place, _, cost in one.parts if place == ("surface", "points")]
         assert all("3 wave vectors" in cost.parts[0] for cost in costs)
-        counts.append([number for cost in costs for number, _ in cost.units])
+        counts.append([number for cost in costs for number, *_ in cost.units])
     assert counts[0][1] == 3 * 241
     assert counts[1] == [3 * counts[0][0]]
     uncertain = scene(PACKING, LATTICE="triangular", AXIS="1", FORCE="18 +- 1 N")

@@ -808,9 +808,9 @@ def test_cost_of_errors_is_that_of_what_shifted_scenes_compute():
         gp.Scene.from_text(text.replace("193 GPa", modulus)).cost()
         for modulus in ("193 GPa", "193 GPa +- 1 GPa")
     ]
-    (searches, _), (spectra, _) = costs[0].units
+    (searches, *_), (spectra, *_) = costs[0].units
     numbers = {searches: 0.0, spectra: 0.0}
-    for number, _measure in costs[1].units:
+    for number, *_ in costs[1].units:
         numbers[spectra if number == spectra else searches] += number
     # the map is that of the scene itself; its waves are found in two scenes of the error, and again
     # in two of a small change
