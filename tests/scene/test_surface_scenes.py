@@ -77,7 +77,7 @@ def test_the_waves_of_an_edge_are_in_the_cost():
         unit for place, _, cost in uncertain.parts if place[0] == "surface" for unit in cost.units
     ]
     # the waves at both ends of the error, and of a small change; the map once
-    *numbers, number_of_map = (number for number, _ in units)
+    *numbers, number_of_map = (number for number, *_ in units)
     assert (sum(numbers), number_of_map) == (5 * counts[0][0], 3 * 241)
     large = scene(
         CRYSTAL.replace("chain, kinds: [B, A]", "chain, kinds: [B, A], repeat: 40"), FORCE="1 N"
