@@ -255,8 +255,6 @@ class Preconditioners:
         self._grid = problem.grid
         self._equations = equations
         self._options = options
-        #: whether the array is small enough for factors
-        self.are_small = is_small(problem.grid, options)
         self._factors: Inverse | None = None
         #: cost of the iterations since the last factorisation, in iterations with Green's function
         self._spent = 0

@@ -99,7 +99,7 @@ class Equations:
 
 
 class Bordering(NamedTuple):
-    """What surrounds A in the equations of Newton's method of a load.
+    """What surrounds A in the equations of Newton's method under a load.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Bordering(NamedTuple):
         ``load_slope`` (size, m) are the derivatives of the load's forces by the unknowns of walls
         and strains, None where these forces do not change. ``mean_row`` (size,) is that of
         :func:`find_mean_row`: it takes the place of the row of the strain in a cell without walls
-        that has one strain. None of other cells.
+        that has one strain; None in other cells.
         """
         n = len(border)
         columns = border
