@@ -19,7 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -42,9 +42,11 @@ BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 
 def list_shears(periods: int) -> Array:
     """Return (s, p, p) symmetric strains that keep the size of a cell with p = ``periods`` to
-    first order, each at a right angle to the others; there are s = p (p + 1)/2 - 1.
+    first order, each at a right angle to the others: none of a cell without a period, and
+    s = p (p + 1)/2 - 1 of any other. Their norms differ.
     """
     units = []
+    # as diag(1, -1, 0) and diag(1, 1, -2)
     for axis in range(1, periods):
         diagonal = np.zeros(periods)
         diagonal[:axis] = 1.0
@@ -55,12 +57,13 @@ def list_shears(periods: int) -> Array:
         unit[a, b] = 1.0
         unit[b, a] = 1.0
         units.append(unit)
-    return np.array(units).reshape(-1, periods, periods)
+    return np.array(units).reshape(len(units), periods, periods)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AppliedLoad:
-    """What acts on an assembly; SI units.
+    """What acts on an assembly of n balls with d motions each, k walls and a cell with p periods;
+    SI units.
 
     Attributes
     ----------
@@ -71,7 +74,8 @@ class AppliedLoad:
     strain : (p, p) the given strain; zeros if the strain is free.
     shears : whether a cell whose strain is given shears beside, until its stress is hydrostatic; in
         the directions of the lattice alone, where shears keep the size of the cell.
-    pressure_force : (n d + k,) the part of ``force`` that grows with the area of the cell.
+    pressure_force : (n d + k,) the part of ``force``, N, that is proportional to the length or area
+        of the cell.
     lift : why gravity lifts balls off what they stand on, and what mends that; None if it does not.
     mean_force : mean force of all contacts, N, to which a cell that keeps its shape is pressed;
         None if a stress or a strain is given instead.
@@ -90,13 +94,15 @@ class AppliedLoad:
 
     @property
     def acts(self) -> bool:
-        """Whether there is a force on anything."""
+        """Whether a force acts on a ball or a wall, a stress on the cell, or contacts are given a
+        mean force that is not zero.
+        """
         is_stressed = self.stress is not None and bool(np.any(self.stress))
         return bool(np.any(self.force)) or is_stressed or bool(self.mean_force)
 
     @property
     def is_given(self) -> bool:
-        """Whether a strain is given that moves contacts."""
+        """Whether a strain is given that is not zero."""
         return bool(np.any(self.strain))
 
     def scale(self, factor: float) -> AppliedLoad | None:
@@ -127,6 +133,8 @@ class Problem:
     n_displacements : number n d + k of all displacements.
     size : number n d + k + s of all unknowns.
     length : unknown of a strain over this strain, m.
+    unit_strains : (s, 3, 3) strain of the cell over each unknown of a strain, 1/m.
+    given_strain : (3, 3) the given strain of the load.
     """
 
     def __init__(
@@ -136,36 +144,41 @@ class Problem:
         self.load = load
         self.boundary = boundary
         self.turns = geometry == "exact"
-        p = assembly.periods
         self.n_ball_unknowns = assembly.n_balls * assembly.dimension
         self.n_displacements = self.n_ball_unknowns + assembly.n_walls
-        pairs = list(itertools.combinations_with_replacement(range(p), 2))
-        shapes = np.zeros((0, p, p))
-        if load.mean_force is not None or (load.stress is not None and boundary == "isotropic"):
-            shapes = np.eye(p)[None] if p else shapes
-        elif load.stress is not None:
-            shapes = np.zeros((len(pairs), p, p))
-            for shape, (a, b) in zip(shapes, pairs, strict=True):
-                shape[a, b] = shape[b, a] = 1.0
-        elif load.shears:
-            assert not self.turns  # shears keep the size of a cell to first order only
-            shapes = list_shears(p)
         # strains are scaled so that the forces on them, sums over all contacts, are comparable
         # with those on balls
         self.length = assembly.mean_distance * math.sqrt(assembly.n_contacts)
-        #: (s, 3, 3) strains of the cell by the unknowns
-        self.unit_strains = np.zeros((len(shapes), 3, 3))
-        self.unit_strains[:, :p, :p] = shapes / self.length
-        #: (3, 3) the given strain
-        self.given_strain = np.zeros((3, 3))
-        self.given_strain[:p, :p] = load.strain
-        self.size = self.n_displacements + len(shapes)
+        self.unit_strains = _embed(self._list_free_strains() / self.length)
+        self.given_strain = _embed(load.strain)
+        self.size = self.n_displacements + len(self.unit_strains)
+
+    def _list_free_strains(self) -> Array:
+        """Return the symmetric strains (s, p, p) of the cell that are unknowns, of which the
+        entries are numbers near one; none of a cell without a period.
+        """
+        load = self.load
+        p = self.assembly.periods
+        if load.mean_force is not None or (
+            load.stress is not None and self.boundary == "isotropic"
+        ):
+            return np.eye(p)[None] if p else np.zeros((0, p, p))
+        if load.stress is not None:
+            pairs = list(itertools.combinations_with_replacement(range(p), 2))
+            strains = np.zeros((len(pairs), p, p))
+            for strain, (a, b) in zip(strains, pairs, strict=True):
+                strain[a, b] = strain[b, a] = 1.0
+            return strains
+        if load.shears:
+            assert not self.turns  # shears keep the size of a cell to first order only
+            return list_shears(p)
+        return np.zeros((0, p, p))
 
     @cached_property
     def weights(self) -> Array:
-        """(size,) factors by which the force left on an unknown becomes one as on a ball: 1 for
-        balls, one over the number of balls at a wall, and for strains one over the root of the
-        number of contacts and over the tolerance of the cell.
+        """(size,) factors that make the force left on an unknown comparable with that on a ball: 1
+        for balls, one over the number of balls at a wall, and for strains one over the product of
+        the root of the number of contacts and ``cell_tolerance`` of the load.
         """
         weights = np.ones(self.size)
         weights[self.n_ball_unknowns : self.n_displacements] = 1.0 / self.assembly.wall_balls
@@ -175,22 +188,23 @@ class Problem:
 
     @cached_property
     def force(self) -> Array:
-        """(size,) forces of the load on the unknowns, on the cell as it is at touch."""
+        """(size,) forces of the load on the unknowns, N, on the cell as it is at touch."""
         stress = self.load.stress
         work = np.zeros(len(self.unit_strains)) if stress is None else self.find_work(stress)
         return np.concatenate([self.load.force, work])
 
     def find_work(self, stress: Array) -> Array:
-        """Return the forces (s,), N, of a ``stress`` (p, p) on the s unknown strains: its work on
-        the cell as it is at touch, for each unknown.
+        """Return the forces (s,), N, of a ``stress`` (p, p), in N, N/m or Pa with one, two or three
+        periods, on the s unknown strains: its work on the cell as it is at touch, over each
+        unknown.
         """
         p = len(stress)
         unit_strains = self.unit_strains[:, :p, :p]
         return np.asarray(np.einsum("sab,ab->s", unit_strains, stress) * self.assembly.measure)
 
     def find_displacement(self, x: Array) -> Array:
-        """Return the displacements (bodies, 3), m, of all bodies at unknowns x: of balls, of walls,
-        and zeros of what is held.
+        """Return the displacements (bodies, 3), m, of all bodies at unknowns x (size,): of balls,
+        of walls, and zeros of what is held.
         """
         assembly = self.assembly
         displacement = np.zeros((assembly.n_bodies, 3))
@@ -209,7 +223,9 @@ class Problem:
 
     @cached_property
     def wall_lines(self) -> Array:
-        """(k d, k) matrix from the unknowns of the walls to their displacements along the axes."""
+        """(k d, k) matrix from the unknowns of the walls to the displacements of the walls along
+        the axes: in each column the direction of a wall.
+        """
         k = self.assembly.n_walls
         lines = np.zeros((k, self.assembly.dimension, k))
         lines[np.arange(k), :, np.arange(k)] = self.assembly.directions
@@ -239,8 +255,8 @@ class Problem:
         return still
 
     def find_unit_losses(self, normal: Array) -> Array:
-        """Return what contacts along ``normal`` (n_c, 3) lose of their overlaps by the unit
-        strains, (n_c, s).
+        """Return what contacts along ``normal`` (n_c, 3) lose of their overlaps, m, over each
+        unknown of a strain, m: (n_c, s).
         """
         assembly = self.assembly
         losses = np.empty((len(self.unit_strains), assembly.n_contacts))
@@ -269,8 +285,8 @@ class Problem:
         return loss
 
     def make_losses(self) -> Any:
-        """Return the sparse matrix (n_c, size) that takes unknowns to what contacts lose of their
-        overlaps along their normals at touch.
+        """Return the sparse matrix (n_c, size), by rows, that takes unknowns, m, to what contacts
+        lose of their overlaps, m, along their normals at touch.
         """
         from scipy.sparse import coo_array, hstack  # averages do not need it
 
@@ -283,46 +299,94 @@ class Problem:
         return hstack([of_bodies[:, :n], of_walls, of_strains], format="csr")
 
     def collect_forces(self, normal: Array, force: Array) -> Array:
-        """Return the forces (size,) on the unknowns by forces of contacts, ``force`` (n_c,), N,
-        along ``normal`` (n_c, 3).
+        """Return the forces (size,), N, on the unknowns by forces of contacts, ``force`` (n_c,), N,
+        along ``normal`` (n_c, 3); a force above zero pushes its balls apart.
         """
         assembly = self.assembly
         n = assembly.n_balls
         d = assembly.dimension
         on_bodies = np.zeros((assembly.n_bodies, 3))
-        virial = np.zeros((3, 3))
-        asked = virial if len(self.unit_strains) else virial[:0]
+        # the loop leaves out a virial without rows
+        virial = np.zeros((3 if len(self.unit_strains) else 0, 3))
         ends = (assembly.i, assembly.j, assembly.vector)
-        add_forces(*ends, normal, force, on_bodies, asked)
+        add_forces(*ends, normal, force, on_bodies, virial)
         on_walls = on_bodies[n : n + assembly.n_walls, :d]
         forces = np.empty(self.size)
         forces[: n * d].reshape(n, d)[:] = on_bodies[:n, :d]
         forces[n * d : self.n_displacements] = np.einsum("wa,wa->w", on_walls, assembly.directions)
-        forces[self.n_displacements :] = np.einsum("sab,ab->s", self.unit_strains, virial)
+        if len(self.unit_strains):
+            forces[self.n_displacements :] = np.einsum("sab,ab->s", self.unit_strains, virial)
         return forces
 
     def start_at(self, x: Array, overlap: Array | None = None) -> Configuration:
-        """Return the configuration at unknowns x; ``overlap`` (n_c,) are the overlaps, by default
-        those that follow from x.
+        """Return the configuration at unknowns x (size,); ``overlap`` (n_c,) are the overlaps, m,
+        by default those that follow from x.
         """
         if overlap is None and not self.turns:
             overlap = self.assembly.offset - self.measure_losses(x, strain=self.given_strain)
         return Configuration(self, x, overlap)
 
 
-class Configuration:
-    """The contacts of a problem, and the forces left, at unknowns x (size,).
+def _embed(strain: Array) -> Array:
+    """Return a strain (p, p), or strains (s, p, p), of a cell as (3, 3) or (s, 3, 3), with zeros
+    along the axes that have no period.
+    """
+    p = strain.shape[-1]
+    embedded = np.zeros((*strain.shape[:-2], 3, 3))
+    embedded[..., :p, :p] = strain
+    return embedded
 
-    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along, and must be
-    given there; in exact directions the overlaps follow from x unless they are given.
+
+class TurnedContacts(NamedTuple):
+    """The contacts of an assembly that have turned with their balls.
 
     Attributes
     ----------
-    normal, current : (n_c, 3) unit vectors of the contacts, and the vectors from ball to ball, m.
+    current : (n_c, 3) vectors from ball to ball, m.
     distance : (n_c,) lengths of these vectors, m.
+    normal : (n_c, 3) unit vectors along these vectors.
+    loss : (n_c,) what contacts have lost of their overlaps since touch, m.
+    """
+
+    current: Array
+    distance: Array
+    normal: Array
+    loss: Array
+
+
+def turn_contacts(assembly: Assembly, displacement: Array, strain: Array) -> TurnedContacts:
+    """Return the contacts of an ``assembly`` at the ``displacement`` (bodies, 3), m, of all bodies
+    and the ``strain`` (3, 3) of the cell. Contacts with flat walls do not turn.
+    """
+    count = assembly.n_contacts
+    turned = TurnedContacts(
+        current=np.empty((count, 3)),
+        distance=np.empty(count),
+        normal=np.empty((count, 3)),
+        loss=np.empty(count),
+    )
+    ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
+    vectors = (turned.current, turned.distance, turned.normal)
+    measure_turned(*ends, displacement, strain, turned.loss, *vectors)
+    return turned
+
+
+class Configuration:
+    """The contacts of a ``problem``, and the forces left, at unknowns x (size,).
+
+    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along, and must be
+    given there; in exact directions the overlaps follow from x unless they are given, and those
+    that are rounding are zero.
+
+    Attributes
+    ----------
+    problem, x : those that are given.
+    strain : (p, p) strain of the cell, the given strain of the load included.
+    normal, current : (n_c, 3) unit vectors of the contacts, and the vectors from ball to ball, m.
+    distance : (n_c,) lengths of the vectors ``current``, m.
     overlap, force : (n_c,) overlaps, m, and forces of the contacts, N.
-    force_size : size of these forces, N, see :meth:`~granphon.contacts.laws.ContactLaws.size`, by
-        which the forces left are measured.
+    force_size : size of the forces of contacts, N, see
+        :meth:`~granphon.contacts.laws.ContactLaws.size`, by which the forces left are measured.
     """
 
     def __init__(self, problem: Problem, x: Array, carried: Array | None = None) -> None:
@@ -331,11 +395,13 @@ class Configuration:
         self.x = x
         p = assembly.periods
         strain = problem.find_strain(x) + problem.given_strain
-        #: (p, p) strain of the cell
         self.strain = strain[:p, :p]
         if problem.turns:
-            measured = self._measure(strain)
-            self.overlap = measured if carried is None else carried
+            turned = turn_contacts(assembly, problem.find_displacement(x), strain)
+            self.normal = turned.normal
+            self.current = turned.current
+            self.distance = turned.distance
+            self.overlap = _round_overlaps(assembly, turned) if carried is None else carried
         else:
             assert carried is not None  # start_at has measured them
             self.overlap = carried
@@ -345,24 +411,6 @@ class Configuration:
         self.force = assembly.laws.force(self.overlap)
         self.force_size = assembly.laws.size(self.force)
 
-    def _measure(self, strain: Array) -> Array:
-        """Set vectors, distances and normals of contacts that turn, at the displacements of x and a
-        ``strain`` (3, 3) of the cell, and return their overlaps (n_c,). Overlaps that are rounding
-        are zero.
-        """
-        assembly = self.problem.assembly
-        loss = np.empty(assembly.n_contacts)
-        self.current = np.empty((assembly.n_contacts, 3))
-        self.distance = np.empty(assembly.n_contacts)
-        self.normal = np.empty((assembly.n_contacts, 3))
-        displacement = self.problem.find_displacement(self.x)
-        ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
-        places = (self.current, self.distance, self.normal)
-        measure_turned(*ends, displacement, strain, loss, *places)
-        overlap = np.empty(assembly.n_contacts)
-        find_overlaps(assembly.offset, loss, ROUNDING, overlap)
-        return overlap
-
     @cached_property
     def deformed(self) -> Array:
         """(p, p) deformation gradient of the cell, one plus the strain."""
@@ -370,13 +418,16 @@ class Configuration:
 
     @cached_property
     def growth(self) -> float:
-        """Measure of the deformed cell over that at touch, as of its volume in space."""
+        """Length, area or volume of the deformed cell over that at touch; 1 without a period, and
+        at most 0 of a cell that is turned inside out.
+        """
         return float(np.linalg.det(self.deformed)) if len(self.strain) else 1.0
 
     @cached_property
     def load_force(self) -> Array:
         """(size,) forces of the load on the unknowns, N; in exact directions those on the cell as
-        it is deformed.
+        it is deformed. A stress does not act on a cell that is turned inside out, which no search
+        accepts (:attr:`is_sound`).
         """
         problem = self.problem
         load = problem.load
@@ -391,9 +442,9 @@ class Configuration:
 
     @cached_property
     def load_slope(self) -> Array | None:
-        """(size, k + s) derivatives of the load's forces by the unknowns of walls and strains, N/m;
-        None of a load whose forces do not change. In exact directions a stress acts on the deformed
-        cell, and its forces change with the strains; the columns of the walls are zero.
+        """(size, k + s) derivatives of the forces of the load by the unknowns of walls and strains,
+        N/m; None where these forces do not change. In exact directions a stress acts on the
+        deformed cell, and its forces change with the strains; the columns of the walls are zero.
         """
         problem = self.problem
         load = problem.load
@@ -408,21 +459,22 @@ class Configuration:
         for column, unit in enumerate(units, start=k):
             grown = self.growth * float(np.trace(inverse @ unit))
             slope[:n, column] = grown * load.pressure_force
-            turned = grown * inverse - self.growth * inverse @ unit @ inverse
-            slope[n:, column] = problem.find_work(load.stress @ turned)
+            # of the inverse of the deformation times the growth
+            derivative = grown * inverse - self.growth * inverse @ unit @ inverse
+            slope[n:, column] = problem.find_work(load.stress @ derivative)
         return slope
 
     @cached_property
     def pull(self) -> Array:
         """(size,) the forces left on the unknowns, N. Where contacts are given a mean force, the
-        entry of the cell's strain is instead what their mean force has beyond the given one, times
-        the root of the number of contacts.
+        last entry, of the only strain of the cell, is instead the mean force of contacts less the
+        given one, times the root of the number of contacts.
         """
         pull = self.load_force + self.problem.collect_forces(self.normal, self.force)
-        wanted = self.problem.load.mean_force
-        if wanted is not None:
+        given_force = self.problem.load.mean_force
+        if given_force is not None:
             count = self.problem.assembly.n_contacts
-            pull[-1] = math.sqrt(count) * (float(np.mean(self.force)) - wanted)
+            pull[-1] = math.sqrt(count) * (float(np.mean(self.force)) - given_force)
         return pull
 
     @cached_property
@@ -437,12 +489,12 @@ class Configuration:
 
     @cached_property
     def stiffness(self) -> Array:
-        """(n_c,) stiffnesses, N/m."""
+        """(n_c,) stiffnesses of the contacts along their normals, N/m."""
         return self.problem.assembly.laws.stiffness(self.overlap)
 
     @cached_property
     def force_on_balls(self) -> Array:
-        """(n,) the force left on each ball, N."""
+        """(n,) size of the force left on each ball, N."""
         assembly = self.problem.assembly
         left = self.pull[: self.problem.n_ball_unknowns]
         return np.asarray(
@@ -454,36 +506,45 @@ class Configuration:
         and ``side_stiffness`` (n_c,) across them, N/m; bodies do not rotate.
         """
         assembly = self.problem.assembly
-        nothing = np.zeros(assembly.n_contacts)
-        none = np.zeros((0, 3))
+        zeros = np.zeros(assembly.n_contacts)
+        no_vectors = np.zeros((0, 3))
         return Columns(
             i=assembly.i,
             j=assembly.j,
             vector=assembly.vector,
             normal=self.normal,
-            arm_i=nothing,
-            arm_j=nothing,
+            arm_i=zeros,
+            arm_j=zeros,
             distance=self.distance,
             normal_stiffness=stiffness,
-            shear_stiffness=nothing,
-            torsion_stiffness=nothing,
-            bending_stiffness=nothing,
+            shear_stiffness=zeros,
+            torsion_stiffness=zeros,
+            bending_stiffness=zeros,
             side_stiffness=side_stiffness,
-            tangential_force=none,
-            origin=none,
+            tangential_force=no_vectors,
+            origin=no_vectors,
         )
 
     @cached_property
     def is_sound(self) -> bool:
-        """Whether the configuration is possible: the unknowns are finite, contacts have a length,
-        some carry a force, and the cell is not turned inside out.
+        """Whether the configuration is possible: the unknowns are finite, contacts have a length
+        and their forces a size (:attr:`force_size`), and the cell is not turned inside out.
         """
         if not (self.force_size and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
             return False
         return not len(self.strain) or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
 
     def move(self, x: Array, overlap: Array | None = None) -> Configuration:
-        """Return the configuration at other unknowns x (size,), with the overlaps (n_c,) there,
-        which must be given unless contacts turn.
+        """Return the configuration at other unknowns x (size,), with the ``overlap`` (n_c,), m, of
+        contacts there, which must be given unless contacts turn.
         """
         return Configuration(self.problem, x, overlap)
+
+
+def _round_overlaps(assembly: Assembly, turned: TurnedContacts) -> Array:
+    """Return the overlaps (n_c,), m, of the contacts ``turned`` of an ``assembly``; those that are
+    rounding are zero.
+    """
+    overlap = np.empty(assembly.n_contacts)
+    find_overlaps(assembly.offset, turned.loss, ROUNDING, overlap)
+    return overlap

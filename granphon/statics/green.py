@@ -23,8 +23,9 @@ class GreenFunction:
     """The inverse of the tangent of contacts on a ``grid``, all of stiffness one along their
     normals: from forces on balls to displacements.
 
-    ``workers`` threads share each Fourier transform. The inverse is zero for translations of the
-    whole array, and for other waves that deform no contact.
+    ``workers`` threads share each Fourier transform; ``options`` say whether the inverse is kept
+    for other arrays on the same grid. The inverse is zero for translations of the whole array, and
+    for other waves that deform no contact.
     """
 
     def __init__(self, grid: Grid, workers: int, options: GridOptions | None = None) -> None:
@@ -49,7 +50,7 @@ class GreenFunction:
         """Return ``scale`` times the motions (f, cells) under ``forces`` (f, cells), in the
         precision of the forces.
         """
-        from scipy import fft  # imported here: media that are not simulated do not need it
+        from scipy import fft  # imported here: media that are not simulated do not need SciPy
 
         axes = tuple(range(1, 1 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
@@ -81,6 +82,8 @@ def _find_table(
     fields = d * n_balls
     normal = np.reshape(normals, (-1, d))
     shift = np.reshape(shifts, (-1, d))
+    # where both balls of each contact are the same ball of the cell, phases come in pairs of
+    # opposite sign
     is_real = n_balls == 1
     counts = (*shape[:-1], shape[-1] // 2 + 1)
     # a preconditioner needs few digits
@@ -91,18 +94,15 @@ def _find_table(
         translations[axis::d, axis::d] = 1.0 / n_balls
     step = max(1, batch * counts[0] // math.prod(counts))
     for low in range(0, counts[0], step):
-        indices = [np.arange(count) for count in counts]
-        indices[0] = indices[0][low : low + step]
-        # the phases of waves from one cell to the next along each axis, rad
-        phases = np.meshgrid(
-            *(2.0 * np.pi / length * index for length, index in zip(shape, indices, strict=True)),
-            indexing="ij",
-        )
+        waves = [np.arange(count) for count in counts]
+        waves[0] = waves[0][low : low + step]
+        phases = _list_phases(shape, waves)
         matrix = np.zeros((*phases[0].shape, fields, fields), float if is_real else complex)
-        for i, j, steps, direction in zip(first, second, shift.tolist(), normal, strict=True):
-            angle = sum(count * phase for count, phase in zip(steps, phases, strict=True))
+        for i, j, cells, direction in zip(first, second, shift.tolist(), normal, strict=True):
+            angle = sum(count * phase for count, phase in zip(cells, phases, strict=True))
             projection = np.outer(direction, direction)
             if is_real:
+                # |exp(i angle) - 1|^2
                 matrix += (4.0 * np.sin(0.5 * angle) ** 2)[..., None, None] * projection
                 continue
             at_i = slice(d * i, d * (i + 1))
@@ -112,7 +112,7 @@ def _find_table(
             matrix[..., at_j, at_j] += projection
             matrix[..., at_i, at_j] -= ahead
             matrix[..., at_j, at_i] -= np.conj(ahead)
-        if low == 0:
+        if low == 0:  # nothing resists translations: unit springs make the matrix invertible
             matrix[(0,) * d] += translations
         inverse = invert_hermitian(matrix)
         if low == 0:
@@ -121,6 +121,15 @@ def _find_table(
     flat = table.reshape(fields, fields, -1)
     flat.flags.writeable = False
     return flat
+
+
+def _list_phases(shape: tuple[int, ...], waves: list[Any]) -> list[Any]:
+    """Return, for each axis of a grid of the ``shape``, the phases, rad, of waves from one cell to
+    the next along the axis. ``waves`` are the indices (w,) of the waves along each axis; each array
+    of phases has the shape of the waves along all axes.
+    """
+    along = [2.0 * np.pi / length * index for length, index in zip(shape, waves, strict=True)]
+    return list(np.meshgrid(*along, indexing="ij"))
 
 
 def multiply_waves(table: Values, scale: Any, waves: Values) -> Values:

@@ -39,6 +39,7 @@ class GridPlace:
 
     Attributes
     ----------
+    problem, options : the problem, and the numbers of the search.
     balls, strains : displacements (f, cells), and strains (s,).
     common : (kinds,) overlaps that the strains make, common to all contacts of a kind.
     excess : (kinds, cells) forces of contacts less the force at the common overlap.
@@ -51,34 +52,41 @@ class GridPlace:
     ) -> None:
         self.problem = problem
         self.options = options
-        cached = options.cached
         self.balls = balls
         self.strains = strains
         self.common = problem.find_common(strains)
-        differences = problem.measure_losses(balls)
-        root: Values = np.empty(differences.shape, np.float32)
-        kinds, cells = differences.shape
-        # (kinds, 2) sums of excess forces, and of roots
-        sums = np.zeros((kinds, 2))
+        # losses of overlap, in place of which the excess forces are then written
+        self.excess = problem.measure_losses(balls)
+        self.root: Values = np.empty(self.excess.shape, np.float32)
         self.square = 0.0
-        # as many contacts at a time as stay in the cache; kinds together if they have one overlap
+        #: (kinds, 2) sums of excess forces, and of roots
+        self._sums = np.zeros((len(self.common), 2))
+        self._find_forces()
+
+    def _find_forces(self) -> None:
+        """Replace the losses of overlap in :attr:`excess` by the excess forces, fill :attr:`root`,
+        and add up :attr:`square` and the sums over the contacts of each kind.
+
+        As many contacts are worked on at a time as stay in the cache, of several kinds together if
+        these have one common overlap.
+        """
+        problem = self.problem
+        cached = self.options.cached
+        kinds, cells = self.excess.shape
         step = max(1, cached // cells) if problem.is_even else 1
         for low in range(0, kinds, step):
             rows = slice(low, low + step)
             overlap = float(self.common[low])
             for first in range(0, cells, cached):
                 columns = slice(first, first + cached)
-                values = differences[rows, columns]
+                values = self.excess[rows, columns]
                 np.subtract(problem.offset[rows, columns], values, out=values)
                 # values: overlaps beyond the common one before, excess forces after
-                _, contact = hertz.press_further(overlap, values, values)
-                root[rows, columns] = contact
-                sums[rows, 0] += np.sum(values, axis=1)
-                sums[rows, 1] += np.sum(contact, axis=1)
+                _, root = hertz.press_further(overlap, values, values)
+                self.root[rows, columns] = root
+                self._sums[rows, 0] += np.sum(values, axis=1)
+                self._sums[rows, 1] += np.sum(root, axis=1)
                 self.square += float(np.einsum("kc,kc", values, values))
-        self.excess = differences
-        self.root = root
-        self._sums = sums
 
     @cached_property
     def common_force(self) -> Array:
@@ -88,10 +96,8 @@ class GridPlace:
     @cached_property
     def force(self) -> float:
         """Mean force of all contacts."""
-        kinds = len(self.common)
-        return float(np.mean(self.common_force)) + float(np.sum(self._sums[:, 0])) / (
-            kinds * self.problem.grid.n_cells
-        )
+        excess = float(np.sum(self._sums[:, 0])) / self.excess.size
+        return float(np.mean(self.common_force)) + excess
 
     @cached_property
     def level(self) -> float:
@@ -132,15 +138,15 @@ class GridPlace:
 
     @cached_property
     def left(self) -> float:
-        """Size of the largest force left on a ball."""
+        """The size of the largest force left on a ball."""
         return self.problem.find_largest(self.pull)
 
     @cached_property
     def residual(self) -> float:
         """The largest force left on a ball, over the scale to which tolerances refer: the mean
-        force of contacts, or the standard deviation of their forces if that is less. If the force
-        left on the strains, over the mean force and the tolerance of the cell, is larger, the
-        residual is this force.
+        force of contacts, or the standard deviation of their forces if that is less, but at least
+        that of ``options.least_difference``. If the force left on the strains, over the mean force
+        and the tolerance of the cell, is larger, the residual is that force.
         """
         problem = self.problem
         options = self.options
@@ -165,24 +171,29 @@ class GridPlace:
             return False
         return not np.all(self.root)
 
-    def find_overlaps(self, at_rest: bool) -> Array:
-        """Return the overlaps (kinds, cells).
-
-        ``at_rest`` contacts of balls that differ count as just open if their force may be nothing
-        but a residual: their stiffness would hold a ball that nothing holds.
-        """
+    def find_overlaps(self) -> Array:
+        """Return the overlaps (kinds, cells)."""
         overlap = self.problem.measure_losses(self.balls)
         np.subtract(self.problem.offset, overlap, out=overlap)
         overlap += self.common[:, None]
-        if self.problem.spread and at_rest:
+        return np.asarray(overlap)
+
+    def find_overlaps_at_rest(self) -> Array:
+        """Return the overlaps (kinds, cells) of balls at rest: contacts of balls that differ count
+        as just open if their force may be nothing but a residual, as their stiffness would hold a
+        ball that nothing holds.
+        """
+        overlap = self.find_overlaps()
+        if self.problem.spread:
             light = float(hertz.overlap_of(self.options.carried * self.left))
             np.minimum(overlap, 0.0, out=overlap, where=overlap <= light)
-        return np.asarray(overlap)
+        return overlap
 
 
 class GridWay:
-    """The places along a step on a grid, a :class:`~granphon.statics.line_search.Way`; the energy
-    falls by ``fall`` per length at the start.
+    """The places along a ``step`` on a grid from its ``start``, a
+    :class:`~granphon.statics.line_search.Way`; the energy falls by ``fall`` per length at the
+    start.
     """
 
     longest = math.inf
@@ -221,7 +232,13 @@ class GridWay:
 
 
 class GridDescent(Descent[GridPlace]):
-    """The way to rest on a grid."""
+    """The way to rest on a grid.
+
+    Attributes
+    ----------
+    problem : the problem, in units of its own.
+    equations, inverses : the linear equations of steps, and preconditioners for these.
+    """
 
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
         tolerance = options.grid_tolerance
@@ -232,12 +249,12 @@ class GridDescent(Descent[GridPlace]):
         self.equations = LatticeEquations(problem.grid, problem.strained, options)
         self.inverses = Preconditioners(problem, self.equations, options)
         #: whether the interior-point method has led near rest before Newton's method
-        self._is_inside = False
-        #: whether equations are solved in single precision: they need few digits, and it takes half
-        #: of the time
-        self._single = True
+        self._began_inside = False
+        #: whether equations are solved in single precision: few digits are needed, and single
+        #: precision takes half of the time
+        self._is_single = True
         #: the residual before the last step, 0 at first
-        self._before = 0.0
+        self._last_residual = 0.0
 
     @property
     def needs_more_load(self) -> bool:
@@ -246,9 +263,10 @@ class GridDescent(Descent[GridPlace]):
 
     def begin(self, start: Rest | None) -> GridPlace:
         """Return the place at which the way begins: near rest, to where the interior-point method
-        leads, if that method serves and finds rest; otherwise that of ``start``; without a start
-        that of :meth:`_find_first_displacements`. Steps and iterations of the interior-point method
-        are counted.
+        leads, if that method serves and finds rest; otherwise that of ``start``. Without a start,
+        or for balls that do not differ, the balls are on their sites, or, where that method does
+        not serve, at :meth:`_find_first_displacements`. Steps and iterations of the interior-point
+        method are counted.
         """
         problem = self.problem
         balls = np.zeros((problem.n_fields, problem.grid.n_cells))
@@ -261,11 +279,14 @@ class GridDescent(Descent[GridPlace]):
         if problem.begins_inside(strains, self.options):
             nearby = approach(problem, self.equations, self.inverses, balls, strains, is_fresh)
             if nearby is not None:
-                balls, strains, self.steps, self.iterations = nearby
-                self._is_inside = self.steps > 0
-                self._single = not self._is_inside
+                balls = nearby.balls
+                strains = nearby.strains
+                self.steps = nearby.steps
+                self.iterations = nearby.iterations
+                self._began_inside = self.steps > 0
+                self._is_single = not self._began_inside
         elif is_fresh:
-            balls = self._find_first_displacements(balls, strains)
+            balls = self._find_first_displacements(strains)
         return GridPlace(problem, balls, strains, self.options)
 
     def _is_stuck(self, place: GridPlace) -> bool:
@@ -275,39 +296,43 @@ class GridDescent(Descent[GridPlace]):
     def _advance(self, place: GridPlace) -> GridPlace:
         """Return the place after a step of Newton's method, of a length at which the slope of the
         energy is small.
-
-        The linear equations are solved the more accurately the faster the residual falls.
         """
         options = self.options
         residual = place.residual
-        reduction = options.loosest
-        if self._before:
-            reduction = min(reduction, (residual / self._before) ** options.progress)
-        reduction = max(reduction, options.margin * self.tolerance / residual)
-        step, taken = self._find_step(place, min(options.loosest, reduction))
+        step, taken = self._find_step(place, self._choose_reduction(residual))
         self.inverses.count(taken)
         # near rest, where it comes no nearer, slopes are rounding: a line search would stay there
         is_rounding = residual < options.near and self.trail.stalled > 2
         part = 1.0 if is_rounding else options.slope
         ahead, length = self._follow(GridWay(place, step), part)
         self.iterations += taken
-        self._before = residual
+        self._last_residual = residual
         # where balls that nothing holds move far, single precision may spoil a step
-        self._single = self._single and length > options.spoilt
+        self._is_single = self._is_single and length > options.spoilt
         return ahead
+
+    def _choose_reduction(self, residual: float) -> float:
+        """Return the relative residual at which the linear equations of a step from a place with a
+        ``residual`` end: the less the faster the residual falls, but no less than rest needs.
+        """
+        options = self.options
+        reduction = options.loosest
+        if self._last_residual:
+            reduction = (residual / self._last_residual) ** options.progress
+        least = options.margin * self.tolerance / residual
+        return min(options.loosest, max(reduction, least))
 
     def _finish(self, place: GridPlace) -> Rest:
         """Return the state of a place that is at rest."""
-        return self._make_state(place, True)
+        return self._make_state(place, place.find_overlaps_at_rest())
 
-    def _make_state(self, place: GridPlace, at_rest: bool) -> Rest:
-        """Return the state of a place, in SI units; see :meth:`GridPlace.find_overlaps` for
-        ``at_rest``.
+    def _make_state(self, place: GridPlace, overlap: Array) -> Rest:
+        """Return the state of a place with the ``overlap`` (kinds, cells) of contacts, in SI units;
+        the array of overlaps is reused.
         """
         on_grid = self.problem
         problem = on_grid.problem
         assembly = problem.assembly
-        overlap = place.find_overlaps(at_rest)
         overlap *= on_grid.unit
         closed = float(np.mean(overlap > 0.0))
         p = assembly.periods
@@ -318,6 +343,7 @@ class GridDescent(Descent[GridPlace]):
             strain=(strain + problem.given_strain)[:p, :p],
             overlap=overlap.ravel(),
             assembly=assembly,
+            # over the mean force of closed contacts
             residual=place.left / place.force * closed if closed else math.inf,
             steps=self.steps,
             iterations=self.iterations,
@@ -327,45 +353,47 @@ class GridDescent(Descent[GridPlace]):
         """Return the error of a way that has not led to rest; a ConvergenceError has the state at
         its end as ``reached``.
         """
-        rest = self._make_state(place, False)
+        rest = self._make_state(place, place.find_overlaps())
         problem = self.problem.problem
         error = explain(problem, self.options, opened=place.carries_nothing, residual=rest.residual)
         if isinstance(error, ConvergenceError):
             error.reached = rest
         return error
 
-    def _find_first_displacements(self, balls: Array, strains: Array) -> Array:
-        """Return the displacements (f, cells) at which a way without a start begins.
+    def _find_first_displacements(self, strains: Array) -> Array:
+        """Return the displacements (f, cells) at which a way without a start begins, at ``strains``
+        (s,) of the cell.
 
         Where all contacts are closed on the sites, these are the displacements at rest of equal
-        springs in place of the contacts. Where some are open, these are ``balls``, which are zero:
-        balls that nothing holds stay nearer to their sites if they begin there.
+        springs in place of the contacts. Where some contacts are open, or balls do not differ, the
+        displacements are zero: balls that nothing holds stay nearer to their sites if they begin
+        there.
         """
         problem = self.problem
         common = problem.find_common(strains)
         is_closed = float(np.min(common + np.min(problem.offset, axis=1))) > 0.0
         if not (problem.spread and is_closed):
-            return balls
+            return np.zeros((problem.n_fields, problem.grid.n_cells))
         return self.equations.green.apply(problem.collect(problem.offset), 1.0)
 
-    def _find_step(self, here: GridPlace, reduction: float) -> tuple[Unknowns, int]:
-        """Return a step of Newton's method from a place, and the number of iterations; these end
-        where the part ``reduction`` is left of the right side of the equations.
+    def _find_step(self, place: GridPlace, reduction: float) -> tuple[Unknowns, int]:
+        """Return a step of Newton's method from a ``place``, and the number of iterations; these
+        end where the part ``reduction`` is left of the right side of the equations.
 
         In single precision the stiffnesses are made where the roots of the place are stored, which
         are lost: a large array is not kept twice.
         """
-        precision: type[Any] = np.float32 if self._single else np.float64
-        prepare = self.inverses.choose if self._is_inside else self.equations.precondition
-        stiffness = here.root.astype(precision, copy=False)
-        stiffness *= hertz.stiffness_of(1.0) / here.level
-        stiffness += self.options.added * min(1.0, here.residual)
+        precision: type[Any] = np.float32 if self._is_single else np.float64
+        prepare = self.inverses.choose if self._began_inside else self.equations.precondition
+        stiffness = place.root.astype(precision, copy=False)
+        stiffness *= hertz.stiffness_of(1.0) / place.level
+        stiffness += self.options.added * min(1.0, place.residual)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
-        push = float(np.max(np.abs(here.push), initial=0.0)) * self.problem.weight
-        size = max(float(np.max(np.abs(here.pull))), push)
-        force = Unknowns((here.pull / size).astype(precision), here.push / size)
+        push = float(np.max(np.abs(place.push), initial=0.0)) * self.problem.weight
+        size = max(float(np.max(np.abs(place.pull))), push)
+        force = Unknowns((place.pull / size).astype(precision), place.push / size)
         step, taken = self.equations.solve(stiffness, force, prepare(stiffness), reduction)
-        scale = size / here.level
+        scale = size / place.level
         balls = step.balls.astype(float)
         balls *= scale
         return Unknowns(balls, step.strains.astype(float) * scale), taken

@@ -1,8 +1,8 @@
 """A problem of statics on a grid, whose contacts keep the directions of the lattice.
 
-The overlap of a contact is h = y + o - n.(u_j - u_i), with y by the strain of the cell, which all
-contacts of a kind share, and the overlap o on the sites. No contact is spelled out
-(:mod:`granphon.contacts.grid_loops`).
+The overlap of a contact is h = y + o - n.(u_j - u_i), with the overlap y that the strain of the
+cell makes, which all contacts of a kind share, and the overlap o on the sites. No contact is
+spelled out (:mod:`granphon.contacts.grid_loops`).
 
 Lengths are over a power of two near the spread of the overlaps on the sites, forces over those of
 Hertz's law for this overlap.
@@ -39,17 +39,25 @@ class Unknowns(NamedTuple):
 
 
 class GridProblem:
-    """A problem on a grid whose contacts have Hertz's law, in units of its own.
+    """A ``problem`` on a grid whose contacts have Hertz's law, in units of its own.
 
     Arrays of contacts are (kinds, cells), and arrays of balls (f, cells), f being the displacements
     of the balls of a cell. Lengths are in the unit ``unit``, forces in the unit ``force_unit``.
+    The unknowns of the s strains are lengths, as those of the ``problem``.
 
     Attributes
     ----------
+    problem, grid : the problem in SI units, and the contacts, kind by kind.
+    n_fields : number f of displacements of the balls of a cell.
     offset : (kinds, cells) overlaps on the sites.
     given : (kinds,) overlaps that a given strain makes.
-    strained : (kinds, s) what contacts lose of their overlaps by unit strains.
+    strained : (kinds, s) what contacts lose of their overlaps over each unknown of a strain.
+    is_even : whether all kinds have the same ``given`` and ``strained``, to the last digit: then
+        all contacts have one common overlap.
     work : (s,) forces of the load on strains.
+    load_force : mean force of the contacts under the load, zero where a strain is given.
+    pushes : (kinds, f) forces on the balls of a cell by contacts of each kind with a force of one.
+    balances : whether contacts with one common overlap leave no force on any ball.
     spread : standard deviation of the overlaps on the sites.
     unit, force_unit : units of lengths, m, and of forces, N.
     is_given : whether the strain of the cell is given, but for shears.
@@ -60,61 +68,36 @@ class GridProblem:
         assembly = problem.assembly
         assert isinstance(assembly, GridAssembly)
         assert isinstance(assembly.law, hertz.HertzLaw)
-        coefficient = assembly.law.coefficient
         grid = assembly.grid
+        load = problem.load
         self.problem = problem
         self.grid: Grid = grid
         self.n_fields = grid.n_balls * len(grid.shape)
+        self.is_given = load.stress is None and load.mean_force is None
+        strained, given, self.is_even = _find_common_losses(problem, grid)
+        self.strained = strained
+        self.is_free = strained.shape[1] > 0
+        self.pushes = _find_pushes(grid)
+        cancels = np.abs(np.sum(self.pushes, axis=0)) <= ROUNDING * grid.n_kinds
+        self.balances = self.is_even and bool(np.all(cancels))
+        # in the units of the problem from here on
         offset = assembly.offset.reshape(grid.n_kinds, grid.n_cells)
-        self.spread = float(np.std(offset))
-        normal = grid.normal
-        strained = np.einsum("ka,sab,kb->ks", normal, problem.unit_strains, grid.vector)
-        given = -np.einsum("ka,ab,kb->k", normal, problem.given_strain, grid.vector)
-        # kinds that lose alike do so to the last digit, and are worked on together
-        is_even = float(np.max(np.ptp(strained, axis=0), initial=0.0)) <= ROUNDING * float(
-            np.max(np.abs(strained), initial=0.0)
-        ) and float(np.ptp(given)) <= ROUNDING * float(np.max(np.abs(given)))
-        if is_even:
-            strained[:] = strained[0]
-            given[:] = given[0]
-        #: whether all contacts have one common overlap
-        self.is_even = is_even
-        stress = problem.load.stress
-        work = np.zeros(strained.shape[1])
-        if stress is not None:
-            work = problem.find_work(stress)
-        if problem.load.mean_force is not None:
-            work = -problem.load.mean_force * grid.n_cells * np.sum(strained, axis=0)
+        spread = float(np.std(offset))
         force = _find_mean_force(problem, grid)
-        length = _WIDTH_OVER_RMS * self.spread
-        if not length:
-            length = float(hertz.overlap_of(force / coefficient)) or float(np.max(np.abs(given)))
-        self.unit = 2.0 ** round(math.log2(length)) if 0.0 < length < math.inf else 1.0
+        coefficient = assembly.law.coefficient
+        self.unit = _choose_unit(spread, given, float(hertz.overlap_of(force / coefficient)))
         self.force_unit = coefficient * self.unit**hertz.EXPONENT
         self.offset = offset if self.unit == 1.0 else offset / self.unit
-        self.spread /= self.unit
+        self.spread = spread / self.unit
         self.given = given / self.unit
-        self.strained = strained
-        self.work = work / self.force_unit
-        self.is_given = stress is None and problem.load.mean_force is None
-        self.is_free = len(work) > 0
-        #: mean force of the contacts under the load, zero where a strain is given
+        self.work = _find_work(problem, strained, grid) / self.force_unit
         self.load_force = force / self.force_unit
-        #: directions in which the kinds of contacts push the balls of a cell, (kinds, f)
-        pushes = np.zeros((grid.n_kinds, grid.n_balls, len(grid.shape)))
-        kinds = np.arange(grid.n_kinds)
-        along = normal[:, : len(grid.shape)]
-        np.add.at(pushes, (kinds, grid.j), along)
-        np.add.at(pushes, (kinds, grid.i), -along)
-        self.pushes = pushes.reshape(grid.n_kinds, -1)
-        #: whether equal forces of all contacts balance, and one common overlap makes no others
-        self.balances = is_even and bool(
-            np.all(np.abs(np.sum(self.pushes, axis=0)) <= ROUNDING * grid.n_kinds)
-        )
 
     @cached_property
     def weight(self) -> float:
-        """Factor from a force on a strain to a force on each contact; zero without free strains."""
+        """Factor from a force on a strain to a force on each contact; zero without unknown
+        strains.
+        """
         if not self.is_free:
             return 0.0
         return 1.0 / (self.grid.n_cells * float(np.max(np.sum(np.abs(self.strained), axis=0))))
@@ -128,8 +111,9 @@ class GridProblem:
         return bool(self.load_force < options.interior_forces[0])
 
     def begins_inside(self, strains: Array, options: RestOptions) -> bool:
-        """Return whether the interior-point method is to come before Newton's: where balls differ,
-        and many contacts are open under a load or a strain like this one, with ``strains`` (s,).
+        """Return whether the interior-point method is to come before Newton's, which then begins
+        near rest: where balls differ, and at the ``strains`` (s,) of the start so few contacts are
+        closed, or the mean force is so small, as ``options`` say.
         """
         # in space that takes too many iterations without factors
         if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
@@ -144,8 +128,8 @@ class GridProblem:
 
     def needs_fine_start(self, options: RestOptions) -> bool:
         """Return whether a search in exact directions is to begin at a rest of this problem that is
-        found to the end: where loose balls depend on it, and it is not the interior-point method
-        that leads there.
+        found with the full tolerance: where the places of loose balls depend on that rest, and the
+        interior-point method does not lead to it.
         """
         if self.is_given:
             leaves_loose = float(np.mean(self.given)) < options.differing
@@ -159,16 +143,18 @@ class GridProblem:
         """
         if self.is_given:
             return np.zeros(len(self.work))
-        wanted = self.given - float(hertz.overlap_of(self.load_force))
-        strains, *_ = np.linalg.lstsq(self.strained, wanted, rcond=None)
+        losses = self.given - float(hertz.overlap_of(self.load_force))
+        strains, *_ = np.linalg.lstsq(self.strained, losses, rcond=None)
         return np.asarray(strains)
 
     def find_common(self, strains: Array) -> Array:
-        """Return the overlaps (kinds,) that strains (s,) make."""
+        """Return the overlaps (kinds,) that the given strain and ``strains`` (s,) make."""
         return np.asarray(self.given - self.strained @ strains)
 
     def measure_losses(self, balls: Values) -> Values:
-        """Return (kinds, cells) losses of overlap by displacements (f, cells)."""
+        """Return the losses of overlap (kinds, cells) by displacements ``balls`` (f, cells), in the
+        precision of the displacements.
+        """
         loss = np.empty(self.offset.shape, balls.dtype)
         grid_loops.measure_losses(self.grid.runs, balls, loss)
         return loss
@@ -182,7 +168,9 @@ class GridProblem:
         return loss
 
     def collect(self, force: Values) -> Values:
-        """Return the forces on balls (f, cells) that forces of contacts (kinds, cells) make."""
+        """Return the forces on balls (f, cells) that a ``force`` (kinds, cells) of contacts makes,
+        in the precision of that force.
+        """
         on_balls = np.zeros((self.n_fields, self.grid.n_cells), force.dtype)
         grid_loops.add_forces(self.grid.runs, force, on_balls)
         return on_balls
@@ -190,7 +178,8 @@ class GridProblem:
     def find_largest(self, on_balls: Values) -> float:
         """Return the size of the largest of the forces (f, cells) on balls."""
         d = len(self.grid.shape)
-        squares = np.einsum("bac,bac->bc", *(2 * [on_balls.reshape(-1, d, self.grid.n_cells)]))
+        forces = on_balls.reshape(-1, d, self.grid.n_cells)
+        squares = np.einsum("bac,bac->bc", forces, forces)  # |F|^2 of each ball
         return math.sqrt(float(np.max(squares)))
 
     def lay(self, displacement: Array) -> Array:
@@ -212,6 +201,64 @@ class GridProblem:
 def is_small(grid: Grid, options: RestOptions) -> bool:
     """Return whether a ``grid`` is small enough for factors."""
     return grid.n_cells * grid.n_balls <= options.most_factorised[len(grid.shape)]
+
+
+def _find_common_losses(problem: Problem, grid: Grid) -> tuple[Array, Array, bool]:
+    """Return what the contacts of each kind lose of their overlaps, m, over each unknown of a
+    strain, m, (kinds, s); the overlaps (kinds,), m, that the given strain makes; and whether both
+    are the same for all kinds.
+
+    Numbers of kinds that are the same but for rounding are made the same to the last digit, so that
+    the kinds can be worked on together.
+    """
+    normal = grid.normal
+    # an overlap loses n.E v by a strain E
+    strained = np.einsum("ka,sab,kb->ks", normal, problem.unit_strains, grid.vector)
+    given = -np.einsum("ka,ab,kb->k", normal, problem.given_strain, grid.vector)
+    largest = float(np.max(np.abs(strained), initial=0.0))
+    differences = float(np.max(np.ptp(strained, axis=0), initial=0.0))
+    is_even = differences <= ROUNDING * largest
+    is_even = is_even and float(np.ptp(given)) <= ROUNDING * float(np.max(np.abs(given)))
+    if is_even:
+        strained[:] = strained[0]
+        given[:] = given[0]
+    return strained, given, is_even
+
+
+def _find_pushes(grid: Grid) -> Array:
+    """Return the forces (kinds, f) on the balls of a cell by contacts of each kind that all have a
+    force of one: the normal n on the second ball of a contact, and -n on the first.
+    """
+    d = len(grid.shape)
+    pushes = np.zeros((grid.n_kinds, grid.n_balls, d))
+    kinds = np.arange(grid.n_kinds)
+    np.add.at(pushes, (kinds, grid.j), grid.normal[:, :d])
+    np.add.at(pushes, (kinds, grid.i), -grid.normal[:, :d])
+    return pushes.reshape(grid.n_kinds, -1)
+
+
+def _choose_unit(spread: float, given: Array, overlap: float) -> float:
+    """Return the unit of lengths, m: the power of two that is nearest to the width of diameters
+    with a ``spread`` of overlaps on the sites, m. Of balls that do not differ, it is near the
+    ``overlap``, m, of the mean force of the load, or else near the overlaps ``given`` (kinds,), m,
+    that a given strain makes; 1 m if there are none.
+    """
+    length = _WIDTH_OVER_RMS * spread or overlap or float(np.max(np.abs(given)))
+    return 2.0 ** round(math.log2(length)) if 0.0 < length < math.inf else 1.0
+
+
+def _find_work(problem: Problem, strained: Array, grid: Grid) -> Array:
+    """Return the forces (s,), N, of the load on the unknown strains; contacts lose ``strained``
+    (kinds, s) of their overlaps over each. Zeros where a strain is given.
+
+    A given mean force acts as the stress that balances contacts which all have this force.
+    """
+    load = problem.load
+    if load.mean_force is not None:
+        return np.asarray(-load.mean_force * grid.n_cells * np.sum(strained, axis=0))
+    if load.stress is not None:
+        return problem.find_work(load.stress)
+    return np.zeros(strained.shape[1])
 
 
 def _find_mean_force(problem: Problem, grid: Grid) -> float:

@@ -20,6 +20,7 @@ rest in the middle of their cages, where they touch no other.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,38 @@ from granphon.statics.lattice_equations import LatticeEquations, Preconditioners
 from granphon.statics.options import InteriorOptions
 
 
+class Nearby(NamedTuple):
+    """What the interior-point method has found.
+
+    Attributes
+    ----------
+    balls, strains : displacements (f, cells), and strains (s,), near rest.
+    steps, iterations : numbers of steps that led there, and of iterations in them.
+    """
+
+    balls: Array
+    strains: Array
+    steps: int
+    iterations: int
+
+
+class _Point(NamedTuple):
+    """An interior point.
+
+    Attributes
+    ----------
+    balls, strains : displacements (f, cells), and strains (s,).
+    h : (kinds, cells) overlaps at these.
+    f, s : (kinds, cells) forces and gaps, above zero.
+    """
+
+    balls: Array
+    strains: Array
+    h: Array
+    f: Array
+    s: Array
+
+
 def approach(
     problem: GridProblem,
     equations: LatticeEquations,
@@ -37,77 +70,107 @@ def approach(
     balls: Array,
     strains: Array,
     is_fresh: bool,
-) -> tuple[Array, Array, int, int] | None:
-    """Return displacements (f, cells) and strains (s,) near rest, and the numbers of steps and
-    iterations that led there, in a ``problem`` on a grid; the way begins at the displacements
-    ``balls`` and at ``strains``.
+) -> Nearby | None:
+    """Return displacements and strains near rest in a ``problem`` on a grid; the way begins at the
+    displacements ``balls`` (f, cells) and at ``strains`` (s,).
 
     The ``equations`` are those of the problem, with the options, and the ``inverses`` precondition
     them and count the iterations. ``is_fresh`` says whether the balls begin on their sites, rather
     than at rest under another load.
 
-    The result is None if no rest is near after ``steps`` of the options, if the balls are not in
-    balance where the method ends, or if the mean force falls to nothing: rest may be at the
+    The result is None if no rest is near after ``inner_steps`` of the options, if the balls are not
+    in balance where the method ends, or if the mean force falls to nothing: rest may be at the
     threshold itself, or there may be none.
     """
     numbers = equations.options.interior
-    cells = problem.grid.n_cells
-    taken = 0
-    before = math.inf
+    iterations = 0
+    last_product = math.inf
     h = _find_overlaps(problem, balls, strains)
     f, s = split(h, (1.0 if is_fresh else numbers.width_nearby) * float(np.std(h)))
+    point = _Point(balls, strains, h, f, s)
     for step in range(equations.options.inner_steps):
-        product = float(np.mean(f * s))
-        mean = float(np.mean(f))
+        product = float(np.mean(point.f * point.s))
+        mean = float(np.mean(point.f))
         if mean < equations.options.threshold:  # too few balls touch to hold each other
             return None
         # mean of f s over the mean force to the power 5/3, and largest force left on a ball
         relative = product / (mean * float(hertz.overlap_of(mean)))
-        left = problem.find_largest(problem.collect(f)) / mean
+        left = problem.find_largest(problem.collect(point.f)) / mean
         if relative <= numbers.close:
-            return (balls, strains, step, taken) if left <= numbers.balanced else None
+            if left > numbers.balanced:
+                return None
+            return Nearby(point.balls, point.strains, step, iterations)
         factor = numbers.largest_factor
         if step:
             # forces must keep up with mu
             lags = left > numbers.too_far * math.sqrt(relative)
-            factor = 1.0 if lags else _choose_factor(product / before, numbers)
-        mu = factor * product
-        before = product
-        # Newton's equations without f and s: stiffness K, and tensions that drive the motion
-        closed = hertz.overlap_of(f)  # f^(2/3)
-        stiffness = f / (closed / hertz.EXPONENT + s)
-        change = h - closed + mu / f
-        tension = f + stiffness * change
-        push = np.zeros(len(strains))
-        if len(push):
-            # at first no less than a part of the mean force is asked for
-            of_load = problem.work
-            least = numbers.largest_factor * mean * cells * np.sum(problem.strained, axis=0)
-            of_load = -np.maximum(-of_load, least) if len(push) == 1 else of_load
-            push = of_load + np.sum(tension, axis=1) @ problem.strained
-        accuracy = max(numbers.least_error, min(numbers.accuracy * factor, numbers.largest_error))
-        if factor == 1.0:
-            accuracy = numbers.least_error
-        motion, count = equations.solve(
-            stiffness,
-            Unknowns(problem.collect(tension), push),
-            inverses.choose(stiffness),
-            accuracy,
-        )
-        inverses.count(count)
-        # back from the motion to the changes of f and of s, from the equation f s = mu
-        change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
-        change *= stiffness
-        widening = (mu - s * change) / f - s
-        # a whole step, but for those f and s that it would make too small
-        f = np.maximum(f + change, numbers.kept * f)
-        s = np.maximum(s + widening, numbers.kept * s)
-        f, s = _bring_near(f, s, mu, numbers)
-        strains = strains + motion.strains
-        balls = balls + motion.balls
-        taken = taken + count
-        h = _find_overlaps(problem, balls, strains)
+            factor = 1.0 if lags else _choose_factor(product / last_product, numbers)
+        last_product = product
+        point, count = _advance(point, factor, problem, equations, inverses)
+        iterations += count
     return None
+
+
+def _advance(
+    point: _Point,
+    factor: float,
+    problem: GridProblem,
+    equations: LatticeEquations,
+    inverses: Preconditioners,
+) -> tuple[_Point, int]:
+    """Return the point after a step of Newton's method to a mu of ``factor`` times the mean of f s,
+    and the number of iterations; the other arguments are those of :func:`approach`.
+
+    The step is whole, but for those f and s that it would make too small.
+    """
+    numbers = equations.options.interior
+    balls, strains, h, f, s = point
+    mu = factor * float(np.mean(f * s))
+    # Newton's equations without f and s: stiffness K, and tensions that drive the motion
+    closed = hertz.overlap_of(f)  # f^(2/3)
+    stiffness = f / (closed / hertz.EXPONENT + s)
+    change = h - closed + mu / f
+    tension = f + stiffness * change
+    forces = Unknowns(problem.collect(tension), _find_push(problem, f, tension, numbers))
+    motion, count = equations.solve(
+        stiffness, forces, inverses.choose(stiffness), _choose_accuracy(factor, numbers)
+    )
+    inverses.count(count)
+    # back from the motion to the changes of f and of s, from the equation f s = mu
+    change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
+    change *= stiffness
+    widening = (mu - s * change) / f - s
+    f = np.maximum(f + change, numbers.kept * f)
+    s = np.maximum(s + widening, numbers.kept * s)
+    f, s = _bring_near(f, s, mu, numbers)
+    strains = strains + motion.strains
+    balls = balls + motion.balls
+    return _Point(balls, strains, _find_overlaps(problem, balls, strains), f, s), count
+
+
+def _find_push(problem: GridProblem, f: Array, tension: Array, numbers: InteriorOptions) -> Array:
+    """Return the forces (s,) that drive the strains: those of the load, and of the ``tension``
+    (kinds, cells) of contacts. Zeros where there are no unknown strains.
+
+    A single strain is driven by no smaller load than one that presses contacts with the part
+    ``largest_factor`` of their mean force ``f``: the mean force then falls in several steps.
+    """
+    of_load = problem.work
+    if len(of_load) == 1:
+        cells = problem.grid.n_cells
+        force = numbers.largest_factor * float(np.mean(f))
+        least = force * cells * np.sum(problem.strained, axis=0)
+        of_load = -np.maximum(-of_load, least)
+    return np.asarray(of_load + np.sum(tension, axis=1) @ problem.strained)
+
+
+def _choose_accuracy(factor: float, numbers: InteriorOptions) -> float:
+    """Return the tolerance of the linear equations of a step, over their right side, where mu is
+    lowered by a ``factor``.
+    """
+    if factor == 1.0:
+        return numbers.least_error
+    return max(numbers.least_error, min(numbers.accuracy * factor, numbers.largest_error))
 
 
 def _choose_factor(fall: float, numbers: InteriorOptions) -> float:
@@ -119,14 +182,14 @@ def _choose_factor(fall: float, numbers: InteriorOptions) -> float:
 
 
 def _bring_near(f: Array, s: Array, mu: float, numbers: InteriorOptions) -> tuple[Array, Array]:
-    """Return forces f and gaps s (kinds, cells) whose products are not far from ``mu``: where they
-    are, the smaller of f^(2/3) and s is changed.
+    """Return forces f and gaps s (kinds, cells) whose products are not far from ``mu``: where those
+    of the given f and s are too far, the smaller of f^(2/3) and s is changed.
 
     Products of some contacts far from those of the others would make the next steps short or wrong.
     """
-    wanted = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
+    product = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
     is_open = hertz.overlap_of(f) < s
-    return np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
+    return np.where(is_open, product / s, f), np.where(is_open, s, product / f)
 
 
 def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
@@ -139,12 +202,11 @@ def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
 
 def split(h: Array, width: float) -> tuple[Array, Array]:
     """Return forces f and gaps s above zero, of the shape of the overlaps ``h``, such that
-    h = f^(2/3) - s and that f^(2/3) s is the square of ``width``.
+    h = f^(2/3) - s and that f^(2/3) s is the square of ``width``, above zero.
     """
-    root = np.hypot(0.5 * h, width)
-    half = 0.5 * np.abs(h)
-    larger = root + half
-    less = width**2 / (root + half)
-    closed = np.where(h > 0.0, larger, less)
-    s = np.where(h > 0.0, less, larger)
+    # f^(2/3) and -s are the roots of x^2 - h x - width^2; no digits are lost by subtraction
+    larger = np.hypot(0.5 * h, width) + 0.5 * np.abs(h)
+    smaller = width**2 / larger
+    closed = np.where(h > 0.0, larger, smaller)
+    s = np.where(h > 0.0, smaller, larger)
     return hertz.press(closed)[0], s

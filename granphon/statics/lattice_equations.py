@@ -33,9 +33,14 @@ Inverse = Callable[[Values], Values]
 
 
 class LatticeEquations:
-    """The linear equations of a stiffness (kinds, cells) on a ``grid``, for displacements of balls
-    and strains of the cell, by conjugate gradients; contacts lose ``strained`` (kinds, s) of their
-    overlaps by unit strains.
+    """The linear equations of contacts with a stiffness (kinds, cells) on a ``grid``, for
+    displacements of balls and strains of the cell, by conjugate gradients; contacts lose
+    ``strained`` (kinds, s) of their overlaps over each unknown of a strain.
+
+    Attributes
+    ----------
+    options : the numbers of the search.
+    green : Green's function of the grid.
     """
 
     def __init__(self, grid: Grid, strained: Array, options: RestOptions) -> None:
@@ -52,7 +57,8 @@ class LatticeEquations:
         }
 
     def precondition(self, stiffness: Values) -> Inverse:
-        """Return an approximate inverse for displacements, as precise as the ``stiffness``.
+        """Return an approximate inverse for displacements, in the precision of the ``stiffness``
+        (kinds, cells).
 
         Each ball moves as if its neighbours were held, then all move by Green's function of the
         mean stiffness under what that leaves, and then each ball again. Green's function carries
@@ -95,46 +101,41 @@ class LatticeEquations:
         inverse: Inverse,
         reduction: float,
     ) -> tuple[Unknowns, int]:
-        """Return the motion of balls and strains under a ``force``, and the number of iterations.
+        """Return the motion of balls and strains under a ``force`` on them, and the number of
+        iterations.
 
         Iterations, preconditioned by ``inverse`` for balls, end where the force that is left has a
         norm of at most ``reduction`` times that of ``force``, at ``options.most_iterations``, or
-        where a direction has no curvature above zero. The motion is then what has been found:
-        Newton's method goes on from there. Vectors have the precision of the ``stiffness`` (kinds,
-        cells).
+        where a direction has no curvature above zero. In each case the motion is that of the last
+        iteration: Newton's method goes on from there. Vectors have the precision of the
+        ``stiffness`` (kinds, cells).
         """
         precision = stiffness.dtype
         runs = self._runs[precision]
         strained = self._strained[precision]
         shape = force.balls.shape
         n = force.balls.size
-        of_strains = np.zeros((0, 0))
-        if len(force.strains):
-            sums = np.sum(stiffness, axis=1, dtype=float)
-            per_strain = self._strained[np.dtype(float)]
-            of_strains = (per_strain.T * sums) @ per_strain
-            # a pseudoinverse: contacts along few directions may not resist every strain
-            of_strains = np.linalg.pinv(of_strains) if len(of_strains) > 1 else 1.0 / of_strains
+        inverse_of_strains = self._invert_strains(stiffness)
         remaining = np.empty(n + len(force.strains), precision)
         remaining[:n] = force.balls.reshape(-1)
         remaining[n:] = force.strains
         solution = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
         change = np.empty_like(remaining)
-        better = np.empty_like(remaining)
+        preconditioned = np.empty_like(remaining)
         square = grid_loops.multiply(remaining, remaining)
-        aim = reduction**2 * square
+        largest_square = reduction**2 * square
         product = 0.0
         count = 0
-        while square > aim and count < self.options.most_iterations:
-            better[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
-            if len(of_strains):
-                better[n:] = of_strains @ remaining[n:]
+        while square > largest_square and count < self.options.most_iterations:
+            preconditioned[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
+            if len(inverse_of_strains):
+                preconditioned[n:] = inverse_of_strains @ remaining[n:]
             product, curvature, square = grid_loops.go_on(
                 runs,
                 stiffness,
                 strained,
-                better,
+                preconditioned,
                 product,
                 way,
                 change,
@@ -145,6 +146,18 @@ class LatticeEquations:
                 break
             count += 1
         return Unknowns(solution[:n].reshape(shape), solution[n:]), count
+
+    def _invert_strains(self, stiffness: Values) -> Array:
+        """Return the inverse (s, s) of the forces on strains against strains while balls follow the
+        strain, for contacts of a ``stiffness`` (kinds, cells).
+        """
+        strained = self._strained[np.dtype(float)]
+        sums = np.sum(stiffness, axis=1, dtype=float)
+        against_strains = (strained.T * sums) @ strained
+        if len(against_strains) == 1:
+            return np.asarray(1.0 / against_strains)
+        # a pseudoinverse: contacts along few directions may not resist every strain
+        return np.asarray(np.linalg.pinv(against_strains))
 
 
 class LatticeIteration(GridIteration):
@@ -162,30 +175,31 @@ class LatticeIteration(GridIteration):
         self._mean = float(np.mean(stiffness))
         self._grid = grid
         self._stiffness = stiffness / self._mean
-        # single precision has no numbers below 1e-38
+        # over the mean, as single precision has no numbers below 1e-38
         single = self._stiffness.astype(np.float32)
         if may_factorise(grid, single, options):
             self._inverse = _factorise(grid, single, options)
         else:
-            none = np.zeros((grid.n_kinds, 0))
-            self._inverse = LatticeEquations(grid, none, options).precondition(single)
+            no_strains = np.zeros((grid.n_kinds, 0))
+            self._inverse = LatticeEquations(grid, no_strains, options).precondition(single)
 
     def find_strain_forces(self, strains: Array) -> tuple[Array, Array]:
         """Return the forces (n, d, s) on balls, and those (s, s) on strains, against unit
         ``strains`` (s, 3, 3) of the cell.
         """
         grid = self._grid
-        elongation = np.einsum("ka,sab,kb->sk", grid.normal, strains, grid.vector)
+        # n.E v, by which the contacts of each kind lengthen under each strain: (s, kinds)
+        elongations = np.einsum("ka,sab,kb->sk", grid.normal, strains, grid.vector)
         sums = self._mean * np.sum(self._stiffness, axis=1)
         forces = np.empty((grid.n_balls * grid.n_cells, len(grid.shape), len(strains)))
-        for number, along in enumerate(elongation):
-            forces[..., number] = self.collect(self._stiffness * along[:, None])
+        for number, elongation in enumerate(elongations):
+            forces[..., number] = self.collect(self._stiffness * elongation[:, None])
         forces *= self._mean
-        return forces, (elongation * sums) @ elongation.T
+        return forces, (elongations * sums) @ elongations.T
 
     def collect(self, tension: Array) -> Array:
-        """Return the forces (n, d) on balls that ``tension`` (kinds, cells) of contacts makes; it
-        is above zero where balls are pushed apart.
+        """Return the forces (n, d) on balls that ``tension`` (kinds, cells) of contacts makes; a
+        tension above zero pushes balls apart.
         """
         grid = self._grid
         d = len(grid.shape)
@@ -202,7 +216,7 @@ class LatticeIteration(GridIteration):
         return loss
 
     def lay_forces(self, forces: Array) -> Array:
-        """Return ``forces`` (n, d, k) in the order (f, k, cells), over the mean stiffness."""
+        """Return ``forces`` (n, d, k) over the mean stiffness, in the order (f, k, cells)."""
         fields = lay(forces, self._grid.n_cells)
         fields /= self._mean
         return fields
@@ -216,10 +230,13 @@ class LatticeIteration(GridIteration):
         return list_balls(fields, len(self._grid.shape))
 
     def multiply(self, motions: Array, forces: Array) -> None:
-        """Set ``forces`` (f, 1, cells) to those against ``motions`` (f, 1, cells)."""
+        """Set ``forces`` (f, 1, cells) to those against ``motions`` (f, 1, cells), over the mean
+        stiffness.
+        """
         forces[:] = 0.0
-        none = np.zeros(0)
-        grid_loops.resist(self._grid.runs, self._stiffness, motions[:, 0], none, forces[:, 0], none)
+        no_strains = np.zeros(0)
+        balls = (motions[:, 0], no_strains, forces[:, 0], no_strains)
+        grid_loops.resist(self._grid.runs, self._stiffness, *balls)
 
     def find_motions(self, forces: Array) -> Values:
         """Return about the motions under ``forces``, both (f, 1, cells), in single precision."""
@@ -230,9 +247,9 @@ class LatticeIteration(GridIteration):
 
 
 def may_factorise(grid: Grid, stiffness: Values, options: RestOptions) -> bool:
-    """Return whether factors of the stiff contacts of a ``stiffness`` (kinds, cells) precondition:
-    where few contacts are stiff, if the array is small enough. Where most are stiff, Green's
-    function serves.
+    """Return whether factors of the stiff contacts are the preconditioner for a ``stiffness``
+    (kinds, cells): where few contacts are stiff, if the array is small enough for factors.
+    Elsewhere Green's function serves.
     """
     if not is_small(grid, options):
         return False
@@ -244,9 +261,9 @@ class Preconditioners:
     """Preconditioners for the equations that a search poses one after the other.
 
     A matrix is factorised, or factorised anew, when the iterations since the last factorisation
-    have cost more than another would. The caller reports iterations by :meth:`count`. Their numbers
-    alone decide, never times, so that results are the same on any machine. Nothing is factorised
-    where most contacts are stiff, as Green's function serves there.
+    have cost more than another would. The caller reports iterations by :meth:`count`. Numbers of
+    iterations alone decide, never times, so that results are the same on any machine. Nothing is
+    factorised where most contacts are stiff, as Green's function serves there.
     """
 
     def __init__(
@@ -255,8 +272,6 @@ class Preconditioners:
         self._grid = problem.grid
         self._equations = equations
         self._options = options
-        #: whether the array is small enough for factors
-        self.are_small = is_small(problem.grid, options)
         self._factors: Inverse | None = None
         #: cost of the iterations since the last factorisation, in iterations with Green's function
         self._spent = 0
@@ -298,27 +313,27 @@ class Preconditioners:
 
 def _factorise(grid: Grid, stiffness: Values, options: RestOptions) -> Inverse:
     """Return an approximate inverse for the balls of a grid with a ``stiffness`` (kinds, cells), by
-    factors of its stiff contacts.
+    factors of the stiff contacts in single precision.
     """
     d = len(grid.shape)
     cells = grid.n_cells
     normal = np.repeat(grid.normal, cells, axis=0)
-    nothing = np.zeros(stiffness.size)
-    none = np.zeros((0, 3))
+    zeros = np.zeros(stiffness.size)
+    no_vectors = np.zeros((0, 3))
     columns = Columns(
         *grid.ends,
-        vector=normal,
+        vector=normal,  # only a strain of the cell would need its length
         normal=normal,
-        arm_i=nothing,
-        arm_j=nothing,
-        distance=nothing,
+        arm_i=zeros,
+        arm_j=zeros,
+        distance=zeros,
         normal_stiffness=stiffness.ravel().astype(float),
-        shear_stiffness=nothing,
-        torsion_stiffness=nothing,
-        bending_stiffness=nothing,
-        side_stiffness=nothing,
-        tangential_force=none,
-        origin=none,
+        shear_stiffness=zeros,
+        torsion_stiffness=zeros,
+        bending_stiffness=zeros,
+        side_stiffness=zeros,
+        tangential_force=no_vectors,
+        origin=no_vectors,
     )
     solve = factorise_stiff(columns, np.arange(d), grid.n_balls * cells, options)
 

@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags
@@ -28,67 +29,72 @@ from granphon.contacts.clusters import (
     join_balls,
     measure_slopes,
 )
-from granphon.contacts.deformation import add_forces, measure_turned
+from granphon.contacts.deformation import add_forces
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import find_nearest
-from granphon.statics.configuration import Configuration
+from granphon.statics.configuration import Configuration, turn_contacts
 from granphon.statics.newton import Equations, find_strongest_push
 from granphon.statics.options import RestOptions
 
 
 def lead_loose_balls(
-    configuration: Configuration, loose: Flags, least: float, options: RestOptions
+    configuration: Configuration, loose: Flags, tolerance: float, options: RestOptions
 ) -> Configuration:
     """Return the configuration after the balls ``loose`` (n,) have come to rest while the others
-    are held: no more force is left on a loose ball than ``least`` times the mean force of contacts.
+    are held: no more force is left on a loose ball than ``tolerance`` times the size of the forces
+    of contacts. The configuration itself is returned where that holds already.
 
     Clusters that do not come to rest are left where the last step has taken them.
     """
-    moving = loose & bool(
-        np.max(configuration.force_on_balls[loose]) > least * configuration.force_size
-    )
+    largest = float(np.max(configuration.force_on_balls[loose], initial=0.0))
+    if largest <= tolerance * configuration.force_size:
+        return configuration
+    moving = loose
     for _ in range(options.steps):
         if not np.any(moving):
             break
-        configuration, moving = _lead_clusters(configuration, moving, least, options)
+        configuration, moving = _lead_clusters(configuration, moving, tolerance, options)
     return configuration
 
 
 def _lead_clusters(
-    configuration: Configuration, loose: Flags, least: float, options: RestOptions
+    configuration: Configuration, loose: Flags, tolerance: float, options: RestOptions
 ) -> tuple[Configuration, Flags]:
-    """Return the configuration in which more than three quarters of the ``loose`` balls have come
-    to rest, and the balls (n,) that have not; none count as such once ``options.inner_steps`` have
-    been taken.
+    """Return the configuration in which more than three quarters of the ``loose`` balls (n,) have
+    come to rest, and which balls (n,) have not: the caller goes on with them, in smaller clusters.
+    After ``options.inner_steps`` the clusters that are left are given up, and none of their balls
+    counts as moving.
 
-    The other balls are held. A ball is at rest if no more force than ``least`` times the mean is
-    left on any ball of its cluster. Springs to the ground, weaker as forces fall, shorten the
-    steps. The caller goes on with the balls that are not at rest, in smaller clusters.
+    The other balls are held. A ball is at rest if no more force than ``tolerance`` times the size
+    of the forces of contacts is left on any ball of its cluster. Springs to the ground, weaker as
+    forces fall, shorten the steps.
     """
     problem = configuration.problem
     assembly = problem.assembly
     d = assembly.dimension
-    # of the loose balls alone
-    held = assembly.cut_out(loose, configuration.current, configuration.overlap)
-    unknowns = np.repeat(loose, d)
-    of_loose = np.concatenate([unknowns, np.zeros(problem.size - len(unknowns), bool)])
-    cluster = np.empty(held.n_balls, np.int64)
-    count = join_balls(held.i, held.j, np.ones(held.n_contacts, bool), cluster)
-    cages = _Cages(held, configuration.load_force[of_loose].reshape(-1, d), np.zeros(0))
-    force_at_rest = least * configuration.force_size
+    loose_assembly = assembly.cut_out(loose, configuration.current, configuration.overlap)
+    # the unknowns that are displacements of loose balls
+    of_loose = np.zeros(problem.size, bool)
+    of_loose[: problem.n_ball_unknowns] = np.repeat(loose, d)
+    n = loose_assembly.n_balls
+    cluster = np.empty(n, np.int64)
+    all_contacts = np.ones(loose_assembly.n_contacts, bool)
+    n_clusters = join_balls(loose_assembly.i, loose_assembly.j, all_contacts, cluster)
+    load = configuration.load_force[of_loose].reshape(-1, d)
+    cages = _Cages(loose_assembly, load, np.zeros((loose_assembly.n_bodies, 3)))
+    force_at_rest = tolerance * configuration.force_size
     mean_stiffness = float(np.mean(configuration.stiffness))
-    moves = np.ones(held.n_balls, bool)
+    moves = np.ones(n, bool)
     for _ in range(options.inner_steps):
-        largest = np.zeros(count)
-        np.maximum.at(largest, cluster, cages.size_of_pull)
+        largest = cages.find_largest_pulls(cluster, n_clusters)
         moves = (largest > force_at_rest)[cluster]
-        if 4 * int(np.count_nonzero(moves)) < held.n_balls:
+        if 4 * int(np.count_nonzero(moves)) < n:
             break
         relative_force = np.minimum(1.0, largest[cluster] / configuration.force_size)
         springs = options.hold_loose + options.added * relative_force
         cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
     else:
-        moves = np.zeros(held.n_balls, bool)
+        moves = np.zeros(n, bool)
     x = configuration.x.copy()
     x[of_loose] += cages.displacement[:-1, :d].ravel()
     moving = loose.copy()
@@ -97,27 +103,24 @@ def _lead_clusters(
 
 
 class _Cages:
-    """The n loose balls of an ``assembly`` between others, which are held, at displacements
-    (bodies, 3), m; zeros if ``displacement`` is empty.
+    """The n loose balls of an ``assembly`` between the bodies that hold them, which do not move, at
+    a ``displacement`` (n + 1, 3), m, of the balls and, last, of all that is held.
 
-    ``load`` (n, d) are forces on the balls, N, that do not change.
+    Attributes
+    ----------
+    assembly, load, displacement : those that are given; ``load`` (n, d) are forces on the balls, N,
+        that do not change.
+    turned : the contacts at the displacement.
+    force : (n_c,) forces of the contacts, N.
+    stiffness : (n_c,) stiffnesses of the contacts along their normals, N/m.
     """
 
     def __init__(self, assembly: Assembly, load: Array, displacement: Array) -> None:
         self.assembly = assembly
         self.load = load
-        if not displacement.size:
-            displacement = np.zeros((assembly.n_bodies, 3))
         self.displacement = displacement
-        loss = np.empty(assembly.n_contacts)
-        self.current = np.empty((assembly.n_contacts, 3))
-        self.distance = np.empty(assembly.n_contacts)
-        #: (n_c, 3) unit vectors of the contacts
-        self.normal = np.empty((assembly.n_contacts, 3))
-        ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
-        places = (self.current, self.distance, self.normal)
-        measure_turned(*ends, displacement, np.zeros((3, 3)), loss, *places)
-        overlap = assembly.offset - loss
+        self.turned = turn_contacts(assembly, displacement, np.zeros((3, 3)))
+        overlap = assembly.offset - self.turned.loss
         self.force = assembly.laws.force(overlap)
         self.stiffness = assembly.laws.stiffness(overlap)
 
@@ -126,35 +129,54 @@ class _Cages:
         """(n, d) the forces left on the balls, N."""
         assembly = self.assembly
         on_bodies = np.zeros((assembly.n_bodies, 3))
-        ends = (assembly.i, assembly.j, assembly.vector, self.normal)
+        ends = (assembly.i, assembly.j, assembly.vector, self.turned.normal)
         add_forces(*ends, self.force, on_bodies, np.zeros((0, 3)))
         return np.asarray(self.load + on_bodies[:-1, : assembly.dimension])
 
-    @property
-    def size_of_pull(self) -> Array:
-        """(n,) size of the force left on each ball, N."""
-        return np.asarray(np.sqrt(np.einsum("na,na->n", self.pull, self.pull)))
+    def find_largest_pulls(self, group: NDArray[np.int64], count: int) -> Array:
+        """Return the size (count,) of the largest force left, N, on a ball of each of ``count``
+        groups; ``group`` (n,) numbers the group of each ball.
+        """
+        largest = np.zeros(count)
+        np.maximum.at(largest, group, np.sqrt(np.einsum("na,na->n", self.pull, self.pull)))
+        return largest
 
-    def advance(self, springs: Array, moves: Flags, most: float, options: RestOptions) -> _Cages:
+    def _find_steps(self, springs: Array, moves: Flags) -> Array:
+        """Return the steps (n, d), m, of Newton's method of the balls ``moves`` (n,) and of those
+        that closed contacts join to them, zero of the others, with ``springs`` (n,), N/m, to the
+        ground. The stiffness f/r across a contact has the sign with which the contact holds its
+        balls.
+        """
+        assembly = self.assembly
+        across = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.turned.distance)
+        steps = np.empty((assembly.n_balls, assembly.dimension))
+        ends = (assembly.i, assembly.j)
+        of_contacts = (self.turned.normal, self.stiffness, across)
+        find_cluster_steps(*ends, *of_contacts, springs, moves, self.pull, steps)
+        return steps
+
+    def _go(self, steps: Array) -> _Cages:
+        """Return the cages after ``steps`` (n, d), m, of the balls."""
+        n, d = steps.shape
+        displacement = self.displacement.copy()
+        displacement[:n, :d] += steps
+        return _Cages(self.assembly, self.load, displacement)
+
+    def advance(
+        self, springs: Array, moves: Flags, force_at_rest: float, options: RestOptions
+    ) -> _Cages:
         """Return the cages after a step of Newton's method of the balls ``moves`` (n,).
 
         Balls that touch now, or would after the whole step, are a group, and go the same part of
         the step: to where the energy of the group is about least, or all of it if the energy still
-        falls there. Groups with no more force than ``most``, N, on any ball stay. ``springs`` (n,),
-        N/m, hold the balls to the ground.
+        falls there. Groups with no more force than ``force_at_rest``, N, on any ball stay.
+        ``springs`` (n,), N/m, hold the balls to the ground.
         """
         assembly = self.assembly
-        n = assembly.n_balls
-        d = assembly.dimension
-        across = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.distance)
-        steps = np.empty((n, d))
         ends = (assembly.i, assembly.j)
-        of_contacts = (self.normal, self.stiffness, across)
-        find_cluster_steps(*ends, *of_contacts, springs, moves, self.pull, steps)
-        whole = np.zeros_like(self.displacement)
-        whole[:n, :d] = steps
-        ahead = _Cages(assembly, self.load, self.displacement + whole)
-        group = np.empty(n, np.int64)
+        steps = self._find_steps(springs, moves)
+        ahead = self._go(steps)
+        group = np.empty(assembly.n_balls, np.int64)
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
         count = join_balls(*ends, touches, group)
 
@@ -165,21 +187,18 @@ class _Cages:
 
         first = sum_work(self.pull)
         of_load = sum_work(self.load)
-        largest = np.zeros(count)
-        np.maximum.at(largest, group, self.size_of_pull)
-        is_done = (largest <= most) | (first <= 0.0)
+        is_done = (self.find_largest_pulls(group, count) <= force_at_rest) | (first <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
         low = np.zeros(count)
         high = np.full(count, np.inf)
         for trial in range(options.loose_slopes):
+            # at first the whole step, which has been taken already, if all groups go it
             if trial or np.any(is_done):
-                part = self.displacement.copy()
-                part[:n] += length[group, None] * whole[:n]
-                ahead = _Cages(assembly, self.load, part)
+                ahead = self._go(length[group, None] * steps)
             work = of_load.copy()
             rise = np.zeros(count)
-            contacts = (ahead.current, ahead.distance, ahead.force, ahead.stiffness)
-            measure_slopes(*ends, *contacts, steps, group, work, rise)
+            vectors = (ahead.turned.current, ahead.turned.distance)
+            measure_slopes(*ends, *vectors, ahead.force, ahead.stiffness, steps, group, work, rise)
             slopes = (work, rise, first, hertz.EXPONENT, options.loose_slope)
             if choose_lengths(*slopes, length, low, high, is_done):
                 break
@@ -219,10 +238,11 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
 
 def go_down(configuration: Configuration, way: Array, options: RestOptions) -> Configuration:
     """Return a configuration along a ``way`` (size,) on which the energy has a curvature below
-    zero, in the direction in which the forces left push.
+    zero, in the direction in which the forces left push, or forward if none does.
 
-    Lengths are doubled from the part ``options.descent`` of the largest difference of radii, as
-    long as the energy falls and the displacement is less than this difference.
+    The largest displacement of a ball along an axis is at first the part ``options.descent`` of the
+    largest offset of contacts. The length is doubled as long as the energy falls and this
+    displacement is less than the offset.
     """
     largest = float(np.max(np.abs(configuration.problem.assembly.offset)))
     way = way * (options.descent * largest / float(np.max(np.abs(way))))
@@ -242,8 +262,8 @@ def has_soft_motions(equations: Equations) -> bool:
     """Return whether there are motions, other than those of the whole, that cost no energy while
     all contacts have the same stiffness.
 
-    Balls with no more contacts than dimensions are loose anyway, and are held. Motions of the free
-    strains of the cell count too.
+    Balls with no more contacts than axes along which balls move are loose anyway, and are held.
+    Motions of the free strains of the cell count too.
     """
     options = equations.options
     problem = equations.problem
@@ -253,18 +273,18 @@ def has_soft_motions(equations: Equations) -> bool:
     # the whole may move along axes that nothing hinders, and turn in each plane of two axes across
     # the periods
     n_still = len(assembly.free_axes) + (d - p) * (d - p - 1) // 2
-    kept = np.flatnonzero(np.repeat(assembly.n_touching > d, d))
-    if len(kept) <= n_still + 1:
+    free = np.flatnonzero(np.repeat(assembly.n_touching > d, d))  # motions that are not held
+    if len(free) <= n_still + 1:
         return False
     from scipy.sparse import eye_array
 
     start = problem.start_at(np.zeros(problem.size))
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
-    matrix: Any = linear.matrix[kept][:, kept] - options.soft * eye_array(len(kept))
+    matrix: Any = linear.matrix[free][:, free] - options.soft * eye_array(len(free))
     factors = factorise(matrix.tocsc())
     n_soft = factors.n_below
     if len(linear.corner):
-        border = linear.border[kept]
+        border = linear.border[free]
         corner = linear.corner - border.T @ np.reshape(factors.solve(border), border.shape)
         n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft))
     return n_soft > n_still

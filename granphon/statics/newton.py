@@ -36,8 +36,17 @@ from granphon.statics.options import RestOptions
 
 
 class Equations:
-    """Newton's equations of a problem, by factors: what does not change from step to step, which is
-    where the entries stand, and the order of elimination.
+    """Newton's equations of a ``problem``, by factors: what does not change from step to step,
+    which is where the entries stand, and the order of elimination.
+
+    Attributes
+    ----------
+    problem, options : those that are given.
+    axes : (d,) numbers of the axes along which balls move.
+    pattern : where the entries of the tangent of all bodies stand.
+    leading : where those of A stand, its leading part.
+    anchor : (n d,) springs against a drift of the whole, over the mean stiffness: one at the ball
+        with most contacts along each axis along which all balls may move together.
     """
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
@@ -46,12 +55,9 @@ class Equations:
         self.options = options
         d = assembly.dimension
         n_unknowns = problem.n_ball_unknowns
-        #: axes of the motions of a ball
         self.axes = np.arange(d)
         self.pattern = find_pattern(assembly.i, assembly.j, assembly.n_bodies, d)
-        #: A is the leading part of the tangent of all bodies
         self.leading = self.pattern.lead(n_unknowns)
-        #: (n d,) springs that hold the whole: the ball with most contacts keeps its place
         self.anchor = np.zeros(n_unknowns)
         if problem.free_axes:
             ball = int(np.argmax(assembly.n_touching))
@@ -68,13 +74,11 @@ class Equations:
         out, and -1 to hold balls where the forces would push them aside.
         """
         problem = self.problem
-        assembly = problem.assembly
-        side = np.zeros(assembly.n_contacts)
-        if problem.turns:
-            pushing = -turning * configuration.force / configuration.distance
-            side = np.where(assembly.is_flat, 0.0, pushing)
-        columns = configuration.list_columns(stiffness, side)
-        blocks = fill_blocks(columns, self.axes, problem.unit_strains, assembly.n_bodies)
+        columns = configuration.list_columns(
+            stiffness, _find_side_stiffness(configuration, turning)
+        )
+        n_bodies = problem.assembly.n_bodies
+        blocks = fill_blocks(columns, self.axes, problem.unit_strains, n_bodies)
         return Linearisation(self, float(np.mean(stiffness)), blocks)
 
     def solve(
@@ -94,44 +98,92 @@ class Equations:
         return self.problem.remove_drift(linear.invert(load_slope, row)(pull))
 
 
+class Bordering(NamedTuple):
+    """What surrounds A in the equations of Newton's method under a load.
+
+    Attributes
+    ----------
+    columns : (n d, m) forces on balls against unit motions of the m walls and strains, N/m.
+    rows : (m, n d) forces on walls and strains against unit motions of balls, N/m.
+    corner : (m, m) forces on walls and strains against unit motions of these, N/m.
+    """
+
+    columns: Array
+    rows: Array
+    corner: Array
+
+    @classmethod
+    def of(
+        cls, border: Array, corner: Array, load_slope: Array | None, mean_row: Array | None
+    ) -> Bordering:
+        """Return what surrounds A where the contacts alone make B, the ``border`` (n d, m), and C,
+        the ``corner`` (m, m).
+
+        ``load_slope`` (size, m) are the derivatives of the load's forces by the unknowns of walls
+        and strains, None where these forces do not change. ``mean_row`` (size,) is that of
+        :func:`find_mean_row`: it takes the place of the row of the strain in a cell without walls
+        that has one strain; None in other cells.
+        """
+        n = len(border)
+        columns = border
+        rows = border.T
+        if load_slope is not None:
+            columns = columns - load_slope[:n]
+            corner = corner - load_slope[n:]
+        if mean_row is not None:
+            rows = mean_row[None, :n]
+            corner = mean_row[None, n:]
+        return cls(columns, rows, corner)
+
+
 class Linearisation:
     """Newton's equations at one configuration, made of the ``blocks`` of its tangent.
 
     Attributes
     ----------
+    equations : the equations of the problem, with the options.
     level : mean stiffness of contacts, N/m.
     entries : entries of A that are stored, N/m.
-    border : (n d, m) B, forces on balls against unit motions of the m walls and strains.
-    corner : (m, m) C, forces on walls and strains against each other.
+    border : (n d, m) B, forces on balls against unit motions of the m walls and strains, N/m.
+    corner : (m, m) C, forces on walls and strains against each other, N/m.
     """
 
     def __init__(self, equations: Equations, level: float, blocks: Blocks) -> None:
-        problem = equations.problem
-        assembly = problem.assembly
         self.equations = equations
         self.level = level
-        data = blocks.list_entries(equations.pattern)
-        ahead = blocks.ahead
-        of_strains = blocks.corner
-        self.entries = data[equations.leading.places]
-        self._data = data
-        n = problem.n_ball_unknowns
-        k = assembly.n_walls
-        size = k + len(of_strains)
-        self.border = np.zeros((n, size))
-        self.border[:, k:] = ahead[: assembly.n_balls].reshape(n, len(of_strains))
-        self.corner = np.zeros((size, size))
-        self.corner[k:, k:] = of_strains
-        if k:
-            lines = problem.wall_lines
-            against_walls = equations.pattern.make_matrix(data)[:, n : n + len(lines)] @ lines
-            self.border[:, :k] = against_walls[:n]
-            self.corner[:k, :k] = lines.T @ against_walls[n : n + len(lines)]
-            of_walls = ahead[assembly.n_balls : assembly.n_balls + k]
-            between = lines.T @ of_walls.reshape(len(lines), len(of_strains))
-            self.corner[:k, k:] = between
-            self.corner[k:, :k] = between.T
         self._hold = equations.options.hold * level
+        #: entries of the tangent of all bodies, N/m
+        self._data = blocks.list_entries(equations.pattern)
+        self.entries = self._data[equations.leading.places]
+        problem = equations.problem
+        n = problem.n_ball_unknowns
+        k = problem.assembly.n_walls
+        size = k + len(blocks.corner)
+        self.border = np.zeros((n, size))
+        self.corner = np.zeros((size, size))
+        of_balls = blocks.ahead[: problem.assembly.n_balls]
+        self.border[:, k:] = of_balls.reshape(n, len(blocks.corner))
+        self.corner[k:, k:] = blocks.corner
+        if k:
+            self._add_walls(blocks)
+
+    def _add_walls(self, blocks: Blocks) -> None:
+        """Enter the walls into :attr:`border` and :attr:`corner`, before the strains: the tangent
+        of bodies that move along all axes, projected on the lines of the walls.
+        """
+        problem = self.equations.problem
+        n = problem.n_ball_unknowns
+        n_balls = problem.assembly.n_balls
+        k = problem.assembly.n_walls
+        lines = problem.wall_lines
+        walls = slice(n, n + len(lines))
+        against_walls = self.equations.pattern.make_matrix(self._data)[:, walls] @ lines
+        self.border[:, :k] = against_walls[:n]
+        self.corner[:k, :k] = lines.T @ against_walls[walls]
+        of_strains = blocks.ahead[n_balls : n_balls + k].reshape(len(lines), -1)
+        against_strains = lines.T @ of_strains
+        self.corner[:k, k:] = against_strains
+        self.corner[k:, :k] = against_strains.T
 
     @property
     def matrix(self) -> Any:
@@ -139,8 +191,8 @@ class Linearisation:
         return self.equations.leading.make_matrix(self.entries)
 
     def factorise(self, springs: Array | float = 0.0) -> Factors:
-        """Return the factors of A, with ``springs`` (n d,), N/m, to the ground beside those that
-        hold what nothing else holds.
+        """Return the factors of A, with ``springs`` to the ground, N/m, (n d,) or the same at all
+        motions, beside those that hold what nothing else holds.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if A is singular.
         """
@@ -163,26 +215,17 @@ class Linearisation:
         factors: Factors | None = None,
     ) -> Map:
         """Return the inverse, a function from forces (size,), N, to the step (size,), m, that takes
-        them away. A is factorised here, unless its ``factors`` are given.
+        the forces away. A is factorised here, unless its ``factors`` are given.
 
-        ``load_slope`` (size, m) are the derivatives of the load's forces by the unknowns of walls
-        and strains, None where these forces do not change. ``mean_row`` (size,) is that of
-        :func:`find_mean_row`: it takes the place of the row of the strain in a cell without walls
-        that has one strain.
+        ``load_slope`` and ``mean_row`` are those of :meth:`Bordering.of`. Raises
+        :class:`~granphon.base.errors.ConvergenceError` if A is singular.
         """
         n = len(self.border)
         solve_balls = factors.solve if factors else self._invert_balls()
-        columns = self.border
-        corner = self.corner + self._hold * np.eye(len(self.corner))
-        if load_slope is not None:
-            columns = columns - load_slope[:n]
-            corner = corner - load_slope[n:]
-        if not len(corner):
+        if not len(self.corner):
             return solve_balls
-        rows = self.border.T
-        if mean_row is not None:
-            rows = mean_row[None, :n]
-            corner = mean_row[None, n:]
+        held_corner = self.corner + self._hold * np.eye(len(self.corner))
+        columns, rows, corner = Bordering.of(self.border, held_corner, load_slope, mean_row)
         motions = solve_balls(columns)
         # of C - B' A^-1 B, which is left for walls and strains once balls are eliminated
         inverse_of_few = np.linalg.inv(corner - rows @ motions)
@@ -196,23 +239,23 @@ class Linearisation:
         return solve
 
     def _invert_balls(self) -> Map:
-        """Return the map from forces on balls, (n d,) or (n d, m), to their motions, of the same
-        shape, with walls and strains held.
+        """Return the map from forces on balls, (n d,) or (n d, m), N, to the motions of the balls,
+        m, of the same shape, with walls and strains held.
         """
         if not len(self.border):
             return np.zeros_like
         if self.equations.leading.band == 1:
             from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
-            # a band without Cholesky factors is no minimum: it has the factors of any matrix
+            # a band that is not positive definite has no Cholesky factors, but those of any matrix
             with suppress(LinAlgError):
                 factor = cholesky_banded(self._make_band(), lower=True)
                 return lambda forces: np.asarray(cho_solve_banded((factor, True), forces))
         return self.factorise().solve
 
     def _make_band(self) -> Array:
-        """Return the diagonals of A from the main one down, (diagonals, n d), with springs to the
-        ground.
+        """Return the diagonals of A from the main one down, (diagonals, n d), N/m, with the springs
+        to the ground that hold what nothing else holds.
         """
         equations = self.equations
         band = equations.leading.make_band(self.entries)
@@ -234,16 +277,27 @@ def find_mean_row(configuration: Configuration, stiffness: Array) -> Array | Non
     return row / math.sqrt(problem.assembly.n_contacts)
 
 
+def _find_side_stiffness(configuration: Configuration, turning: float) -> Array:
+    """Return the stiffnesses (n_c,), N/m, across contacts: ``turning`` times -f/r, and zero of
+    contacts that do not turn.
+    """
+    problem = configuration.problem
+    if not problem.turns:
+        return np.zeros(problem.assembly.n_contacts)
+    pushing = -turning * configuration.force / configuration.distance
+    return np.where(problem.assembly.is_flat, 0.0, pushing)
+
+
 class GridStep(NamedTuple):
     """A step of Newton's method that iterations on a grid have found.
 
     Attributes
     ----------
-    step : (size,) of the unknowns.
+    step : (size,) of the unknowns, m.
     has_arrived : whether the error has fallen as far as it should.
     way_down : (size,) a motion of balls along which the curvature of the energy is below zero; None
         if none was met.
-    iterations : their number.
+    iterations : number of iterations.
     """
 
     step: Array
@@ -261,7 +315,7 @@ class GridProbe(NamedTuple):
         if none was met.
     has_arrived : whether the response to the random forces was found, so that there is no such
         motion.
-    iterations : their number.
+    iterations : number of iterations.
     """
 
     way_down: Array | None
@@ -296,10 +350,11 @@ class GridEquations:
         load_slope: Array | None = None,
     ) -> GridStep:
         """Return the step that takes the forces ``pull`` (size,), N, away, with an error that has
-        fallen by ``reduction``, or that ``most`` iterations leave; see :meth:`Equations.solve` for
-        the other arguments.
+        fallen to the part ``reduction``, or that ``most`` iterations leave; see
+        :meth:`Equations.solve` for the other arguments.
 
-        The iteration of a step near rest is kept for :meth:`probe`.
+        The iteration of a step near rest is kept for :meth:`probe`, and its Green's function for
+        the next step.
         """
         problem = self.problem
         n = problem.n_ball_unknowns
@@ -307,28 +362,25 @@ class GridEquations:
         iteration = self._iterate(configuration, stiffness, blocks)
         is_near = turning == 1.0 and configuration.residual <= self.options.last
         self._last = (configuration.stiffness, iteration) if is_near else None
+        mean_row = find_mean_row(configuration, stiffness)
         border = blocks.ahead.reshape(n, -1)
-        # motions under the forces of unit strains are found together with those under the pull
-        columns_of_cell = border if load_slope is None else border - load_slope[:n]
+        columns, rows, corner = Bordering.of(border, blocks.corner, load_slope, mean_row)
         # nothing resists a motion of the whole: that the forces left push it is rounding
-        still = problem.remove_drift(pull)[:n]
-        right = np.column_stack([still, columns_of_cell])
+        on_balls = problem.remove_drift(pull)[:n]
+        # motions under the forces of unit strains are found together with those under the pull
+        right = np.column_stack([on_balls, columns])
         right = right.reshape(problem.assembly.n_balls, len(self.motions.translations), -1)
         solution = iteration.solve(right, reduction, most, 0.0)
         motions = solution.motions.reshape(n, -1)
         step = motions[:, 0]
-        if len(problem.unit_strains):
-            mean_row = find_mean_row(configuration, stiffness)
-            corner = blocks.corner if load_slope is None else blocks.corner - load_slope[n:]
-            rows = border.T
-            if mean_row is not None:
-                rows = mean_row[None, :n]
-                corner = mean_row[None, n:]
+        if len(corner):
             of_cell = np.linalg.solve(corner - rows @ motions[:, 1:], pull[n:] - rows @ step)
             step = np.concatenate([step - motions[:, 1:] @ of_cell, of_cell])
-        step = problem.remove_drift(step)
         return GridStep(
-            step, solution.has_arrived, self._extend(solution.way_down), solution.iterations
+            step=problem.remove_drift(step),
+            has_arrived=solution.has_arrived,
+            way_down=self._extend(solution.way_down),
+            iterations=solution.iterations,
         )
 
     def probe(self, configuration: Configuration, most: int) -> GridProbe:
@@ -336,13 +388,13 @@ class GridEquations:
         was found in at most ``most`` iterations with each tangent. Conjugate gradients for the
         response to random forces meet such a motion if there is one.
 
-        The tangent of the last step serves if the stiffnesses have hardly changed since. If it does
-        not, or if such a motion was met with it, the tangent is made anew, with weak springs at
-        each ball, so that a curvature that is rounding does not count.
+        The tangent of the last step serves if the stiffnesses have hardly changed since. If they
+        have, or if such a motion was met with that tangent, the tangent is made anew, with weak
+        springs at each ball, so that a curvature that is rounding does not count.
         """
         options = self.options
         assembly = self.problem.assembly
-        forces = _shake_contacts(configuration)
+        forces = _draw_forces(configuration)
         right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
         count = 0
         solution = None
@@ -366,8 +418,9 @@ class GridEquations:
         """
         if way_down is None:
             return None
-        rest = self.problem.size - self.problem.n_ball_unknowns
-        return np.concatenate([way_down.ravel(), np.zeros(rest)])
+        motion = np.zeros(self.problem.size)
+        motion[: self.problem.n_ball_unknowns] = way_down.ravel()
+        return motion
 
     def _fill_blocks(
         self, configuration: Configuration, stiffness: Array, turning: float
@@ -375,22 +428,22 @@ class GridEquations:
         """Return the blocks of the tangent of contacts of a ``stiffness`` (n_c,), N/m, with
         ``turning`` as in :meth:`Equations.linearise`.
         """
-        problem = self.problem
-        assembly = problem.assembly
-        side = -turning * configuration.force / configuration.distance
-        columns = configuration.list_columns(stiffness, side)
+        assembly = self.problem.assembly
+        columns = configuration.list_columns(
+            stiffness, _find_side_stiffness(configuration, turning)
+        )
         axes = np.arange(assembly.dimension)
-        return fill_blocks(columns, axes, problem.unit_strains, assembly.n_balls)
+        return fill_blocks(columns, axes, self.problem.unit_strains, assembly.n_balls)
 
     def _iterate(
         self, configuration: Configuration, stiffness: Array, blocks: Blocks
     ) -> TangentIteration:
-        """Return the iteration with the tangent ``blocks``, which is kept: the next one on the grid
-        takes its Green's function.
+        """Return the iteration with the tangent ``blocks`` of contacts of a ``stiffness`` (n_c,),
+        N/m. The iteration is kept: the next one takes its Green's function.
         """
         assembly = self.problem.assembly
         assert assembly.grid is not None
-        nothing = np.zeros(assembly.n_contacts)
+        zeros = np.zeros(assembly.n_contacts)
         contacts = ContactList(
             n_balls=assembly.n_balls,
             motions=self.motions,
@@ -398,19 +451,22 @@ class GridEquations:
             j=assembly.j,
             vector=assembly.vector,
             normal=assembly.normal,
-            arm_i=nothing,
-            arm_j=nothing,
+            arm_i=zeros,
+            arm_j=zeros,
             normal_stiffness=stiffness,
-            shear_stiffness=nothing,
-            torsion_stiffness=nothing,
-            bending_stiffness=nothing,
+            shear_stiffness=zeros,
+            torsion_stiffness=zeros,
+            bending_stiffness=zeros,
             normal_force=configuration.force,
             measure=assembly.measure,
             dimension=assembly.dimension,
             grid=assembly.grid.shape,
         )
         self._earlier = TangentIteration(
-            Tangent(contacts, blocks), True, self._earlier, self.options.grid
+            Tangent(contacts, blocks),
+            even=True,
+            earlier=self._earlier,
+            options=self.options.grid,
         )
         return self._earlier
 
@@ -419,13 +475,13 @@ def has_hardly_changed(
     configuration: Configuration, stiffness: Array, options: RestOptions
 ) -> bool:
     """Return whether the contacts of a ``configuration`` have about the ``stiffness`` (n_c,), N/m,
-    so that the tangent is that of an earlier one with this stiffness. Contacts whose force may be
-    nothing but what the tolerance leaves do not count: they are those of balls that nothing holds.
+    of an earlier configuration, whose tangent then serves. Contacts whose force may be nothing but
+    what the tolerance leaves do not count: they are those of balls that nothing holds.
     """
     least_force = options.carried * options.tolerance * configuration.force_size
     change = np.abs(configuration.stiffness - stiffness)
-    hardly = change <= options.unchanged * stiffness
-    return bool(np.all(hardly | (np.abs(configuration.force) <= least_force)))
+    is_close = change <= options.unchanged * stiffness
+    return bool(np.all(is_close | (np.abs(configuration.force) <= least_force)))
 
 
 def find_strongest_push(configuration: Configuration) -> float:
@@ -444,10 +500,10 @@ def find_strongest_push(configuration: Configuration) -> float:
     return 2.0 * float(np.max(sums[: assembly.n_balls], initial=0.0))
 
 
-def _shake_contacts(configuration: Configuration) -> Array:
+def _draw_forces(configuration: Configuration) -> Array:
     """Return random forces (n d,) on balls, the same at each call for the same contacts: each
-    contact pushes its balls along its direction by the root of its stiffness, and in a random
-    direction by the root of f/r, each times a random number.
+    contact pushes its balls along its direction by the root of its stiffness, and along each axis
+    by the root of f/r, each times a random number between -1/2 and 1/2.
     """
     problem = configuration.problem
     assembly = problem.assembly
@@ -461,9 +517,10 @@ def _shake_contacts(configuration: Configuration) -> Array:
 
 
 class IteratedEquations:
-    """Newton's equations of a problem, by conjugate gradients.
+    """Newton's equations of a ``problem``, by conjugate gradients.
 
-    The stiffness -f/r by which forces push balls aside is left out: it is a small part.
+    The stiffness -f/r by which forces push balls aside is left out: over the stiffness along a
+    contact it is about the overlap over r.
     """
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
@@ -480,10 +537,12 @@ class IteratedEquations:
         precondition: Map | None = None,
     ) -> tuple[Array, bool]:
         """Return the step (size,), m, that takes the forces ``pull`` (size,), N, away but for the
-        part ``reduction``, and whether ``most`` iterations find it.
+        part ``reduction`` or rounding, and whether ``most`` iterations find the step; otherwise the
+        step is that of the last iteration.
 
         Parameters
         ----------
+        configuration : where the contacts are.
         stiffness : (n_c,) of the contacts, N/m.
         precondition : an approximate inverse, from forces (size,) to unknowns (size,); by default
             that in which each ball moves while the others are held.
@@ -501,14 +560,16 @@ class IteratedEquations:
             """Return about the motion (size,) under a ``force`` (size,), without a drift."""
             return problem.remove_drift(inverse(force))
 
+        # the norm of forces left that are about the spacing of doubles at the forces of contacts
         rounding = 2.0 * float(np.finfo(np.float64).eps)
         floor = float(np.sqrt(len(pull))) * rounding * configuration.force_size
-        aim = problem.remove_drift(pull)
-        return conjugate_gradients(apply, find_motion, aim, reduction, floor, most)
+        right = problem.remove_drift(pull)
+        return conjugate_gradients(apply, find_motion, right, reduction, floor, most)
 
     def _invert_alone(self, normal: Array, stiffness: Array) -> Map:
-        """Return a function from forces (size,) to the motions (size,) of each ball, wall or strain
-        while all others are held.
+        """Return a function from forces (size,), N, to the motions (size,), m, of each ball, wall
+        or strain while all others are held; contacts along ``normal`` (n_c, 3) have a
+        ``stiffness`` (n_c,), N/m.
         """
         problem = self.problem
         options = self.options
@@ -521,13 +582,10 @@ class IteratedEquations:
         lines = assembly.directions
         of_walls = blocks[assembly.n_balls : assembly.n_balls + assembly.n_walls]
         losses = problem.find_unit_losses(normal)
-        diagonal = np.concatenate(
-            [
-                np.einsum("wa,wab,wb->w", lines, of_walls, lines),
-                np.einsum("cs,c,cs->s", losses, stiffness, losses),
-            ]
-        )
-        diagonal += options.hold * level
+        # the stiffness against each wall along its line, and against each strain
+        against_walls = np.einsum("wa,wab,wb->w", lines, of_walls, lines)
+        against_strains = np.einsum("cs,c,cs->s", losses, stiffness, losses)
+        diagonal = np.concatenate([against_walls, against_strains]) + options.hold * level
         alone = blocks[: assembly.n_balls] + options.grid.holding * level * np.eye(d)
         invert_blocks(alone)
 

@@ -19,23 +19,26 @@ def factorise_stiff(
 ) -> Callable[[Array], Array]:
     """Return an approximate inverse of the tangent of the contacts ``columns``, a function from
     forces (n m,) to motions (n m,), in which the m motions of a ball follow each other; ``axes``
-    (m,) are those of the motions.
+    (m,) are those of the motions, 0 to 2 of displacements and 3 to 5 of rotations.
 
-    Contacts that are softer than a part of the mean enter by their part of the diagonal only. The
-    inverse is symmetric but for rounding, and positive definite.
+    Contacts that are softer than the part ``options.stiff`` of the mean enter by their part of the
+    diagonal only, and a weak spring is added at each motion. The inverse is symmetric but for
+    rounding, and positive definite.
     """
     stiffness = columns.normal_stiffness
     mean = float(np.mean(stiffness))
     is_stiff = stiffness > options.stiff * mean
-    strains = np.zeros((0, 3, 3))
+    no_strains = np.zeros((0, 3, 3))
     stiff = _select(columns, is_stiff)
-    tangent = fill_blocks(stiff, axes, strains, n_balls)
-    soft = fill_blocks(_select(columns, ~is_stiff), axes, strains, n_balls)
-    lines = np.arange(len(axes))
-    tangent.diagonal[lines, lines] += soft.diagonal[lines, lines] + options.grid.holding * mean
+    tangent = fill_blocks(stiff, axes, no_strains, n_balls)
+    soft = fill_blocks(_select(columns, ~is_stiff), axes, no_strains, n_balls)
+    motions = np.arange(len(axes))
+    of_soft = soft.diagonal[motions, motions]
+    tangent.diagonal[motions, motions] += of_soft + options.grid.holding * mean
     # made anew, and not kept: which contacts are stiff changes from step to step
     pattern = Pattern(stiff.i, stiff.j, n_balls, len(axes))
     data = tangent.list_entries(pattern)
+    # scaled to a diagonal of one, which single precision holds
     scale = 1.0 / np.sqrt(data[pattern.diagonal])
     matrix = pattern.make_matrix(data)
     matrix.data *= scale[matrix.indices] * np.repeat(scale, np.diff(matrix.indptr))
@@ -43,7 +46,9 @@ def factorise_stiff(
     factors = factorise(matrix, approximate=True)
 
     def solve(force: Array) -> Array:
-        """Return the motion under a ``force``, with the digits of single precision."""
+        """Return the motion (n m,) under a ``force`` (n m,), with the digits of single
+        precision.
+        """
         scaled = scale * force
         # single precision has no numbers below 1e-38
         largest = float(np.max(np.abs(scaled))) or 1.0

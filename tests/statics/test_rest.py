@@ -19,7 +19,7 @@ from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import ConvergenceError, InputError, MechanismError
 from granphon.contacts.assembly import Assembly
 from granphon.contacts.laws import ContactLaws
-from granphon.statics.configuration import AppliedLoad, Problem
+from granphon.statics.configuration import AppliedLoad, Problem, list_shears
 from granphon.statics.explanation import explain
 from granphon.statics.find_rest import find_rest
 from granphon.statics.krylov import conjugate_gradients
@@ -58,6 +58,15 @@ def find_energy(problem, x):
     configuration = problem.start_at(x)
     energy = np.sum(problem.assembly.laws.energy(configuration.overlap))
     return energy - problem.force @ x
+
+
+@pytest.mark.parametrize(("periods", "count"), [(0, 0), (1, 0), (2, 2), (3, 5)])
+def test_shears_keep_the_size_of_a_cell_and_are_orthogonal(periods, count):
+    shears = list_shears(periods)
+    assert shears.shape == (count, periods, periods)
+    assert_allclose(np.trace(shears, axis1=1, axis2=2), 0.0, atol=0.0)
+    products = np.einsum("sab,tab->st", shears, shears)
+    assert_allclose(products, np.diag(np.diagonal(products)), atol=0.0)
 
 
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
