@@ -607,7 +607,7 @@ def test_factors_that_find_the_last_steps_tell_that_rest_is_a_minimum(monkeypatc
 
     monkeypatch.setattr(turning_descent, "find_way_down", find)
     states = [
-        equilibrate(draw_balls(seed), ReducedLoad(overlap=0.0), ratio=STEEL_WIDTH)
+        bring_to_rest(draw_balls(seed), ReducedLoad(overlap=0.0), ratio=STEEL_WIDTH)
         for seed in range(3)
     ]
     assert len(asked) < len(states)
