@@ -408,7 +408,8 @@ class Sample(Result):
         stencils = self.equilibrium.stencils
         balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
         balls.set_array(
-            "contacts", self._order(stencils.around((forces > COUNTED_FORCE).astype(int))).ravel()
+            "contacts",
+            self._order(stencils.sum_around((forces > COUNTED_FORCE).astype(int))).ravel(),
         )
         balls.info["relative_overlap"] = self.overlap / d
         return balls

@@ -88,7 +88,7 @@ def test_balls_that_nothing_holds_touch_no_other():
     state = bring_to_rest(x, ReducedLoad(overlap=-0.13))
     forces = state.forces / state.force
     assert np.all((forces == 0.0) | (forces > 1e-6))
-    held = Stencils(x.shape).around((forces > 0.0).astype(float))
+    held = Stencils(x.shape).sum_around((forces > 0.0).astype(float))
     assert np.mean(held == 0.0) > 0.1
     # Newton's method leaves some where they touch
     others = by_newton(x, ReducedLoad(overlap=-0.13)).forces / state.force
