@@ -240,7 +240,7 @@ def test_weakly_held_balls_are_found_and_save_iterations(push):
     pull -= np.mean(pull, axis=(1, 2), keepdims=True)
 
     def solve(patches):
-        steps = LinearSteps(patches, damped=False, options=LoadingOptions())
+        steps = LinearSteps(patches, is_damped=False, options=LoadingOptions())
         way, taken = steps.solve(product, tangent, pull, push, 1e-3)
         back = np.empty(way.balls.shape, np.float32)
         force = product.resist(way.balls.astype(np.float32), way.compression, back)
