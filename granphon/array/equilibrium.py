@@ -41,11 +41,11 @@ from granphon.statics.lattice_equations import LatticeIteration
 from granphon.statics.options import ResponseOptions, RestOptions
 from granphon.statics.response import GridResponse, find_elastic_tensor
 
-#: largest residual force on a ball, over the mean contact force (or over the rms difference of
-#: contact forces, if that is less)
+#: largest force that may be left on a ball at rest, over the mean contact force, or over the rms
+#: difference of contact forces if that is less
 REST_TOLERANCE = 1e-10
-#: f* below which a sample with open contacts counts as carrying no load: it is within 1e-5 W of its
-#: rigidity threshold, or below it
+#: f* below which a sample with open contacts counts as carrying no load: it is below its rigidity
+#: threshold, or above it by no more than 1e-5 W
 THRESHOLD_FORCE = RestOptions().threshold
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
@@ -60,11 +60,13 @@ class Equilibrium(Result):
     ----------
     deviations : (L1, ..., Lp) x = Delta/W of the balls; (n, L1, ..., Lp) of n > 1 balls in the
         cell.
-    overlap : y, common to all contacts.
+    overlap : y, the part of the overlap that all contacts have in common.
     balls : (n p, L1, ..., Lp) displacements in units of W, in the coordinates of
         :class:`~granphon.array.stencils.Stencils`.
-    residual : largest force left on a ball, divided by the mean contact force.
-    newton, conjugate : number of steps taken by Newton's method and by conjugate gradients.
+    residual : largest force left on a ball, divided by the mean contact force; infinite if all
+        contacts are open.
+    newton, conjugate : numbers of steps of Newton's method, and of iterations of the solvers of its
+        linear equations.
     lattice : the lattice of the contacts.
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
     strain : (p, p) symmetric strain of the cell, in units of W/d, beside the even one, -y, of a
@@ -95,14 +97,12 @@ class Equilibrium(Result):
     def share(self, deviations: Array, stencils: Stencils) -> Self:
         """Return the same equilibrium, with the derivatives and the place that it has found, but
         with these ``deviations``, equal to its own, and these ``stencils``: arrays that other
-        equilibria hold take no memory twice.
+        equilibria hold do not take memory twice.
         """
         twin = replace(self, deviations=deviations)
-        attributes = vars(self)
-        vars(twin).update(
-            {name: attributes[name] for name in ("_derivatives", "place") if name in attributes},
-            stencils=stencils,
-        )
+        names = {"_derivatives", "place"} & vars(self).keys()
+        known = {name: vars(self)[name] for name in names}
+        vars(twin).update(known, stencils=stencils)
         return twin
 
     @cached_property
@@ -135,8 +135,8 @@ class Equilibrium(Result):
 
     @property
     def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one; of
-        contacts that are known to stay open, at most -y.
+        """(n_c, L1, ..., Lp) differences h - y of the overlaps of contacts from the common part; of
+        contacts that are known to stay open, at most -y, so that h is not above zero.
         """
         if self.ratio:
             differences = self.place.differences
@@ -149,8 +149,8 @@ class Equilibrium(Result):
             return differences
         return np.where(self._stay_open, np.minimum(differences, -self.overlap), differences)
 
-    #: (n_c, L1, ..., Lp) contacts that count as open wherever the balls are; None if there are
-    #: none. A course sets them on its states (:mod:`granphon.array.equilibrium_courses`)
+    #: (n_c, L1, ..., Lp) whether each contact counts as open wherever the balls are; None if none
+    #: does. A course sets this on its states (:mod:`granphon.array.equilibrium_courses`)
     _stay_open: ClassVar[Flags | None] = None
 
     def _measure_losses(self) -> Array:
@@ -160,8 +160,9 @@ class Equilibrium(Result):
         stencils = self.stencils
         p = stencils.lattice.periods
         grid = find_lattice_grid(stencils.shape, stencils.lattice)
-        moved = stencils.displacements(self.balls).reshape(p, grid.n_balls, -1)
-        fields = np.ascontiguousarray(moved.swapaxes(0, 1)).reshape(-1, grid.n_cells)
+        displacements = stencils.displacements(self.balls).reshape(p, grid.n_balls, -1)
+        # ball after ball, each with its p components
+        fields = np.ascontiguousarray(displacements.swapaxes(0, 1)).reshape(-1, grid.n_cells)
         loss = np.empty((grid.n_kinds, grid.n_cells))
         grid_loops.measure_losses(grid.runs, fields, loss)
         return loss.reshape(-1, *stencils.shape)
@@ -172,7 +173,7 @@ class Equilibrium(Result):
         """
         p = self.lattice.periods
         normal = self.lattice.contacts.normal[:, :p]
-        elongation = np.einsum("ca,ab,cb->c", normal, strain, normal)
+        elongation = np.einsum("ca,ab,cb->c", normal, strain, normal)  # n.strain.n of each kind
         return np.asarray(elongation[(..., *(None,) * p)])
 
     @property
@@ -187,8 +188,8 @@ class Equilibrium(Result):
 
     @property
     def excess(self) -> Array:
-        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a
-        subtraction.
+        """(n_c, L1, ..., Lp) contact forces less y_+^(3/2), without the loss of digits of a
+        subtraction where both are nearly alike.
         """
         return hertz.press_further(self.overlap, self.differences)[0]
 
@@ -208,11 +209,11 @@ class Equilibrium(Result):
 
     @property
     def _roots(self) -> Array:
-        """Square roots h^(1/2) of overlaps where contacts carry load; zero where the force may be a
-        residual only.
+        """(n_c, L1, ..., Lp) square roots h^(1/2) of overlaps where contacts carry load; zero where
+        the force may be a residual only.
 
         The iteration leaves balls that nothing holds where they touch others with a trace of force.
-        Shear springs at such contacts would hold them.
+        Shear springs at such contacts would hold these balls.
         """
         overlaps = self.overlaps
         least_overlap = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
@@ -235,13 +236,13 @@ class Equilibrium(Result):
 
     @property
     def boundary_force(self) -> float:
-        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its
-        size.
+        """Mean contact force f*, a reduced number, that has the same pressure in a cell that keeps
+        its size.
         """
         return find_boundary_force(self.place, self.forces) if self.ratio else self.force
 
     def response(self) -> Array:
-        """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
+        """Return (n_c, L1, ..., Lp) derivatives of the overlaps of contacts with respect to y;
         computed anew at each call.
         """
         response = self._respond(1.0)
@@ -249,17 +250,17 @@ class Equilibrium(Result):
             return response
         # the cell shears so far that the stress stays hydrostatic: no shear then does work
         stiffness = self.stiffnesses
-        units = list_shears(self.lattice.periods)
-        responses = [self._respond(-self._elongate(unit)) for unit in units]
-        coupling = [np.sum(stiffness * response * by_shear) for by_shear in responses]
-        resistance = [[np.sum(stiffness * a * b) for b in responses] for a in responses]
-        shears = -np.linalg.solve(resistance, coupling)
-        for shear, by_shear in zip(shears, responses, strict=True):
-            response = response + shear * by_shear
+        shears = list_shears(self.lattice.periods)
+        by_shears = [self._respond(-self._elongate(shear)) for shear in shears]
+        coupling = [np.sum(stiffness * response * by_shear) for by_shear in by_shears]
+        resistance = [[np.sum(stiffness * a * b) for b in by_shears] for a in by_shears]
+        amounts = -np.linalg.solve(resistance, coupling)
+        for amount, by_shear in zip(amounts, by_shears, strict=True):
+            response = response + amount * by_shear
         return response
 
     def _respond(self, change: Array | float) -> Array:
-        """Return the changes (n_c, L1, ..., Lp) of the contacts' overlaps after the cell has
+        """Return the changes (n_c, L1, ..., Lp) of the overlaps of contacts after the cell has
         changed and the balls have come into balance again.
 
         ``change`` is the change of overlaps where balls keep their places in the cell: a number for
@@ -286,8 +287,8 @@ class Equilibrium(Result):
         """First and second derivative of the mean force of contacts with respect to y, reduced: the
         second and third of the energy per contact.
 
-        In equilibrium the first response r of the contacts' overlaps is enough for both, by the (2n
-        + 1)-theorem: they are the means <k r^2> and <k' r^3>, k' being the slope of k.
+        In equilibrium the first response r of the overlaps is enough for both, by the (2n + 1)
+        theorem: the derivatives are the means <k r^2> and <k' r^3>, k' being the slope of k.
         """
         response = self.response()
         stiffness = float(np.mean(self.stiffnesses * response**2))
@@ -316,14 +317,20 @@ class Equilibrium(Result):
 
         Under a small uniform strain each ball moves and turns until it is in balance again; the
         energy that the contacts then store is the elastic energy. This rests on the contacts alone,
-        without an effective medium or a conjecture about friction. Springs against slip, twist and
-        roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the normal stiffness
-        of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ...,
-        Lp). Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the
-        linear response enters squared; ``options`` are the numbers of the response of an array that
-        is spelled out. Contacts that bear no more than :data:`CARRIED_FORCE` times the residual
-        count as open. Which do matters more than their forces: a stiffness goes with f^(1/3), and
-        two contacts with some 1e-10 of the mean force make 2e-6 of the tensor of 64 x 64 balls.
+        without an effective medium or a conjecture about friction.
+
+        Springs against slip, twist and roll have ``shear`` (eta), ``torsion`` and ``bending`` (over
+        d^2) times the normal stiffness of their contact; shear and torsion are numbers, or (n_c,
+        L1, ..., Lp). Without shear no ball turns, and torsion and bending are not used. Energies
+        are per d^p, and the unit is c W^(1/2), that of stiffnesses. An error of the linear response
+        enters squared; ``options`` are the numbers of the response of an array that is spelled out
+        as a list, up to ``ResponseOptions.most_balls`` balls in the directions of the lattice, and
+        are not used beyond.
+
+        Contacts that bear no more than :data:`CARRIED_FORCE` times the residual count as open.
+        Which contacts do matters more than their forces: a stiffness is proportional to f^(1/3),
+        and two contacts with some 1e-10 of the mean force make 2e-6 of the tensor of 64 x 64 balls.
+
         Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
         """
         most = ResponseOptions().most_balls[self.lattice.periods]
@@ -355,8 +362,8 @@ class Equilibrium(Result):
         """Return the stencils of the array with the springs of :meth:`find_elasticity`, those along
         contacts being ``normal`` (n_c, L1, ..., Lp).
 
-        The stencils have one ratio for all contacts, on which the preconditioner is built: the
-        mean, weighted by stiffness.
+        The stencils have one ratio of each kind for all contacts, on which the preconditioner is
+        built: the mean, weighted by stiffness.
         """
         total = float(np.sum(normal))
         slip = float(np.sum(np.asarray(shear, float) * normal)) / total
@@ -387,21 +394,22 @@ class Equilibrium(Result):
 
 def _find_uniform_part(stiffness: Array) -> float:
     """Return a stiffness that may be subtracted from that of every contact in the response to a
-    uniform strain.
+    uniform strain: the mean of ``stiffness`` (n_c, L1, ..., Lp) if all contacts are closed, or else
+    zero.
 
     Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all
-    contacts are closed, and so nearly alike, the mean is subtracted to save digits. Where some are
-    open the result is zero: the rounding of a subtracted constant would pull at balls that nothing
-    holds.
+    contacts are closed, and so nearly alike, subtracting the mean saves digits. Where some are
+    open, the rounding of a subtracted constant would pull at balls that nothing holds.
     """
     return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
 def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
-    """Return the numbers of cells (L1, ..., Lp) of an array with these deviations; see
-    :class:`Equilibrium`.
+    """Return the numbers of cells (L1, ..., Lp) of an array with these ``deviations``, whose first
+    axis is that of the balls of the cell if the ``lattice`` has several.
     """
-    return np.shape(deviations)[lattice.n_balls > 1 :]
+    shape = np.shape(deviations)
+    return shape[1:] if lattice.n_balls > 1 else shape
 
 
 def explain_too_small(force: float) -> InputError:

@@ -22,7 +22,8 @@ from granphon.statics.rest_courses import (
     find_pressure,
 )
 
-#: the load in reduced units, and W/d, where a parameter is larger by a relative step
+#: function of a relative step of a parameter that returns the load in reduced units, and W/d, where
+#: the parameter is larger by this step; W/d is zero where contacts keep their directions
 ReducedChange = Callable[[float], tuple[ReducedLoad, float]]
 
 
@@ -41,13 +42,14 @@ class EquilibriumFollower:
         self._state = state
         self._load = load
         # the load on a cell that shears is a pressure, or in the directions of the lattice a size;
-        # in true directions the pressure that stands for another load is searched for
+        # in true directions a mean force or an overlap stands for the pressure under which the cell
+        # has them, which is searched for
         self._is_pressed = state.strain is not None
         is_pressure = load.overlap is None and load.on_boundary
         self._is_searched = self._is_pressed and bool(state.ratio) and not is_pressure
         self._stay_open = ~state.carries
         rest = self._restore()
-        self._pressure = 0.0
+        self._pressure = 0.0  # as f*; it is used only where it is searched for
         if self._is_searched:
             self._pressure = find_pressure(lambda size: self._pose(load, state.ratio, size), rest)
         self._follower = RestFollower(self._pose(load, state.ratio, self._pressure), rest)
@@ -60,8 +62,8 @@ class EquilibriumFollower:
             )
 
     def follow(self, change: ReducedChange) -> Course[Equilibrium]:
-        """Return the course of the equilibrium under a ``change``, a function of a relative step of
-        a parameter: what the course finds is the equilibrium at a step.
+        """Return the course of the equilibrium under a ``change`` (:data:`ReducedChange`): what the
+        course finds is the equilibrium at a relative step of the parameter, to first order.
         """
         state = self._state
         course = self._follow_rest(change)
@@ -84,11 +86,13 @@ class EquilibriumFollower:
         return Course(find, course.step)
 
     def _follow_rest(self, change: ReducedChange) -> RestCourse:
-        """Return the course, under a ``change``, of the balls at rest."""
+        """Return the course of the balls at rest under a ``change``, at a pressure that follows the
+        load where the pressure is searched for.
+        """
 
         def pose(step: float, step_of_pressure: float = 0.0) -> Problem:
-            """Return the problem at a step of the change, under a pressure larger by a relative
-            step.
+            """Return the problem at a ``step`` of the change, under a pressure that is larger by
+            the relative ``step_of_pressure``.
             """
             return self._pose(*change(step), self._pressure * (1.0 + step_of_pressure))
 
@@ -96,23 +100,25 @@ class EquilibriumFollower:
             return self._follower.follow(pose)
 
         def find_goal(step: float) -> float:
-            """Return the mean force or the overlap y that the load prescribes at a step."""
+            """Return the mean force or the overlap y that the load prescribes at a ``step``."""
             load, _ = change(step)
             return load.force if load.overlap is None else load.overlap
 
         return self._under_mean.follow(pose, differentiate(find_goal, CourseOptions().step))
 
     def _measure(self, configuration: Configuration) -> float:
-        """Return what the load prescribes of a configuration: the mean force, or the overlap y."""
+        """Return what the load prescribes of a ``configuration`` in the true geometry: the mean
+        force, or the overlap y.
+        """
         if self._load.overlap is None:
             return float(np.mean(configuration.force))
-        # contacts are as long as d/W in the true geometry
-        length = configuration.problem.assembly.mean_distance
-        return split_strain(configuration.strain, 1.0 / length if self._state.ratio else 0.0)[0]
+        # contacts are as long as d/W, which a change may change
+        ratio = 1.0 / configuration.problem.assembly.mean_distance
+        return split_strain(configuration.strain, ratio)[0]
 
     def _pose(self, load: ReducedLoad, ratio: float, pressure: float) -> Problem:
-        """Return the problem of the balls at rest under a load and at a ``ratio`` W/d; under the
-        ``pressure`` in place of the load if the pressure is searched for.
+        """Return the problem of the balls at rest under a ``load`` and at a ``ratio`` W/d, or under
+        the ``pressure``, as f*, in place of the load if the pressure is searched for.
         """
         state = self._state
         scale = ratio or 1.0  # contacts have the length 1/scale, in W

@@ -48,14 +48,14 @@ class LoadingHistory:
         cell.
     stencils : stencils of the array, with the shear stiffness ratio eta above zero.
     friction_coefficient : mu of the contacts, from zero to infinity.
-    tolerance : relative change of f* along the path, below which steps are no longer halved; if it
-        is infinite, each load is reached in one step.
+    tolerance : relative change of f* that halving a step may make, from one load of the path to the
+        next; if it is infinite, steps are not halved to be exact.
     start : where the history begins, with rotations and tangential forces zero: a state at rest
-        without friction, or the load of one; by default that of a* = 1/2. In the true geometry a
-        state at rest on the lattice is only the start of a search for rest in the true geometry.
-        Or "gas": the balls lie apart on their sites, and are pressed with friction until they
-        stand, see :mod:`granphon.array.stepper`: a beginning for lattices that friction alone
-        holds.
+        without friction, or the load under which balls come to rest without friction; by default
+        that of a* = 1/2. In the true geometry a state at rest on the lattice is only the start of a
+        search for rest in the true geometry. Or "gas": the balls lie apart on their sites, and are
+        pressed with friction until they stand, see :mod:`granphon.array.stepper`: a beginning for
+        lattices that friction alone holds.
     geometry : geometry of the contacts; by default that of the lattice, the limit of small spread.
     options : numbers of the loading.
 
@@ -88,7 +88,8 @@ class LoadingHistory:
         """Return the state at the start; see ``start``.
 
         Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where
-        no load is carried.
+        no load is carried, and :class:`~granphon.base.errors.ConvergenceError` if no rest is found
+        there, or balls pressed from the gas do not stand.
         """
         if self.start == GAS:
             largest = float(np.max(self.stencils.average_pairs(self.deviations)))
@@ -98,22 +99,23 @@ class LoadingHistory:
         )
         start = self.start
         if start is None:
-            start = ReducedLoad(overlap=START_SPACING - 0.5)
+            start = ReducedLoad(overlap=START_SPACING - 0.5)  # the overlap y = a* - 1/2
         if isinstance(start, Equilibrium):
             state = start
             load = ReducedLoad(overlap=state.overlap)
         else:
             assert isinstance(start, ReducedLoad)
             load = start
-            state = self._rest_without_friction(load, smooth)
+            state = self._find_rest_without_friction(load, smooth)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
             state = bring_to_rest(self.deviations, load, smooth, state, ratio=ratio)
         return self.stepper.place(state.balls, state.overlap, state.residual)
 
-    def _rest_without_friction(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
-        """Return the balls at rest under a ``load`` without friction, by the stencils ``smooth``,
-        which have no slips. Raises InputError if the balls carry no load.
+    def _find_rest_without_friction(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
+        """Return the balls at rest under a ``load`` without friction, in the directions of the
+        lattice; the stencils ``smooth`` have no slips. Raises InputError if the balls carry no
+        load.
         """
         try:
             return bring_to_rest(self.deviations, load, smooth)
@@ -130,15 +132,16 @@ class LoadingHistory:
         """Yield the state at each of the ordered ``loads``, which may go up and down, from the
         ``first`` state or the start.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the
-        message states the load, and ``reached`` of the error is the last state before it.
+        Raises the errors of :meth:`begin`, and
+        :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message
+        states the load, and ``reached`` of the error is the last state before it.
         """
         trail = [self.begin() if first is None else first]
         for load in loads:
             current = self.stepper.measure(trail[-1], load)
-            aim = find_aim(load)
-            if abs(aim - current) <= LOAD_TOLERANCE * (current if load.overlap is None else 1.0):
-                # the state is at this load already
+            unit = current if load.overlap is None else 1.0  # of a tolerance: f*, or W
+            is_at_load = abs(find_aim(load) - current) <= LOAD_TOLERANCE * unit
+            if is_at_load:
                 yield trail[-1]
                 continue
             try:
@@ -151,9 +154,11 @@ class LoadingHistory:
 
     def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
         """Yield the states on the way from the last of the ``trail`` to a ``load``, in steps so
-        short that halving them changes little; lost energies are corrected for the rest.
+        short that halving them changes little; their lost energies are corrected by what halving
+        the steps would change.
 
-        Raises ConvergenceError if steps would be too short or too many.
+        Raises ConvergenceError if a step finds no balance, or if steps would be too short or too
+        many.
         """
         if self.tolerance == math.inf:
             yield self.stepper.step(trail, load)
@@ -163,11 +168,11 @@ class LoadingHistory:
         # the step, and the number of halvings
         ahead = [(load, self.tolerance, 0)]
         n_steps = 0
-        kept = 0.0  # changes of f* that the shortest steps have kept, in sum
+        change_of_falls = 0.0  # of f*, that halving the shortest steps would still make, in sum
         while ahead:
             load, allowed, halvings = ahead.pop()
             middle = self.stepper.halve(trail[-1], load)
-            states = []
+            states = []  # those of this step, which are not on the trail yet
             loads = [self.stepper.measure(state, load) for state in trail[-2:]]
             if not goes_on([*loads, find_aim(load)], options.similar):
                 # the trail does not tell how the path bends: a state in the middle of the step does
@@ -175,27 +180,23 @@ class LoadingHistory:
             states.append(self.stepper.step([*trail, *states], load))
             change, changes_of_losses = self._compare([*trail, *states], len(states), load)
             change /= states[-1].force
-            start = trail[-1]
-            end = states[-1]
-            loss = end.slid + end.loosened - start.slid - start.loosened
-            work = abs(end.work - start.work)
-            loss_changes = sum(abs(sum(losses)) for losses in changes_of_losses)
-            of_loss = options.of_loss * loss + options.of_work * work
-            loss_is_settled = loss_changes <= self.tolerance * of_loss
-            # balance to a finite residual leaves f* uncertain
+            loss_is_settled = self._is_loss_settled(trail[-1], states[-1], changes_of_losses)
+            # balance to a finite residual leaves f* uncertain by about that residual
             force_is_settled = change <= max(allowed, options.stiffer * options.tolerance)
             # errors of lost energies are no reason to halve a step without end
             is_settled = force_is_settled and (halvings >= options.halvings or loss_is_settled)
             # where a ball falls, however short the step is, f* changes by as much: it is accepted
             # in the shortest steps, as long as such changes are within the tolerance in sum
-            falls = halvings == 2 * options.halvings and kept + change <= self.tolerance
-            if falls or is_settled:
+            is_shortest = halvings == 2 * options.halvings
+            is_fall = is_shortest and change_of_falls + change <= self.tolerance
+            if is_fall or is_settled:
                 states = _add_losses(states, np.cumsum(changes_of_losses, axis=0).tolist())
                 yield from states
                 trail = [*trail, *states][-3:]
                 n_steps += len(states)
-                kept += change * falls
-            elif halvings == 2 * options.halvings:
+                if is_fall:
+                    change_of_falls += change
+            elif is_shortest:
                 percent = 100.0 * change
                 raise self.stepper.explain(
                     load, f"halving the step still changes the contact force by {percent:.2g} %"
@@ -208,26 +209,43 @@ class LoadingHistory:
                 allowed = max(0.5 * allowed, self.tolerance / options.similar**2)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
+    def _is_loss_settled(
+        self, start: PressedArray, end: PressedArray, changes_of_losses: Sequence[Array]
+    ) -> bool:
+        """Return whether the ``changes_of_losses`` (2,) that halving the steps from the state
+        ``start`` to the state ``end`` would make are small beside the energy lost, or beside the
+        work of the load.
+        """
+        loss = end.slid + end.loosened - start.slid - start.loosened
+        work = abs(end.work - start.work)
+        change = sum(abs(float(np.sum(changes))) for changes in changes_of_losses)
+        return change <= self.tolerance * (
+            self.options.of_loss * loss + self.options.of_work * work
+        )
+
     def _compare(
         self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
     ) -> tuple[float, list[Array]]:
-        """Return estimates of the changes that halving the last ``steps`` of the ``trail`` would
-        make: that of f*, and, for each step, those (2,) of the energies lost by sliding and by the
-        law.
+        """Return estimates of the changes that halving the last ``steps`` of the ``trail``, one or
+        two, would make on the way to the ``load``: that of f*, and, for each step, those (2,) of
+        the energies lost by sliding and by the law.
 
         The middle of a step is interpolated between the last three states, and contacts follow
         their law to the middle and on to the end. By the theorem of reciprocity, tangential forces
-        that differ by dT raise f* by the mean over contacts of dT times the contact's slip ds/dy.
+        that differ by dT raise f* by the mean over contacts of dT times the slip of the contact,
+        ds/dy.
         """
-        three = trail[-3:]
-        loads = [self.stepper.measure(state, load) for state in three]
+        states = trail[-3:]
+        loads = [self.stepper.measure(state, load) for state in states]
         change = 0.0
         changes_of_losses = []
         for last in range(-steps, 0):
-            start = three[last - 1].contacts
-            end = three[last].contacts
+            before = states[last - 1]
+            after = states[last]
+            start = before.contacts
+            end = after.contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
-            weighted = list(zip(weights, three, strict=True))
+            weighted = list(zip(weights, states, strict=True))
             overlaps = np.sum([w * state.contacts.overlaps for w, state in weighted], axis=0)
             slips = np.sum([w * state.contacts.slips for w, state in weighted], axis=0)
             half, _ = self._law.advance(start, overlaps, slips)
@@ -236,11 +254,11 @@ class LoadingHistory:
             # single contacts that begin to slide or open are not foreseen well: their number is
             # uncertain by its root
             rise = abs(float(np.sum(rises))) + math.sqrt(dot(rises, rises))
-            compression = abs(three[last].overlap - three[last - 1].overlap)
+            compression = abs(after.overlap - before.overlap)
             change += self.options.caution * rise / end.overlaps.size / compression
             losses_of_halves = np.add(self._law.lost(start, half), self._law.lost(half, again))
-            slid = three[last].slid - three[last - 1].slid
-            loosened = three[last].loosened - three[last - 1].loosened
+            slid = after.slid - before.slid
+            loosened = after.loosened - before.loosened
             changes_of_losses.append(losses_of_halves - np.array([slid, loosened]))
         return change, changes_of_losses
 
@@ -248,8 +266,9 @@ class LoadingHistory:
 def _add_losses(
     states: Sequence[PressedArray], losses: Sequence[Sequence[float]]
 ) -> list[PressedArray]:
-    """Return the ``states`` with the further energies ``losses``, lost by sliding and by the law
-    since the start of the first step, added to each; the load has done as much more work.
+    """Return the ``states`` with further energies lost since the start of the first step: for each
+    state, ``losses`` holds that by sliding and that by the law, which are added to its own. The
+    load has done as much more work.
     """
     corrected = []
     for state, (slid, loosened) in zip(states, losses, strict=True):

@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -37,8 +36,8 @@ from granphon.contacts.slips import find_largest
 from granphon.statics.options import LoadingOptions
 
 #: part of the residual that a whole step of Newton's method leaves where a ball that nothing else
-#: holds leaves its last contact: the method comes to the zero of h^(3/2) by two thirds of the way
-#: at a time, and by all of it in a step that is longer by the exponent
+#: holds leaves its last contact: a step goes two thirds of the way to the zero of h^(3/2), and one
+#: that is longer by the factor 3/2, the exponent, goes all of it
 _LEFT_BY_LOOSE = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
 
 
@@ -56,11 +55,14 @@ class Trial:
     pull : (fields, L1, ..., Lp) forces left on balls, dashpots included.
     push : what the normal forces lack to the load, in sum; zero at a given overlap.
     left : largest force, or torque over the diameter, left on a ball, over the mean normal force or
-        the drag of dashpots, the greater of both; infinite if the balls have come apart.
-    missed : magnitude of ``push`` for each contact, over the same number.
-    size : norm of ``pull`` and ``push`` together.
+        the stiffness of dashpots times W, the greater of both; infinite if the balls have come
+        apart.
+    missed : magnitude of ``push`` for each contact, over the same number; zero if the balls have
+        come apart.
+    size : norm of the residual: the root of the sum of the squares of ``pull``, and of ``push``
+        squared over the number of contacts.
     is_balanced : whether all balls are in balance, and the load is met.
-    newton, krylov : numbers of steps of Newton's method and of GMRES so far.
+    newton, krylov : numbers of steps of Newton's method and of iterations of GMRES so far.
     """
 
     place: PressedPlace
@@ -83,7 +85,7 @@ class Trial:
         return self.linearise()
 
     def follow(self, other: Trial) -> Trial:
-        """Return the ``other`` trial with the numbers of steps of this one."""
+        """Return the ``other`` trial with the numbers of steps and iterations of this one."""
         return replace(other, newton=self.newton, krylov=self.krylov)
 
 
@@ -94,7 +96,7 @@ class LoadStep:
     ----------
     geometry, law : geometry and law of the contacts.
     here : state at the start of the step.
-    place : configuration at the start.
+    place : configuration at the start, from which slips are counted.
     load : load at the end.
     patches : what finds and inverts patches of weakly held balls.
     drag : stiffness of dashpots between neighbours over the step, in c W^(1/2); see
@@ -134,13 +136,16 @@ class LoadStep:
         ..., Lp) and the ``overlap`` y; the trial may be in balance or not.
 
         Newton's method is first tried with the law itself. Where many contacts begin or cease to
-        slide, steps go to and fro between the two sides of Coulomb's limit. So in a second attempt,
-        if ``finds_limits`` is true, the limit is fixed at the overlaps of the last trial: with a
-        fixed limit there is always an equilibrium. The overlaps found then give a new limit, and
-        Newton's method with the law itself is tried again from there. A ball that is squeezed out
-        from between others has a long way to go, on which the limits change little at a time: if
-        ``is_patient`` is true, less is left with fixed limits, and where the residual under the law
-        has not fallen by half since the law was last tried, it is tried only now and then.
+        slide, its steps go to and fro between the two sides of Coulomb's limit. So, if
+        ``finds_limits`` is true, it is tried with the limit fixed at the overlaps of the last
+        trial: with a fixed limit there is always an equilibrium. From there it is tried with the
+        law itself. These two attempts are repeated, each time with the limit at the overlaps of the
+        equilibrium before, ``options.tries`` times at most.
+
+        A ball that is squeezed out from between others has a long way to go, on which the limits
+        change little at a time: if ``is_patient`` is true, less is left with fixed limits, and
+        where the residual under the law has not fallen by half since the law was last tried, it is
+        tried only now and then.
         """
         options = self._options
         near = self._stiffen(self._make_trial(balls, overlap))
@@ -156,7 +161,7 @@ class LoadStep:
                 break
             guess = lagged.contacts.overlaps
             lagged = lagged.follow(self._make_trial(lagged.balls, lagged.overlap, guess))
-            lagged = self._iterate(lagged, options.patience, guess, share=left)
+            lagged = self._iterate(lagged, options.patience, guess, part=left)
             trial = lagged.follow(self._make_trial(lagged.balls, lagged.overlap))
             if trial.size > 0.5 * tried and count % often:
                 continue
@@ -168,20 +173,22 @@ class LoadStep:
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
-        """Return a trial near balance if friction is small; otherwise the ``trial`` as it is.
+        """Return a trial near balance if friction is small and there are no dashpots; otherwise the
+        ``trial`` as it is.
 
         With small friction all contacts slide but for as few as hold the balls from turning, and
         Newton's method does not find out which. If contacts are soft against slip, fewer slide. So
         contacts are soft against slip in a first stage and stiffer in each following one, and the
-        equilibrium of each stage is near that of the one before. Coulomb's limit is fixed at the
+        equilibrium of each stage is near that of the stage before. Coulomb's limit is fixed at the
         overlaps of the stage before, which friction hardly changes. If the balls come apart, the
-        ``trial`` is returned.
+        ``trial`` is returned, with the numbers of all steps taken.
         """
         mu = self._law.friction_coefficient
         guess = None
         first = trial
         options = self._options
-        if not self._slides or self._drag or mu >= options.small_friction:
+        is_small = self._slides and mu < options.small_friction
+        if not is_small or self._drag:
             return trial
         # torques of less friction than the tolerance need no balance
         ratio = options.small_friction / max(mu, options.tolerance)
@@ -209,43 +216,44 @@ class LoadStep:
     def _iterate(
         self,
         trial: Trial,
-        most: int,
+        most_steps: int,
         guess: Array | None = None,
-        enough: float = 0.0,
-        share: float = 0.0,
+        accepted: float = 0.0,
+        part: float = 0.0,
         patience: int | None = None,
     ) -> Trial:
-        """Return the trial after at most ``most`` steps of Newton's method from a ``trial``.
+        """Return the trial after at most ``most_steps`` steps of Newton's method from a ``trial``.
 
-        The iteration ends in balance; where ``left`` and ``missed`` are at most ``enough``; where
-        the residual is less than a ``share`` of the first one; where ``patience`` steps, by default
-        ``options.patience``, have not halved it; and where the balls have come apart. With a
-        ``guess`` of the overlaps Coulomb's limit is fixed there.
+        The iteration ends in balance; where ``left`` and ``missed`` are at most ``accepted``; where
+        the residual is less than a ``part`` of that of the ``trial``; where ``patience`` steps, by
+        default ``options.patience``, have not halved it; and where the balls have come apart or
+        the residual is not finite. With a ``guess`` of the overlaps the stiffness against slip and
+        Coulomb's limit are fixed there.
         """
         options = self._options
         patience = patience or options.patience
         last_size = math.inf
         hold = 1.0  # added stiffness, over the usual one
-        slow = False  # whether the last step was a whole one and left much
-        aim = share * trial.size
-        for count in range(most):
+        is_slow = False  # whether the last step was a whole one and left much
+        aim = part * trial.size
+        for count in range(most_steps):
             has_come_apart = trial.left == math.inf
             if trial.is_balanced or trial.size < aim or has_come_apart:
                 break
-            if max(trial.left, trial.missed) <= enough:
+            if max(trial.left, trial.missed) <= accepted:
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * last_size:
                     break
                 last_size = trial.size
             motion, iterations = self._find_newton_step(trial, hold)
-            new, length = self._search_line(trial, motion, guess, slow)
-            slow = length == 1.0 and new.size > 0.5 * _LEFT_BY_LOOSE * trial.size
-            turned = self._turn_loose(new, guess)
+            after, length = self._search_line(trial, motion, guess, is_slow)
+            is_slow = length == 1.0 and self._leaves_much(after, trial)
+            turned = self._turn_loose(after, guess)
             # where contacts of turned balls change, the turn may undo the step, and would do so
             # after each step: then balls are not turned
-            new = turned if turned.size <= trial.size else new
-            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + iterations)
+            after = turned if turned.size <= trial.size else after
+            trial = replace(after, newton=trial.newton + 1, krylov=trial.krylov + iterations)
             if not math.isfinite(trial.size):
                 break
             if length == 1.0:
@@ -254,16 +262,26 @@ class LoadStep:
                 hold *= options.stiffer
         return trial
 
+    @staticmethod
+    def _leaves_much(after: Trial, before: Trial) -> bool:
+        """Return whether the trial ``after`` a whole step has more than half of the residual that
+        such a step leaves on a ball that leaves its last contact (:data:`_LEFT_BY_LOOSE`), over
+        that of the trial ``before`` the step.
+        """
+        return bool(after.size > 0.5 * _LEFT_BY_LOOSE * before.size)
+
     def _search_line(
-        self, trial: Trial, motion: Motion, guess: Array | None, slow: bool
+        self, trial: Trial, motion: Motion, guess: Array | None, is_slow: bool
     ) -> tuple[Trial, float]:
         """Return the best trial along the ``motion`` of a step of Newton's method from a ``trial``,
         and the length of the step over the whole one.
 
-        The whole step is halved until the residual is less. With a ``guess`` of the overlaps, at
-        which Coulomb's limit is fixed, forces are derivatives of an energy: a step is also accepted
-        if the energy does not rise steeply at its end. If the step before was ``slow``, one that is
-        longer than a whole one is tried too; its length is returned as one.
+        The whole step is halved until the residual is less, ``options.halvings`` - 1 times at most;
+        of the steps tried, the one with the least residual is the best. With a ``guess`` of the
+        overlaps, at which Coulomb's limit is fixed, forces are derivatives of an energy: a step is
+        also accepted, as the best, if the energy does not rise steeply at its end. If the step
+        before ``is_slow``, a step that is longer than the whole one is tried too; its length is
+        returned as one.
         """
 
         def try_length(length: float) -> Trial:
@@ -280,25 +298,25 @@ class LoadStep:
 
         power_at_start = find_power(trial)
         length = 1.0
-        new = try_length(length)
-        best = new
+        after = try_length(length)
+        best = after
         best_length = length
         for _ in range(self._options.halvings - 1):
-            leaves_less = new.size < (1.0 - 0.1 * length) * trial.size
-            is_not_too_far = guess is not None and find_power(new) > -0.5 * power_at_start
+            leaves_less = after.size < (1.0 - 0.1 * length) * trial.size
+            is_not_too_far = guess is not None and find_power(after) > -0.5 * power_at_start
             if leaves_less or is_not_too_far:
                 if guess is not None:
-                    best = new
+                    best = after
                     best_length = length
                 break
             length *= 0.5
-            new = try_length(length)
-            if new.size < best.size:
-                best = new
+            after = try_length(length)
+            if after.size < best.size:
+                best = after
                 best_length = length
-        if slow and best_length == 1.0 and best.size > 0.5 * _LEFT_BY_LOOSE * trial.size:
-            new = try_length(hertz.EXPONENT)
-            best = new if new.size < best.size else best
+        if is_slow and best_length == 1.0 and self._leaves_much(best, trial):
+            longer = try_length(hertz.EXPONENT)
+            best = longer if longer.size < best.size else best
         return best, best_length
 
     def _make_trial(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
@@ -307,31 +325,15 @@ class LoadStep:
         With a ``guess`` of the overlaps, (n_c, L1, ..., Lp), the stiffness against slip and
         Coulomb's limit are fixed there.
         """
-        options = self._options
         place = self._geometry.place(balls, overlap)
         start = self._here.contacts
         slips = place.find_slips(self._place, start.slips)
         contacts, linearise = self._law.advance(start, place.overlaps, slips, guess)
-        forces = contacts.forces
-        load = self._load
-        force = float(np.mean(forces))
-        normal = forces
-        shears = contacts.shears
-        if self._drag:
-            overlap_change = overlap - self._here.overlap
-            eta = self._stencils.mindlin_ratio
-            normal, shears = contacts.damp(start, overlap_change, self._drag, eta)
-        on_balls = place.push(normal, shears)
+        on_balls = place.push(*self._add_dashpots(contacts, overlap))
         pull = self._geometry.collect_forces(*on_balls)
-        push = forces.size * find_lack(load, place, forces, contacts.shears)
+        push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
         largest = max(map(find_largest, on_balls))
-        size = math.sqrt(dot(pull, pull) + push * push / forces.size)
-        scale = max(force, self._drag)
-        missed = 0.0
-        left = math.inf  # balls that have come apart are far from balance
-        if options.tolerance * self._here.force < scale < math.inf:
-            missed = abs(push) / (forces.size * scale)
-            left = largest / scale
+        left, missed = self._measure_imbalance(contacts, largest, push)
         return Trial(
             place=place,
             balls=balls,
@@ -342,57 +344,94 @@ class LoadStep:
             push=push,
             left=left,
             missed=missed,
-            size=size,
-            is_balanced=left <= options.tolerance and missed <= LOAD_TOLERANCE,
+            size=math.sqrt(dot(pull, pull) + push * push / place.overlaps.size),
+            is_balanced=left <= self._options.tolerance and missed <= LOAD_TOLERANCE,
         )
+
+    def _add_dashpots(self, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
+        """Return the normal and the tangential forces of ``contacts`` at an ``overlap`` y, with
+        those of dashpots if there are any.
+        """
+        if not self._drag:
+            return contacts.forces, contacts.shears
+        overlap_change = overlap - self._here.overlap
+        eta = self._stencils.mindlin_ratio
+        return contacts.damp(self._here.contacts, overlap_change, self._drag, eta)
+
+    def _measure_imbalance(
+        self, contacts: Contacts, largest: float, push: float
+    ) -> tuple[float, float]:
+        """Return ``left`` and ``missed`` of a :class:`Trial` with these ``contacts``, from the
+        ``largest`` force or torque on a ball, and from what the normal forces lack in sum,
+        ``push``.
+        """
+        force = float(np.mean(contacts.forces))
+        unit = max(force, self._drag)
+        # balls that have come apart are far from balance
+        has_come_apart = not self._options.tolerance * self._here.force < unit < math.inf
+        if has_come_apart:
+            return math.inf, 0.0
+        return largest / unit, abs(push) / (contacts.forces.size * unit)
 
     def _find_newton_step(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the motion of a step of Newton's method from a ``trial``, and the number of
         iterations of GMRES that it took.
 
         Far from balance, stiffness is added to contacts, and sliding contacts have a part of their
-        secant stiffness; ``hold`` times as much as usual. Motions of balls that go far are made
-        shorter, each ball by itself.
+        secant stiffness; both grow with ``hold``, which is usually one. Motions of balls that go
+        far are made shorter, each ball by itself.
         """
         options = self._options
-        stencils = self._stencils
         distance = max(trial.left, trial.missed)
-        free = self._load.overlap is None
+        is_free = self._load.overlap is None
         mean = float(np.mean(trial.tangent.stiffness)) + self._drag
-        eta = stencils.mindlin_ratio
+        eta = self._stencils.mindlin_ratio
         added = OPTIONS.added * min(1.0, distance * hold) * mean
-        # in a plane, where balls whose contacts all slide are turned by themselves, small friction
-        # counts
+        # in a plane, where balls whose contacts all slide are turned by themselves, the share of
+        # the secant stiffness is in proportion to the distance in units of the friction coefficient
         unit = self._law.friction_coefficient / options.secant if self._spins else 1.0
         share = min(1.0, distance * hold / unit)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
         product = trial.place.linearise(
-            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=free
+            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=is_free
         )
         reduction = options.forcing * min(
             1.0, max(math.sqrt(distance), options.tolerance / distance)
         )
-        push = trial.push / mean if free else None
+        push = trial.push / mean if is_free else None
         motion, iterations = self._linear.solve(
             product, tangent, trial.pull / mean, push, reduction
         )
-        # the motions of balls that are about to lose their hold and fall are made shorter
-        fields = motion.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
-        limit = options.farthest * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
-        sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
-        np.maximum(
-            sizes,
-            0.5 * np.max(np.abs(fields[:, stencils.motions.turning]), axis=1, initial=0.0),
-            out=sizes,
+        rms_overlap = math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
+        balls = self._shorten(motion.balls, options.farthest * rms_overlap)
+        return Motion(balls, motion.compression), iterations
+
+    def _shorten(self, balls: Array, farthest: float) -> Array:
+        """Return the motions ``balls`` (fields, L1, ..., Lp), those of each ball that goes too far
+        made shorter: until no component of its displacement is above ``farthest``, and none of its
+        rotation above twice as much.
+
+        Balls that are about to lose their hold and fall would otherwise be moved far.
+        """
+        stencils = self._stencils
+        fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
+        displacements = np.abs(fields[:, stencils.motions.translating])
+        rotations = np.abs(fields[:, stencils.motions.turning])
+        sizes = np.maximum(
+            np.max(displacements, axis=1, initial=0.0), 0.5 * np.max(rotations, axis=1, initial=0.0)
         )
-        if float(np.max(sizes)) > limit:
-            fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
-        return Motion(fields.reshape(trial.balls.shape), motion.compression), iterations
+        if float(np.max(sizes)) <= farthest:
+            return balls
+        shorter = fields * (farthest / np.maximum(sizes, farthest))[:, None]
+        return np.asarray(shorter.reshape(balls.shape))
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the trial in which balls whose contacts all slide have turned by themselves until
-        their torques vanish; the ``trial`` itself if there are no such balls, or these torques are
-        a small part of what is left.
+        their torques vanish.
+
+        The ``trial`` itself is returned with dashpots, in space, or if no contact can slide; if the
+        trial is in balance or its balls have come apart; and if these torques are less than the
+        part ``options.loose`` of what is left.
 
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
         there.
@@ -406,84 +445,99 @@ class LoadStep:
         torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
         if not dot(torque, torque) > (self._options.loose * trial.size) ** 2:
             return trial
-        index, arms = self._list_around(loose, turning)
+        around, arms = self._list_around(loose, turning)
         start = self._here.contacts
         end = trial.contacts
-        ends_before = Contacts(
-            start.overlaps[index], start.slips[0][index][None], start.shears[0][index][None]
+        # the contacts around each loose ball, (contacts, balls), as the start of the step has them
+        around_at_start = Contacts(
+            start.overlaps[around], start.slips[0][around][None], start.shears[0][around][None]
         )
-        held = end.overlaps if guess is None else guess
-        bent, springs, limits = self._law.stick(ends_before, held[index], end.slips[0][index][None])
-        turns = _find_turns(bent[0], springs * arms, limits, arms)
-        # of loose balls that touch each other only the one with the greatest torque turns: each
-        # turn changes the torque on the other ball
-        torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
-        numbers = np.ravel_multi_index(index, (stencils.n_contacts, *stencils.shape))
-        torques_at_contacts = np.where(arms != 0.0, torques, 0.0)
-        greatest = np.zeros(end.overlaps.size)
-        np.maximum.at(greatest, numbers, torques_at_contacts)
-        greatest_around = np.where(arms != 0.0, greatest[numbers], 0.0)
-        has_greatest = np.all(torques_at_contacts >= greatest_around, axis=0)
+        held_overlaps = (end.overlaps if guess is None else guess)[around]
+        shears, springs, limits = self._law.stick(
+            around_at_start, held_overlaps, end.slips[0][around][None]
+        )
+        turns = _find_turns(shears[0], springs * arms, limits, arms)
+        torques = np.abs(np.sum(arms * np.clip(shears[0], -limits, limits), axis=0))
+        turns = np.where(self._have_greatest_torque(around, arms, torques), turns, 0.0)
         balls = trial.balls.copy()
-        fields = balls.reshape(stencils.n_balls, count, *stencils.shape)
-        rotations = fields[:, turning]
-        rotations[loose] += np.where(has_greatest, turns, 0.0)
+        rotations = balls.reshape(stencils.n_balls, count, *stencils.shape)[:, turning]
+        rotations[loose] += turns
         return self._make_trial(balls, trial.overlap, guess)
 
+    def _have_greatest_torque(
+        self, around: tuple[Index, ...], arms: Array, torques: Array
+    ) -> Flags:
+        """Return whether each of the loose balls (balls,) has the greatest of the ``torques``
+        (balls,) among the loose balls that it touches.
+
+        Only such balls turn: each turn changes the torques on balls that touch. ``around`` and
+        ``arms`` are those of :meth:`_list_around`; an arm of zero is that of a contact of another
+        ball.
+        """
+        shape = (self._stencils.n_contacts, *self._stencils.shape)
+        contacts = np.ravel_multi_index(around, shape)
+        torques_at_contacts = np.where(arms != 0.0, torques, 0.0)
+        greatest = np.zeros(math.prod(shape))
+        np.maximum.at(greatest, contacts, torques_at_contacts)
+        greatest_around = np.where(arms != 0.0, greatest[contacts], 0.0)
+        return np.asarray(np.all(torques_at_contacts >= greatest_around, axis=0))
+
     def _find_loose(self, trial: Trial) -> Flags:
-        """Return whether the contacts of each ball all slide, (n_balls, L1, ..., Lp)."""
+        """Return whether each ball is loose, (n_balls, L1, ..., Lp): its contacts resist slip, in
+        sum, with less than the part ``options.loose`` of what they would if none slid, as where all
+        of them slide.
+        """
         stencils = self._stencils
         tangent = trial.tangent
         least = self._options.loose * self._law.mindlin_ratio
-        # below zero for a contact that slides, and far above zero otherwise
-        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
-        contacts = self._geometry.contacts
-        n_balls = stencils.n_balls * math.prod(stencils.shape)
-        around = np.bincount(contacts.i, resisting, n_balls)
-        around += np.bincount(contacts.j, resisting, n_balls)
-        return np.asarray(around.reshape(stencils.n_balls, *stencils.shape) < 0.0)
+        # below zero for a contact that slides, and far above zero for any other
+        resisting = tangent.springs[0] - least * tangent.stiffness
+        return stencils.by_ball(stencils.sum_around(resisting)) < 0.0
 
     def _list_around(self, loose: Flags, turning: int) -> tuple[tuple[Index, ...], Array]:
-        """Return, for each of the ``loose`` balls (n_balls, L1, ..., Lp), the contacts around it
-        and their slips by a unit turn of the ball, its motion number ``turning``.
+        """Return, for each of the ``loose`` balls (n_balls, L1, ..., Lp), the contacts around it,
+        and their arms: the slips by a unit turn of the ball, its motion number ``turning``.
 
         The contacts are a tuple of indices (contacts, balls) into arrays (n_c, L1, ..., Lp), the
-        slips are (contacts, balls). All kinds of contacts at the ball's cell are listed: slips are
-        zero for those of other balls of the cell.
+        arms are (contacts, balls). All kinds of contacts that a ball of the cell has are listed:
+        arms are zero for those of other balls of the cell.
         """
         stencils = self._stencils
         count = stencils.motions.count
         ball, *cell = np.nonzero(loose)
-        places: list[Any] = []
+        indices: list[list[Index]] = []
         arms: list[Array] = []
-        slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
-        for kind, ((head, tail), shift, (i, j)) in enumerate(
-            zip(slips, stencils.shifts, stencils.ends, strict=True)
-        ):
-            for end, steps, slip in ((j, shift, head), (i, (0,) * len(shift), -tail)):
+        heads, tails = stencils.coefficients[:, stencils.n_contacts :]
+        for kind, (shift, (i, j)) in enumerate(zip(stencils.shifts, stencils.ends, strict=True)):
+            # a contact that ends at the ball starts ``shift`` cells before it
+            from_ball = (i, (0,) * len(shift), -tails[kind])
+            to_ball = (j, shift, heads[kind])
+            for end, steps, slip in (to_ball, from_ball):
                 first_cell = [
                     (coordinate - step) % size
                     for coordinate, step, size in zip(cell, steps, stencils.shape, strict=True)
                 ]
-                places.append([np.full_like(ball, kind), *first_cell])
+                indices.append([np.full_like(ball, kind), *first_cell])
                 arms.append(np.where(ball == end, slip[count * end + turning], 0.0))
-        return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
+        return tuple(np.moveaxis(np.array(indices), 1, 0)), np.array(arms)
 
 
 class LinearSteps:
     """Solver of the linear equations of the steps of Newton's method in one step of the load; it
     keeps the patch of weakly held balls from step to step.
 
-    ``damped`` says whether there are dashpots: few balls of such arrays touch; ``options`` are the
-    numbers of the loading.
+    ``is_damped`` says whether there are dashpots: few balls of such arrays touch; ``options`` are
+    the numbers of the loading.
     """
 
-    def __init__(self, patches: Patches, damped: bool, options: LoadingOptions) -> None:
+    def __init__(self, patches: Patches, is_damped: bool, options: LoadingOptions) -> None:
         self._options = options
         self._stencils = patches.stencils
         self._patches = patches
-        self._damped = damped
+        self._is_damped = is_damped
+        #: numbers of the balls of the patch
         self._weak: Index = np.empty(0, np.intp)
+        #: approximate inverse of the patch; None where there is no patch, or it has no inverse
         self._put: Put | None = None
 
     def solve(
@@ -498,15 +552,17 @@ class LinearSteps:
         on the overlap, and the number of iterations of GMRES.
 
         ``push`` is the force that the contacts lack in sum; if it is None, the overlap stays as it
-        is. The residual is at most ``reduction`` times the forces, unless there are too many
-        iterations. ``tangent`` is that of the contacts, with a mean stiffness of one, and
-        ``product`` multiplies motions by the tangent of the whole. Weakly held balls that the
-        iteration finds are added to the patch.
+        is. The norm of the residual is at most ``reduction`` times that of the forces, unless that
+        takes more than ``patience_of_grid`` iterations or no motion has such forces. ``tangent`` is
+        that of the contacts, with a mean stiffness of one, and ``product`` multiplies motions by
+        the tangent of the whole. Side effect: weakly held balls that the iteration finds are added
+        to the patch, which further calls use.
         """
         options = self._options
         size = pull.size
         inverse = self.invert(tangent, product)
-        held = np.float32(1.0 / tangent.stiffness.size)
+        # of the overlap against the sum of the forces of contacts, whose mean stiffness is one
+        softness = np.float32(1.0 / tangent.stiffness.size)
 
         # the last entry of a vector is the change of the overlap, or the force on it
         def apply(vector: Single, image: Single) -> None:
@@ -516,16 +572,16 @@ class LinearSteps:
         def precondition(vector: Single, image: Single) -> None:
             """Set ``image`` to approximate motions under the forces ``vector``."""
             inverse(vector[:size].reshape(pull.shape), image[:size].reshape(pull.shape))
-            image[size] = held * vector[size]
+            image[size] = softness * vector[size]
 
         right = np.append(pull, push or 0.0)
         solution = np.zeros_like(right)
         residual = right
-        taken = 0  # iterations
+        iterations = 0
         most = options.patience  # iterations until weakly held balls are looked for
-        renewed = False  # whether the patch has been inverted with this tangent
+        is_renewed = False  # whether the patch has been inverted with this tangent
         goal = reduction * math.sqrt(dot(right, right))
-        while taken < OPTIONS.patience_of_grid:
+        while iterations < OPTIONS.patience_of_grid:
             norm = math.sqrt(dot(residual, residual))
             if not norm > goal:
                 break
@@ -533,36 +589,35 @@ class LinearSteps:
                 apply, precondition, residual, goal / norm, most
             )
             solution += change
-            taken += count
-            if count < most:
+            iterations += count
+            if count < most:  # the goal is reached, or no motion has the forces that are left
                 break
             product_of_solution = np.empty(right.size, np.float32)
             apply(solution.astype(np.float32), product_of_solution)
             residual = right - product_of_solution
-            weak = self._patches.join(
-                self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
-            )
-            if weak.size == self._weak.size and (renewed or not weak.size):
-                # the patch does not grow, and its inverse is new: only iterations are left
-                most = OPTIONS.patience_of_grid - taken
-            else:
+            worst = self._patches.find_worst(residual[:size].reshape(pull.shape))
+            weak = self._patches.join(self._weak, worst)
+            grows = weak.size > self._weak.size
+            if grows or (weak.size and not is_renewed):
                 self._weak = weak
                 self._put = self._patches.invert(weak, product)
-                renewed = True
-        return Motion(solution[:size].reshape(pull.shape), float(solution[size])), taken
+                is_renewed = True
+            else:
+                # a new inverse would be that of the same patch: only iterations are left
+                most = OPTIONS.patience_of_grid - iterations
+        return Motion(solution[:size].reshape(pull.shape), float(solution[size])), iterations
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
         """Return an approximate inverse of C^T D C, a function of a force that sets motions, both
-        (fields, L1, ..., Lp) or flat.
+        (fields, L1, ..., Lp).
 
         D is the ``tangent`` of the contacts, and ``product`` multiplies motions by C^T D C. The
         inverse of the patch may be that of an earlier tangent: :meth:`solve` finds it anew when
         many iterations are needed.
         """
-        level = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(OPTIONS.grid.holding * level)
-        green = self._stencils.green_preconditioner(np.float32, level)
-
+        mean = float(np.mean(tangent.stiffness))
+        alone = product.invert_alone(OPTIONS.grid.holding * mean)
+        green = self._stencils.green_preconditioner(np.float32, mean)
         fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
         remaining = np.empty(fields, np.float32)
 
@@ -579,25 +634,26 @@ class LinearSteps:
             # after that of single balls, the motion by Green's function under the forces that are
             # left. Where few balls touch, it would carry these forces too far: there it acts on the
             # whole force
-            motion += green(force if self._damped else remaining.reshape(force.shape))
+            motion += green(force if self._is_damped else remaining.reshape(force.shape))
 
         return apply
 
 
-def _find_turns(bent: Array, pull: Array, limits: Array, arms: Array) -> Array:
+def _find_turns(stuck: Array, slopes: Array, limits: Array, arms: Array) -> Array:
     """Return the angles (balls,) by which balls turn until their torques vanish; zero where the
     torque vanishes at no angle.
 
     All arguments are (contacts, balls), for the contacts around each ball. The tangential forces
-    are ``bent`` without a turn, and change by ``pull`` times the angle, between minus and plus the
-    ``limits``; the torque is the sum of these forces times ``arms``. It is a piecewise linear,
-    rising function of the angle, with corners where a contact begins or ceases to slide: it
+    are ``stuck`` without a turn, and change by the ``slopes`` times the angle, between minus and
+    plus the ``limits``; the torque is the sum of these forces times ``arms``. It is a piecewise
+    linear, rising function of the angle, with corners where a contact begins or ceases to slide: it
     vanishes between two corners.
     """
-    safe = np.where(pull == 0.0, 1.0, pull)
-    corners = [np.where(pull == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
+    is_even = slopes == 0.0  # whether the force of a contact does not depend on the angle
+    divisors = np.where(is_even, 1.0, slopes)
+    corners = [np.where(is_even, 0.0, (side * limits - stuck) / divisors) for side in (-1.0, 1.0)]
     angles = np.sort(np.concatenate(corners), axis=0)
-    shears = np.clip(bent + pull * angles[:, None], -limits, limits)
+    shears = np.clip(stuck + slopes * angles[:, None], -limits, limits)
     torques = np.sum(arms * shears, axis=1)
     # the first angle whose torque is above zero, and the angle before it
     upper = np.clip(np.sum(torques <= 0.0, axis=0), 1, len(angles) - 1)

@@ -454,7 +454,7 @@ class PressedSample(Sample):
         tangential = self._order(stencils.average_around(contacts.tangential / equilibrium.force))
         balls.set_array("tangential_force", tangential.ravel())
         balls.set_array(
-            "sliding_contacts", self._order(stencils.around(slides.astype(int))).ravel()
+            "sliding_contacts", self._order(stencils.sum_around(slides.astype(int))).ravel()
         )
         balls.info["friction_coefficient"] = equilibrium.friction_coefficient
         return balls

@@ -64,7 +64,7 @@ class Sample(Result):
 
     packing: Packing = held(Packing)
     seed: int | None = held(int, "?")
-    # both are named so that plain data are made into them again
+    # both classes are named, so that plain data become an object of either
     equilibrium: Equilibrium | TrueEquilibrium = held(Equilibrium | TrueEquilibrium)
 
     @property
@@ -157,7 +157,7 @@ class Sample(Result):
 
     @property
     def energy(self) -> float:
-        """Mean energy of a contact, J."""
+        """Mean energy of a contact, J, open ones included."""
         return self._units.energy * self.equilibrium.energy
 
     @property
@@ -167,7 +167,7 @@ class Sample(Result):
 
     @property
     def force_fluctuation(self) -> float:
-        """Delta f / f: rms deviation, over balls, of the mean force of a ball's own contacts,
+        """Delta f / f: rms deviation, over balls, of the mean force of the contacts of a ball,
         divided by the mean force.
         """
         state = self.equilibrium
@@ -175,15 +175,15 @@ class Sample(Result):
 
     @property
     def contact_force_fluctuation(self) -> float:
-        """Rms deviation of the forces of single contacts from the mean force, divided by the mean
-        force.
+        """Rms deviation of the forces of single contacts, open ones included, from the mean force,
+        divided by the mean force.
         """
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
     def contact_fraction(self, threshold: float = COUNTED_FORCE) -> float:
         """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the
-        mean force (1e-6). Raises :class:`~granphon.base.errors.InputError` if ``threshold`` is
-        below zero.
+        mean force, by default 1e-6. Raises :class:`~granphon.base.errors.InputError` if
+        ``threshold`` is below zero.
         """
         least_part = not_negative("threshold", threshold)
         return float(np.mean(self.equilibrium.forces > least_part * self.equilibrium.force))
@@ -192,7 +192,7 @@ class Sample(Result):
         self, bins: int = 60, largest: float = 6.0, least: float = 0.0
     ) -> tuple[Array, Array]:
         """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of
-        contacts that carry load.
+        contacts that carry more than a part 1e-6 of the mean force.
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
         density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is
@@ -236,54 +236,52 @@ class Sample(Result):
     def _make_network(
         self, shear: ArrayLike | None = None, tangential: Array | None = None
     ) -> ContactNetwork:
-        """Return the network; ``shear`` are ratios of tangential to normal stiffness, those of the
-        packing if None.
+        """Return the network of the balls and of the contacts that carry load.
 
-        ``tangential`` (L1, ..., Lp, n_c, p) are tangential forces of ball i on ball j, N; None if
-        contacts have none, which are zeros under prestress.
+        ``shear`` is the ratio of tangential to normal stiffness, a number or (L1, ..., Lp, n_c);
+        that of the packing if None. ``tangential`` (L1, ..., Lp, n_c, p) are tangential forces of
+        ball i on ball j, N. If they are None, the network has none, and zeros in the true geometry,
+        where static forces act on displacements.
         """
         packing = self.packing
         structure = packing.structure
         d = packing.diameter
         p = structure.periods
-        force = self.contact_forces
-        shape = force.shape[:-1]
-        i, j, shift = _number_ends(structure, shape)
+        i, j, shift = _number_ends(structure, self.shape)
         stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
         live = stiffness.reshape(i.shape) > 0.0
+
+        def select(values: Array) -> Array:
+            """Return the ``values`` (L1, ..., Lp, n_c, ...) of the contacts that carry load, with
+            one axis in place of the first ones.
+            """
+            return np.asarray(values.reshape(*i.shape, *values.shape[p + 1 :])[live])
+
         normal, arm_i, arm_j = (values[live] for values in self._find_frames(i.shape))
-        carried = force.reshape(i.shape)[live]
-        spring = stiffness.reshape(i.shape)[live]
+        force = select(self.contact_forces)
+        spring = select(stiffness)
         eta = packing.mindlin_ratio if shear is None else shear
-        ratio = np.broadcast_to(eta, (*shape, i.shape[1])).reshape(i.shape)[live]
+        ratio = select(np.broadcast_to(eta, stiffness.shape))
         across = None
-        if tangential is not None:
-            across = np.zeros((len(carried), 3))
-            across[:, :p] = tangential.reshape(*i.shape, p)[live]
-        elif self.is_exact:
-            across = np.zeros((len(carried), 3))
-        diameters = self.diameters
-        positions = np.zeros((diameters.size, 3))
-        sites = d * self.sites @ self._deformation + self.displacements
-        positions[:, :p] = sites.reshape(-1, p)
-        cell = np.zeros((3, 3))
-        cell[:p, :p] = d * structure.vectors[:, :p] * np.array(shape)[:, None]
-        if self.is_exact:
-            cell[:p, :p] = cell[:p, :p] @ self._deformation
+        if tangential is not None or self.is_exact:
+            across = np.zeros((len(force), 3))
+        if across is not None and tangential is not None:
+            across[:, :p] = select(tangential)
+        positions = self._find_positions()
         mass = np.full(len(positions), packing.mass)
-        twist = packing.find_torsion(carried, spring)
+        twist = packing.find_torsion(force, spring)
         return ContactNetwork(
-            cell=cell,
+            cell=self._find_cell(),
             pbc=(p > 0, p > 1, p > 2),
             positions=positions,
-            radii=0.5 * diameters.ravel(),
+            radii=0.5 * self.diameters.ravel(),
             masses=mass,
             inertias=(GYRATION * d) ** 2 * mass,
             i=i[live],
             j=j[live],
             shift=shift[live],
             normal=normal,
-            normal_force=carried,
+            normal_force=force,
             normal_stiffness=spring,
             shear_stiffness=ratio * spring,
             torsion_stiffness=twist * d * d * spring,
@@ -294,28 +292,49 @@ class Sample(Result):
             dimension=structure.dimension,
             prestress=self.is_exact,
             lattice=None if self.is_exact else structure,
-            shape=None if self.is_exact else shape,
+            shape=None if self.is_exact else self.shape,
             tangential_force=across,
             contact_model=ContactModel.of(packing),
         )
+
+    def _find_positions(self) -> Array:
+        """Return the centres (balls, 3) of the balls in the compressed cell, m."""
+        p = self.packing.structure.periods
+        sites = self.packing.diameter * self.sites @ self._deformation
+        positions = np.zeros((self.equilibrium.deviations.size, 3))
+        positions[:, :p] = (sites + self.displacements).reshape(-1, p)
+        return positions
+
+    def _find_cell(self) -> Array:
+        """Return the vectors (3, 3) of the compressed cell of the array, m; rows of zeros where it
+        has no period.
+        """
+        structure = self.packing.structure
+        p = structure.periods
+        cell = np.zeros((3, 3))
+        lengths = np.array(self.shape)[:, None]  # in cells of the lattice
+        cell[:p, :p] = self.packing.diameter * structure.vectors[:, :p] * lengths
+        if self.is_exact:
+            cell[:p, :p] = cell[:p, :p] @ self._deformation
+        return cell
 
     def _find_frames(self, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
         """Return the normals (cells, n_c, 3) and the arms of balls i and of balls j (cells, n_c),
         m, of all contacts; ``shape`` is (cells, n_c).
         """
-        packing = self.packing
-        table = packing.structure.contacts
-        d = packing.diameter
+        structure = self.packing.structure
+        table = structure.contacts
+        d = self.packing.diameter
         if self.is_exact:
-            exact = self.equilibrium.place
-            by_kind = exact.normal.reshape(len(table), -1, 3)
-            # in diameters: size is the sum of both arms, and arm j is longer than arm i by twice
-            # uneven
-            arms = [0.5 * exact.size + sign * exact.uneven for sign in (-1.0, 1.0)]
+            place = self.equilibrium.place
+            by_kind = place.normal.reshape(len(table), -1, 3)
+            # in diameters: ``size`` is the sum of both arms, and arm j is longer than arm i by
+            # twice ``uneven``
+            arms = (0.5 * place.size - place.uneven, 0.5 * place.size + place.uneven)
             arm_i, arm_j = (d * np.moveaxis(arm, 0, -1).reshape(shape) for arm in arms)
             return np.ascontiguousarray(by_kind.swapaxes(0, 1)), arm_i, arm_j
         normal = np.zeros((*shape, 3))
-        normal[..., : packing.structure.dimension] = table.normal
+        normal[..., : structure.dimension] = table.normal
         arm_i, arm_j = (np.broadcast_to(d * arm, shape) for arm in (table.arm_i, table.arm_j))
         return normal, arm_i, arm_j
 
@@ -344,7 +363,7 @@ class Sample(Result):
         :attr:`elastic_tensor`; ``options`` are the numbers of the linear response.
         """
         packing = self.packing
-        d = self.packing.diameter
+        d = packing.diameter
         is_line = packing.structure.periods == 1
         scale = self._units.stiffness * d if is_line else self._units.stiffness / d
         torsion: Any = packing.torsion
@@ -358,7 +377,7 @@ class Sample(Result):
         self, equilibrium: Equilibrium, torsion: Any, options: ResponseOptions | None
     ) -> Array:
         """Return the elastic tensor of an ``equilibrium`` in its own units; ``torsion`` is a
-        number, or (n_c, L1, ..., Lp).
+        number, or (n_c, L1, ..., Lp), and ``options`` are the numbers of the linear response.
         """
         packing = self.packing
         return equilibrium.find_elasticity(packing.mindlin_ratio, torsion, packing.bending, options)
@@ -375,12 +394,11 @@ class Sample(Result):
             from ase import Atoms
 
         packing = self.packing
-        p = self.packing.structure.periods
+        p = packing.structure.periods
         d = packing.diameter
-        shape = self.shape
         cell = np.eye(3)
         vectors = packing.structure.vectors[:, :p] @ self._deformation
-        cell[:p, :p] = vectors * np.array(shape)[:, None]
+        cell[:p, :p] = vectors * np.array(self.shape)[:, None]
         moved, sites = np.zeros((2, self.equilibrium.deviations.size, 3))
         moved[:, :p] = self.displacements.reshape(-1, p) / d
         sites[:, :p] = self.sites.reshape(-1, p) @ self._deformation
@@ -390,10 +408,9 @@ class Sample(Result):
             cell=cell,
             pbc=[axis < p for axis in range(3)],
         )
+        deviations = self._order(self.equilibrium.deviations).ravel()
         arrays = {
-            "diameter_deviations": self._units.width
-            / d
-            * self._order(self.equilibrium.deviations).ravel(),
+            "diameter_deviations": self._units.width / d * deviations,
             "displacements": moved,
             "slip_origin": moved.copy(),
         }
@@ -406,10 +423,9 @@ class Sample(Result):
         )
         forces = self.equilibrium.forces / self.equilibrium.force
         stencils = self.equilibrium.stencils
+        counts = stencils.sum_around((forces > COUNTED_FORCE).astype(int))
         balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
-        balls.set_array(
-            "contacts", self._order(stencils.around((forces > COUNTED_FORCE).astype(int))).ravel()
-        )
+        balls.set_array("contacts", self._order(counts).ravel())
         balls.info["relative_overlap"] = self.overlap / d
         return balls
 
@@ -419,10 +435,10 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
     of ``values``.
 
     Values beyond the edges count in the norm: over the bins the density then integrates to less
-    than one.
+    than one. There is at least one value.
 
     Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
-    million, or no number is between ``least`` and ``largest``.
+    million, or unless ``least`` and ``largest`` are finite and ``largest`` is the greater.
     """
     number = whole_number("bins", bins, 1, 1_000_000)
     low = real_number(least)
@@ -438,8 +454,8 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
 
 def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Index, Index]:
     """Return the numbers (cells, n_c) of balls i and of balls j of all contacts of an array of
-    ``shape`` cells, and the numbers (cells, n_c, 3) of periods of the array by which the image of
-    ball j that ball i touches is shifted.
+    ``shape`` (L1, ..., Lp) cells, and the numbers (cells, n_c, 3) of periods of the array by which
+    the image of ball j that ball i touches is shifted.
     """
     table = structure.contacts
     n = structure.n_balls

@@ -89,7 +89,8 @@ class Stencils:
         self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
         #: (p, p) unit vectors, as rows, on which displacements are projected
         self.basis = _choose_independent(normal)
-        self._kinds = contact_rows(
+        #: rows of each kind of deformation: elongation, then slips, twist and rolls
+        self._rows = contact_rows(
             normal,
             table.arm_i,
             table.arm_j,
@@ -98,9 +99,10 @@ class Stencils:
             twist=torsion,
             roll=bending,
         )
+        #: (n_c, p) vectors from ball i to ball j of each kind of contact
         self._vector = table.vector[:, :p]
-        #: Green's function in the precisions that it was needed in
-        self._found: dict[Any, Array] = {}
+        #: tables of Green's function, by the precision of the motions that they give
+        self._green_tables: dict[Any, NDArray[Any]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what pickles the stencils without Green's function, which is large and quickly
@@ -119,7 +121,7 @@ class Stencils:
         """Free the memory of Green's function, and of the operator with its buffers; both are
         computed again when they are needed.
         """
-        self._found.clear()
+        self._green_tables.clear()
         for name in ("_green", "operator"):
             vars(self).pop(name, None)
 
@@ -131,18 +133,20 @@ class Stencils:
         p = len(self.basis)
         n = self.n_contacts
         m = self.motions.count
-        matrices = np.zeros((2, self.n_rows, self.n_fields))
-        project = np.eye(m)
-        project[:p, :p] = np.linalg.inv(self.basis)  # from coordinates to the axes of space
-        for number, kind in enumerate(self._kinds):
-            for end, projected in enumerate((kind.head @ project, kind.tail @ project)):
+        coefficients = np.zeros((2, self.n_rows, self.n_fields))
+        to_space = np.eye(m)  # from the coordinates of motions to the axes of space
+        to_space[:p, :p] = np.linalg.inv(self.basis)
+        balls_i, balls_j = zip(*self.ends, strict=True)
+        for number, row in enumerate(self._rows):
+            for end, balls, in_space in ((0, balls_j, row.head), (1, balls_i, row.tail)):
+                of_contacts = in_space @ to_space
                 # whole numbers without rounding, so that motions of the whole deform nothing
-                whole = np.rint(projected)
-                rows = np.where(np.abs(projected - whole) < _ROUNDED, whole, projected)
-                for contact, (ends, row) in enumerate(zip(self.ends, rows, strict=True)):
-                    first = m * ends[1 - end]  # heads belong to ball j, the second of `ends`
-                    matrices[end, number * n + contact, first : first + m] = row
-        return matrices
+                whole = np.rint(of_contacts)
+                of_contacts = np.where(np.abs(of_contacts - whole) < _ROUNDED, whole, of_contacts)
+                for contact, ball in enumerate(balls):
+                    fields = slice(m * ball, m * (ball + 1))
+                    coefficients[end, number * n + contact, fields] = of_contacts[contact]
+        return coefficients
 
     @cached_property
     def operator(self) -> ContactOperator:
@@ -151,8 +155,8 @@ class Stencils:
 
     @property
     def n_rows(self) -> int:
-        """Number of kinds of deformation."""
-        return len(self._kinds) * self.n_contacts
+        """Number of deformations of the contacts that start in one cell."""
+        return len(self._rows) * self.n_contacts
 
     @property
     def ball_shape(self) -> tuple[int, ...]:
@@ -171,33 +175,35 @@ class Stencils:
         """Return the stiffnesses (rows, L1, ..., Lp) against all deformations, from the
         ``stiffness`` against elongations (contacts, L1, ..., Lp).
 
-        The stiffness against a kind of deformation is its own number times that against elongation,
-        or else ``ratios`` times: "slip" or "twist" may be given so, as a number or one for each
-        contact, (contacts, L1, ..., Lp).
+        A stiffness is that against elongation times the ratio with which the stencils were made:
+        eta, the torsion or the bending. ``ratios``, by the name of the deformation ("slip",
+        "twist"), take the place of these, each a number or (contacts, L1, ..., Lp); the ratio of a
+        deformation that C does not have is not used.
         """
         if self.n_rows == self.n_contacts:
             return stiffness
         return np.concatenate(
-            [ratios.get(kind.kind, float(kind.stiffness)) * stiffness for kind in self._kinds]
+            [ratios.get(row.kind, float(row.stiffness)) * stiffness for row in self._rows]
         )
 
     def sort_springs(self, springs: Array) -> list[Array]:
         """Return four arrays (contacts, L1, ..., Lp), the stiffnesses against elongation, slip,
         twist and roll, from the stiffnesses ``springs`` (rows, L1, ..., Lp) against all
-        deformations; zeros for deformations that C does not have.
+        deformations; zeros for deformations that C does not have. The two slips of a contact in
+        space have the same stiffness, and so have its two rolls.
         """
-        parts = zip(self._kinds, np.split(springs, len(self._kinds)), strict=True)
-        rows = {kind.kind: part for kind, part in parts}
-        none = np.zeros_like(springs[: self.n_contacts])
-        return [rows.get(kind, none) for kind in ("elongation", "slip", "twist", "roll")]
+        by_kind = {
+            row.kind: of_row
+            for row, of_row in zip(self._rows, np.split(springs, len(self._rows)), strict=True)
+        }
+        zeros = np.zeros_like(springs[: self.n_contacts])
+        return [by_kind.get(kind, zeros) for kind in ("elongation", "slip", "twist", "roll")]
 
     def strains(self) -> Array:
-        """Return the deformations (rows, p, p) of all kinds of contacts under unit displacement
-        gradients u_a,b, without rotation.
+        """Return the deformations (rows, p, p) of the contacts that start in one cell under unit
+        displacement gradients u_a,b = du_a/dx_b, without rotation.
         """
-        return np.concatenate(
-            [strain_rows(kind, self._vector, self.motions) for kind in self._kinds]
-        )
+        return np.concatenate([strain_rows(row, self._vector, self.motions) for row in self._rows])
 
     # -- C and its transpose -----------------------------------------------------------------------
 
@@ -222,7 +228,7 @@ class Stencils:
         """
         return ContactHessian(self.operator, [stiffness], precision=stiffness.dtype)
 
-    def around(self, contacts: Array) -> Array:
+    def sum_around(self, contacts: Array) -> Array:
         """Return the sum over the contacts of each ball, an array of :attr:`ball_shape`, of values
         of ``contacts`` (contacts, L1, ..., Lp).
         """
@@ -230,7 +236,7 @@ class Stencils:
         axes = tuple(range(len(self.shape)))
         for values, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
             out[i] += values
-            out[j] += np.roll(values, shift, axes)
+            out[j] += np.roll(values, shift, axes)  # ball j lies ``shift`` cells ahead of ball i
         return out.reshape(self.ball_shape)
 
     def average_around(self, contacts: Array) -> Array:
@@ -238,7 +244,8 @@ class Stencils:
         of ``contacts`` (contacts, L1, ..., Lp).
         """
         counts = np.bincount(np.ravel(self.ends), minlength=self.n_balls).astype(float)
-        means = self.by_ball(self.around(contacts)) / counts.reshape(-1, *(1,) * len(self.shape))
+        counts_of_balls = counts.reshape(-1, *(1,) * len(self.shape))
+        means = self.by_ball(self.sum_around(contacts)) / counts_of_balls
         return np.asarray(means.reshape(self.ball_shape))
 
     def average_pairs(self, values: Array) -> Array:
@@ -249,6 +256,7 @@ class Stencils:
         axes = tuple(range(len(self.shape)))
         means = []
         for shift, (i, j) in zip(self.shifts, self.ends, strict=True):
+            # ball j of a contact lies ``shift`` cells ahead of ball i
             partners = np.roll(balls[j], [-step for step in shift], axes)
             means.append(0.5 * (balls[i] + partners))
         return np.stack(means)
@@ -257,7 +265,13 @@ class Stencils:
         """Return the displacements (p, *ball_shape) along the axes of space, from motions ``balls``
         (fields, L1, ..., Lp).
         """
-        return self._turn(np.asarray(np.linalg.inv(self.basis), float), balls)
+        from_coordinates = np.asarray(np.linalg.inv(self.basis), float)
+        by_ball = balls.reshape(self.n_balls, self.motions.count, *self.shape)
+        # the sum over coordinates a of balls b: along each axis k of space
+        in_space = np.einsum(
+            "ka,ba...->kb...", from_coordinates, by_ball[:, self.motions.translating]
+        )
+        return np.asarray(in_space.reshape(len(from_coordinates), *self.ball_shape))
 
     def spread(self, displacements: Array, rotations: Array | None = None) -> Array:
         """Return the motions (fields, L1, ..., Lp) that combine ``displacements`` (n p, L1, ...,
@@ -308,6 +322,7 @@ class Stencils:
         """
         values = fields.reshape(self.n_balls, self.motions.count, -1).copy()
         moved = self.motions.translating
+        # the sum over components a, of each ball b of each cell c
         values[:, moved] = np.einsum("ka,bac->bkc", matrix, values[:, moved])
         return values.swapaxes(1, 2).reshape(-1, self.motions.count)
 
@@ -317,16 +332,9 @@ class Stencils:
         """
         fields = values.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
         moved = self.motions.translating
+        # the sum over components a, of each ball b of each cell c
         fields[:, moved] = np.einsum("ka,bac->bkc", matrix, fields[:, moved])
         return fields.reshape(self.n_fields, *self.shape)
-
-    def _turn(self, matrix: Array, fields: Array) -> Array:
-        """Return (p, *ball_shape) the product of a ``matrix`` (p, p) with the displacement, or the
-        force, of each ball; ``fields`` are (fields, L1, ..., Lp).
-        """
-        by_ball = fields.reshape(self.n_balls, self.motions.count, *self.shape)
-        turned = np.einsum("ka,ba...->kb...", matrix, by_ball[:, self.motions.translating])
-        return np.asarray(turned.reshape(len(matrix), *self.ball_shape))
 
     # -- solving -----------------------------------------------------------------------------------
 
@@ -347,9 +355,10 @@ class Stencils:
         waves = (*shape[:-1], shape[-1] // 2 + 1)
         entries = np.zeros((fields, fields, *waves), float if real else complex)
         still = self._project_on_translations()
-        step = max(1, OPTIONS.grid.waves * shape[0] // max(1, math.prod(waves)))
+        # layers of waves along the first axis, which together have about OPTIONS.grid.waves
+        step = max(1, OPTIONS.grid.waves * shape[0] // math.prod(waves))
         for first in range(0, waves[0], step):
-            ticks = [np.arange(count) for count in waves]
+            ticks = [np.arange(count) for count in waves]  # numbers of the waves along each axis
             ticks[0] = ticks[0][first : first + step]
             half_phases = np.meshgrid(
                 *(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
@@ -368,6 +377,11 @@ class Stencils:
             for a, b in combinations(range(fields), 2):
                 entries[b, a] = entries[a, b]
         return entries
+
+    @property
+    def _ratios(self) -> Array:
+        """(rows,) stiffnesses against each deformation over that against elongation."""
+        return np.repeat([float(row.stiffness) for row in self._rows], self.n_contacts)
 
     def _project_on_translations(self) -> Array:
         """Return the matrix (fields, fields) that projects motions at wave vector zero on
@@ -389,15 +403,14 @@ class Stencils:
         """
         real = self.n_balls == 1
         is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
-        ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
         size = (self.n_fields, self.n_fields)
         matrix = np.zeros((*half_phases[0].shape, *size), float if real else complex)
-        for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
+        deformations = zip(*self.coefficients, self._ratios, strict=True)
+        for number, (head, tail, ratio) in enumerate(deformations):
+            shift = self.shifts[number % self.n_contacts]
+            # half of the phase from the cell of ball i to that of ball j
             angle: Any = sum(
-                steps * half_phase
-                for steps, half_phase in zip(
-                    self.shifts[row % self.n_contacts], half_phases, strict=True
-                )
+                steps * half_phase for steps, half_phase in zip(shift, half_phases, strict=True)
             )
             moved: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
             if real:
@@ -412,7 +425,7 @@ class Stencils:
                     * (cosine if is_rotation[field] and head[field] == -tail[field] else sine)
                     for field in moved
                 }
-            else:  # by a wave exp(i q R), where R is the place of the cell
+            else:  # the deformation by a wave exp(i q R), R being the site of the cell of a ball
                 ahead = np.exp(2.0j * angle)
                 factors = {field: head[field] * ahead - tail[field] for field in moved}
             for a, factor_a in factors.items():
@@ -452,17 +465,17 @@ class Stencils:
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        kind: np.dtype[Any] = np.dtype(precision)
-        if kind not in self._found:
-            table = self._green.astype(np.result_type(kind, 1j))
-            if self.n_balls == 1:  # rotations are multiplied by i there
-                table[self.motions.turning] *= 1j
-                table[:, self.motions.turning] *= -1j
-            flat = table.reshape(self.n_fields, self.n_fields, -1)
+        real_type: np.dtype[Any] = np.dtype(precision)
+        if real_type not in self._green_tables:
+            entries = self._green.astype(np.result_type(real_type, 1j))
+            if self.n_balls == 1:  # in the real entries, rotations are multiplied by i
+                entries[self.motions.turning] *= 1j
+                entries[:, self.motions.turning] *= -1j
+            flat = entries.reshape(self.n_fields, self.n_fields, -1)
             flat.flags.writeable = False
-            self._found[kind] = flat
-        table = self._found[kind]
-        softness = np.asarray(1.0 / stiffness, kind)[()]
+            self._green_tables[real_type] = flat
+        table = self._green_tables[real_type]
+        softness = np.asarray(1.0 / stiffness, real_type)[()]
         axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: NDArray[Any]) -> NDArray[Any]:
@@ -482,68 +495,81 @@ class Stencils:
         Displacements and rotations of a ball do not couple in it. ``stiffness`` (rows, L1, ..., Lp)
         is the diagonal of K.
         """
-        spring = OPTIONS.grid.holding * float(np.mean(stiffness[: self.n_contacts]))
-        ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
-        # the upper triangles of all blocks, row after row: sums over the contacts of a ball
-        pairs = [
-            list(combinations_with_replacement(range(group.start, group.stop), 2))
-            for group in self._groups
-        ]
-        first_fields, second_fields = np.concatenate(pairs).T
-        ends = np.array([self.operator.head, self.operator.tail])
-        squares = ends[..., first_fields] * ends[..., second_fields]
-        # inverted in double precision: where few contacts hold a ball, its block is nearly singular
-        entries = self.operator.collect(np.concatenate(squares).T, [stiffness]).astype(float)
-        # weak springs at all contacts, so that no block is singular
-        held = np.einsum("r,erp->p", spring * ratios, squares)
-        entries += held.reshape(-1, *(1,) * len(self.shape))
-        local = []
-        first_entries = np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1]
-        groups = zip(self._groups, pairs, np.split(entries, first_entries), strict=True)
-        for group, pairs_of_group, entries_of_group in groups:
-            size = group.stop - group.start
-            _invert_symmetric(entries_of_group, size)
-            block = np.empty((size, size, *self.shape), stiffness.dtype)
-            for entry, (a, b) in zip(entries_of_group, pairs_of_group, strict=True):
-                row = a - group.start
-                column = b - group.start
-                block[row, column] = entry
-                block[column, row] = entry
-            local.append((group, block))
-        blocks = list(self._blocks())
+        inverses = self._invert_blocks(stiffness)
+        slabs = list(self._slabs())
 
         def add(force: Array, out: Array) -> None:
             """Add to ``out`` the motions of single balls under a ``force``, both (fields, L1, ...,
             Lp).
             """
-            for rows in blocks:
-                for fields, block in local:
-                    motion = np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
-                    out[fields, rows] += motion
+            for layers in slabs:
+                for fields, inverse in inverses:
+                    # the product of the block (a, b) of each ball with its forces b
+                    motion = np.einsum(
+                        "ab...,b...->a...", inverse[:, :, layers], force[fields, layers]
+                    )
+                    out[fields, layers] += motion
 
         return add
 
-    def _blocks(self) -> Iterator[slice]:
-        """Yield slices of layers along the first axis: in space so few that all fields of them
-        stay in the processor's cache; on a line or in a plane as many as one field may have.
+    def _invert_blocks(self, stiffness: Array) -> list[tuple[slice, Array]]:
+        """Return, for each group of fields that couple, its slice of the fields and the inverses
+        (size, size, L1, ..., Lp) of the blocks of C^T K C of single balls, in the precision of the
+        ``stiffness`` (rows, L1, ..., Lp), the diagonal of K.
         """
-        arrays = self.n_fields if len(self.shape) == 3 else 1
-        step = max(1, CACHED // (arrays * math.prod(self.shape[1:])))
-        for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
-            yield slice(low, high)
+        # the entries of the upper triangles of all blocks, group after group, row after row
+        pairs_of_groups = [
+            list(combinations_with_replacement(range(group.start, group.stop), 2))
+            for group in self._groups
+        ]
+        first_fields, second_fields = np.concatenate(pairs_of_groups).T
+        ends = np.array([self.operator.head, self.operator.tail])
+        products = ends[..., first_fields] * ends[..., second_fields]  # (2, rows, entries)
+        # inverted in double precision: where few contacts hold a ball, its block is nearly singular
+        entries = self.operator.collect(np.concatenate(products).T, [stiffness]).astype(float)
+        # weak springs at all contacts, so that no block is singular: the sum over both ends e and
+        # all deformations r
+        spring = OPTIONS.grid.holding * float(np.mean(stiffness[: self.n_contacts]))
+        held = np.einsum("r,erp->p", spring * self._ratios, products)
+        entries += held.reshape(-1, *(1,) * len(self.shape))
+        inverses = []
+        first_entries = np.cumsum([len(pairs) for pairs in pairs_of_groups])[:-1]
+        entries_of_groups = np.split(entries, first_entries)
+        for group, pairs, triangle in zip(
+            self._groups, pairs_of_groups, entries_of_groups, strict=True
+        ):
+            size = group.stop - group.start
+            _invert_symmetric(triangle, size)
+            inverse = np.empty((size, size, *self.shape), stiffness.dtype)
+            for entry, (a, b) in zip(triangle, pairs, strict=True):
+                row = a - group.start
+                column = b - group.start
+                inverse[row, column] = entry
+                inverse[column, row] = entry
+            inverses.append((group, inverse))
+        return inverses
+
+    def _slabs(self) -> Iterator[slice]:
+        """Yield slices of layers along the first axis, of :data:`CACHED` elements at most where a
+        layer has no more: in space in all fields together, on a line or in a plane in each field.
+        """
+        n_fields = self.n_fields if len(self.shape) == 3 else 1
+        step = max(1, CACHED // (n_fields * math.prod(self.shape[1:])))
+        for first, end in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
+            yield slice(first, end)
 
     @cached_property
     def _groups(self) -> list[slice]:
-        """Slices of the fields that move together: for each ball of the cell those of its
-        displacements, and those of its rotations if it has any.
+        """Slices of the fields that couple in the blocks of single balls: for each ball of the cell
+        those of its displacements, and those of its rotations if it has any.
         """
         count = self.motions.count
         n_translations = len(self.motions.translations)
         groups = []
         for first in range(0, self.n_fields, count):
-            between = first + n_translations
+            first_rotation = first + n_translations
             end = first + count
-            groups += [slice(first, between), slice(between, end)]
+            groups += [slice(first, first_rotation), slice(first_rotation, end)]
         return [group for group in groups if group.start < group.stop]
 
 
@@ -557,13 +583,13 @@ def dot(first: Array, second: Array) -> float:
 
 
 def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
-    """Return the numbers (shifts, cells) of the cells that lie each of the ``shifts`` away from
-    each cell of a periodic array of ``shape`` cells.
+    """Return the numbers (shifts, cells) of the cells that lie, from each cell of a periodic array
+    of ``shape`` (L1, ..., Lp) cells, ahead by each of the ``shifts``, p numbers of cells.
     """
     cells = np.arange(math.prod(shape)).reshape(shape)
-    return np.stack(
-        [np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts]
-    )
+    # an array rolled back by a shift has, at each cell, what lies ahead by the shift
+    ahead = [np.roll(cells, [-steps for steps in shift], range(cells.ndim)) for shift in shifts]
+    return np.stack([numbers.ravel() for numbers in ahead])
 
 
 def _invert_symmetric(entries: Array, size: int) -> None:
@@ -581,25 +607,29 @@ def _invert_symmetric(entries: Array, size: int) -> None:
         xy *= -one_over
     else:
         xx, xy, xz, yy, yz, zz = entries
-        first = yy * zz - yz * yz
-        second = xz * yz - xy * zz
-        third = xy * yz - xz * yy
-        one_over = 1.0 / (xx * first + xy * second + xz * third)
-        inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-        for entry, value in zip(entries, inverse, strict=True):
-            entry[...] = value * one_over
+        cofactors = (
+            yy * zz - yz * yz,
+            xz * yz - xy * zz,
+            xy * yz - xz * yy,
+            xx * zz - xz * xz,
+            xy * xz - xx * yz,
+            xx * yy - xy * xy,
+        )
+        one_over = 1.0 / (xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2])
+        for entry, cofactor in zip(entries, cofactors, strict=True):
+            entry[...] = cofactor * one_over
 
 
 def _choose_independent(normals: Array) -> Array:
     """Return the first p of the ``normals`` (n_c, p), as rows (p, p), of which each makes an angle
-    with the space of those before whose sine is above :data:`_INDEPENDENT`.
+    with the space of those chosen before whose sine is above :data:`_INDEPENDENT`. The normals of a
+    rigid lattice contain as many.
     """
     p = normals.shape[1]
     basis = np.empty((0, p))
     for normal in normals:
-        units = np.linalg.qr(basis.T)[0].T
-        along = sum((unit @ normal * unit for unit in units), np.zeros_like(normal))
-        remainder = normal - along
-        if len(basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
+        chosen = np.linalg.qr(basis.T)[0].T  # orthonormal vectors of the space of those chosen
+        across = normal - (chosen @ normal) @ chosen
+        if len(basis) < p and np.linalg.norm(across) > _INDEPENDENT:
             basis = np.append(basis, [normal], axis=0)
     return basis

@@ -65,7 +65,7 @@ from granphon.statics.options import LoadingOptions
 
 
 def find_aim(load: ReducedLoad) -> float:
-    """Return the number that a load prescribes: the overlap y, or the force f*."""
+    """Return the number that a ``load`` prescribes: the overlap y, or the force f*."""
     return load.force if load.overlap is None else load.overlap
 
 
@@ -77,10 +77,11 @@ class Stepper:
     ----------
     geometry : geometry of the contacts.
     law : law of the contacts.
-    from_gas : whether balls were pressed from the gas, so that friction alone may hold them.
+    from_gas : whether balls were pressed from the gas; only errors differ, in how to mend them.
     options : numbers of the loading.
 
-    A *trail* is a sequence of the last states, one to three, the newest last.
+    A *trail* is a sequence of the last states, the newest last: at least one, of which the last
+    three count.
     """
 
     geometry: PressedGeometry
@@ -90,6 +91,7 @@ class Stepper:
 
     def __post_init__(self) -> None:
         self._patches = Patches(self.geometry.stencils, self.options)
+        #: motions and configurations of the last states, see :meth:`locate`
         self._located: deque[tuple[Array, PressedPlace]] = deque(maxlen=3)
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
@@ -102,7 +104,9 @@ class Stepper:
         return PressedArray(overlap, motion, contacts, self.law, residual)
 
     def halve(self, here: PressedArray, load: ReducedLoad) -> ReducedLoad:
-        """Return the load half-way from the load at the state ``here`` to a ``load``."""
+        """Return the load half-way from what the state ``here`` bears to a ``load``, of the kind of
+        this load.
+        """
         if load.overlap is None:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
@@ -125,7 +129,7 @@ class Stepper:
         relaxes = not drag and self.law.friction_coefficient >= options.small_friction
         ahead = [load]  # loads still to be reached, the nearest last
         halvings = 0  # of the present step
-        failed = 0  # steps without a balance
+        n_failed = 0  # steps without a balance
         while ahead:
             state = trail[-1]
             # halves of a step are first tried without finding limits of sliding anew, which takes
@@ -144,14 +148,14 @@ class Stepper:
             elif at_rest is not None:
                 trail = [at_rest]
             else:
-                is_shortest = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
                 if trial.left == math.inf and state.force < THRESHOLD_FORCE:
                     raise self._explain_loss(load, state)
-                is_shortest = is_shortest or halvings == 2 * options.halvings
-                if is_shortest or failed == options.tries:
+                has_no_length = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
+                is_shortest = has_no_length or halvings == 2 * options.halvings
+                if is_shortest or n_failed == options.tries:
                     raise self._explain_failure(load, state)
-                halvings = halvings + 1
-                failed = failed + 1
+                halvings += 1
+                n_failed += 1
                 ahead.append(self.halve(state, ahead[-1]))
                 continue
             halvings = max(0, halvings - 1)
@@ -169,7 +173,7 @@ class Stepper:
         a ``load``, slowed by dashpots of stiffness ``drag``; None if no balance is found.
 
         Unlike :meth:`step`, this method takes no shorter steps. If ``finds_limits`` is true, limits
-        of sliding are found anew where that is needed.
+        of sliding are found anew where Newton's method does not come to a balance.
         """
         balls, overlap = self._extrapolate(trail[-1:], load)
         trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, finds_limits)
@@ -183,7 +187,10 @@ class Stepper:
 
         Balls are slowed by dashpots in each step. Dashpots are weakened from step to step as long
         as a balance is found, and made stronger where none is found. Once the forces of dashpots
-        have fallen in ``options.calm`` steps in a row, the balance without dashpots is tried.
+        have fallen in ``options.calm`` steps in a row, the balance without dashpots is tried. No
+        state is found if there is no balance with dashpots of stiffness ``options.drag`` or
+        stronger, if there is none directly after a step in which their forces have fallen, or
+        after ``options.tries`` steps.
         """
         options = self.options
         drag = options.drag
@@ -194,9 +201,8 @@ class Stepper:
             start = trail[-1]
             end = self.settle(trail, load, drag)
             if end is None:
-                if (
-                    calm_steps or drag >= options.drag
-                ):  # balls do not fall: shorter steps of the load help
+                # balls do not fall, or dashpots do not hold them: shorter steps of the load help
+                if calm_steps or drag >= options.drag:
                     return None
                 too_weak = drag
                 drag = drag / options.weaker
@@ -251,8 +257,8 @@ class Stepper:
         return self.explain(load, why)
 
     def explain(self, load: ReducedLoad, why: str, mend: str = "") -> ConvergenceError:
-        """Return the error of a ``load`` that is not reached because of ``why``; by default
-        ``mend`` says to end the path before, or to begin otherwise.
+        """Return the error of a ``load`` that is not reached because of ``why``; an empty ``mend``
+        becomes the advice to end the path before this load, or to begin otherwise.
         """
         problem = f"the loading with friction has not reached {self.name_load(load)}"
         remedy = "take another seed" if self.from_gas else "start at a higher load"
@@ -260,8 +266,8 @@ class Stepper:
         return ConvergenceError(problem, why[0].upper() + why[1:], mend)
 
     def locate(self, here: PressedArray) -> PressedPlace:
-        """Return the configuration of the state ``here``; the configurations of the last three
-        states are kept.
+        """Return the configuration of the state ``here``; the last three configurations that were
+        made are kept.
         """
         for balls, place in self._located:
             if balls is here.balls:
@@ -271,8 +277,8 @@ class Stepper:
         return place
 
     def measure(self, state: PressedArray, load: ReducedLoad) -> float:
-        """Return the number of a ``state`` that corresponds to what the ``load`` prescribes: its
-        overlap, its mean force, or the mean force that has its pressure in a cell of fixed size.
+        """Return what the ``load`` prescribes, as the ``state`` has it: its overlap y, its mean
+        force f*, or the mean force that has its pressure in a cell that keeps its size.
         """
         if load.overlap is not None:
             return state.overlap
@@ -288,27 +294,30 @@ class Stepper:
 
         They are on the parabola in the load through the last three states of the ``trail``, on the
         line through two, or those of the last state: only states are used from which the path has
-        not turned, in steps of similar length.
+        not turned, and whose steps are similar in length to the step to the load.
         """
         loads = [self.measure(state, load) for state in trail[-3:]]
         aim = find_aim(load)
-        count = 1
-        steps = np.diff([*loads, aim])
-        for step in steps[-2::-1]:
-            if step * steps[-1] <= 0.0 or abs(steps[-1]) > self.options.similar * abs(step):
+        n_states = 1
+        *steps_before, next_step = np.diff([*loads, aim])
+        for step in reversed(steps_before):
+            has_turned = step * next_step <= 0.0
+            if has_turned or abs(next_step) > self.options.similar * abs(step):
                 break
-            count += 1
-        weights = weigh_states(loads[-count:], aim)
-        states = trail[-len(weights) :]
-        balls = np.sum([w * state.balls for w, state in zip(weights, states, strict=True)], axis=0)
+            n_states += 1
+        weights = weigh_states(loads[-n_states:], aim)
+        weighted = list(zip(weights, trail[-n_states:], strict=True))
+        balls = np.sum([weight * state.balls for weight, state in weighted], axis=0)
         overlap = load.overlap
         if overlap is None:
-            overlap = sum(w * state.overlap for w, state in zip(weights, states, strict=True))
+            overlap = sum(weight * state.overlap for weight, state in weighted)
         return balls, float(overlap)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state that a ``trial`` in balance has reached from the state ``here``, with
-        the energies lost on the way and the work of the load; keep its configuration.
+        the energies lost on the way and the work of the load: what contacts store and lose.
+
+        The configuration of the trial is kept for :meth:`locate`.
         """
         slid, loosened = self.law.lost(here.contacts, trial.contacts)
         state = PressedArray(
@@ -330,7 +339,9 @@ class Stepper:
 
     def _damp(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
         """Return the state that a ``trial`` in balance has reached from the last state of the
-        ``trail`` with dashpots: they take what the load gives and contacts neither store nor lose.
+        ``trail`` with dashpots, which take what the load gives and contacts neither store nor lose.
+
+        The configuration of the trial is kept for :meth:`locate`.
         """
         state = self._arrive(trail[-1], trial)
         states = [*trail[-2:], state]
@@ -349,8 +360,8 @@ class Stepper:
         """Return the first state that stands with friction, from balls on their sites at the
         overlap ``contact`` y, at which the first two balls touch.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two
-        widths, or if balls that dashpots slow down do not come into balance.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if balls stand at no overlap up to
+        ``options.most_overlap``, or if balls that dashpots slow down do not come into balance.
         """
         stencils = self.geometry.stencils
         sites = np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape))
@@ -386,7 +397,8 @@ class Stepper:
 
     def _come_to_rest(self, state: PressedArray) -> PressedArray | None:
         """Return the state in which balls stand without dashpots at the overlap of a ``state``,
-        bearing at least half of ``options.standing``; None if they give way.
+        bearing at least half of ``options.standing``; None if they give way, or are not at rest
+        after ``options.tries`` steps.
 
         Dashpots are weakened from step to step, and taken away when balls hardly move. In space, in
         the true geometry, they stay stronger than the pushes of contacts, and balls that move more
@@ -409,7 +421,8 @@ class Stepper:
                 return None
             motion = settled.measure_motion(state)
             state = settled
-            if drag == last_drag and motion > last_motion:  # balls move faster and faster
+            moves_faster = motion > last_motion
+            if drag == last_drag and moves_faster:
                 return None
             if is_pushed:
                 is_still = drag == last_drag and motion < options.still
@@ -426,15 +439,16 @@ def goes_on(loads: Sequence[float], similar: float) -> bool:
     """Return whether there are three ``loads``, of which the last continues the way of the first
     two by a step of similar length, at most the factor ``similar`` longer or shorter.
     """
-    steps = np.diff(loads)
-    return len(loads) == 3 and bool(
-        steps[0] * steps[1] > 0.0 and 1.0 / similar <= steps[1] / steps[0] <= similar
-    )
+    if len(loads) != 3:
+        return False
+    first_step, last_step = np.diff(loads)
+    has_turned = first_step * last_step <= 0.0
+    return bool(not has_turned and 1.0 / similar <= last_step / first_step <= similar)
 
 
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
-    """Return the weights of the values at ``loads`` in the polynomial of Lagrange through all of
-    them, at another ``load``.
+    """Return the weights of the values at different ``loads`` in the polynomial of Lagrange through
+    all of them, at a ``load``.
     """
     weights = []
     for node in loads:
@@ -466,7 +480,8 @@ def _find_even_loss(start: PressedArray, end: PressedArray, drag: float) -> floa
     """Return the mean energy of a contact, in c W^(5/2), that dashpots of stiffness ``drag`` take
     if balls move evenly from the state ``start`` to the state ``end``: the least that they take.
     """
-    # elongations by the motions of balls alone: dashpots do not resist the even strain of the cell
+    # losses of overlap by the motions of balls alone: dashpots do not resist the even strain of the
+    # cell
     loss = start.contacts.overlaps - end.contacts.overlaps + end.overlap - start.overlap
     slips = end.contacts.slips - start.contacts.slips
     squares = dot(loss, loss) + end.law.mindlin_ratio * dot(slips, slips)

@@ -44,14 +44,15 @@ _ASIDE = 1e-2
 class TrueEquilibrium(Equilibrium):
     """Sample at rest without friction in its true geometry, in units of W and c W^(3/2).
 
-    ``overlap`` is y = (d - a)/W, with the spacing a of the compressed cell. Other attributes are
-    those of :class:`~granphon.array.equilibrium.Equilibrium`. ``stiffness`` is df*/dy of the mean
-    normal force.
+    ``overlap`` is y = (d - a)/W, with the spacing a of the compressed cell; if the cell has taken
+    another shape, that of an even cell of its size. Other attributes are those of
+    :class:`~granphon.array.equilibrium.Equilibrium`. ``stiffness`` is df*/dy of the mean normal
+    force.
     """
 
-    def _act(self) -> Array:
-        """Return the normal forces (n_c, L1, ..., Lp) of contacts that carry load, with the sign
-        turned of those that count as holding their balls against going aside.
+    def _sign_forces(self) -> Array:
+        """Return the normal forces (n_c, L1, ..., Lp) of contacts that carry load, zero of others,
+        with the sign turned of those that count as holding their balls against going aside.
 
         A contact with the force f pushes its balls aside, and they come to lean on other contacts
         with about f W/d. If so small a force cannot be told from the residual, these other contacts
@@ -59,21 +60,24 @@ class TrueEquilibrium(Equilibrium):
         counts as holding them, with the same stiffness f W/d.
         """
         least_force = CARRIED_FORCE * self.residual * self.force
-        holds_aside = _ASIDE * self.ratio * self.forces > least_force
-        acting = np.where(holds_aside, self.forces, -self.forces)
-        return np.asarray(acting * (self.stiffnesses > 0.0))
+        # whether the least force that holds its balls could be told from the residual
+        is_told = _ASIDE * self.ratio * self.forces > least_force
+        signed = np.where(is_told, self.forces, -self.forces)
+        return np.asarray(signed * (self.stiffnesses > 0.0))
 
-    def _act_at_rest(self, shear: Array | None = None) -> Array:
-        """Return the forces of :meth:`_act`, with the sign also turned for all contacts of balls
-        that would go aside alone: the balls are known to rest where their energy is least.
+    def _sign_forces_at_rest(self, shear: Array | None = None) -> Array:
+        """Return the forces of :meth:`_sign_forces`, with the sign turned below zero also of all
+        contacts of balls that would go aside while all others are held: the balls are known to rest
+        where their energy is least.
 
         A ball nearly in line with two others may lean on a third with a force that cannot be told
-        from the residual. Whether its own contacts would push it aside is seen by its block of the
-        tangent: the lowest eigenvalue is then below zero. Contacts that resist slip with ``shear``
-        times their normal stiffness hold balls themselves: then all contacts count as pushing, and
-        signs are turned only where this resistance is not enough.
+        from the residual. Whether the contacts of a ball would push it aside is seen by its block
+        of the tangent: the lowest eigenvalue is then below zero. Contacts that resist slip with
+        ``shear`` (a number, or one for each contact) times their normal stiffness hold balls
+        themselves: then all contacts count as pushing, and signs are turned only where this
+        resistance is not enough. None stands for no resistance.
         """
-        acting = self._act()
+        acting = self._sign_forces()
         ratio = np.asarray(0.0 if shear is None else shear)
         if shear is not None:
             acting = np.abs(acting)
@@ -83,13 +87,15 @@ class TrueEquilibrium(Equilibrium):
         contacts = list_exact_contacts(self, acting, ratio, 0.0, 0.0, False)
         alone = fill_blocks(contacts.columns, contacts.axes, np.zeros((0, 3, 3)), contacts.n_balls)
         blocks = np.moveaxis(alone.diagonal, -1, 0)
-        aside = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
-        leans = (aside[contacts.i] | aside[contacts.j]).reshape(acting.shape)
-        return np.where(leans, -np.abs(acting), acting)
+        goes_aside = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
+        must_hold = (goes_aside[contacts.i] | goes_aside[contacts.j]).reshape(acting.shape)
+        return np.where(must_hold, -np.abs(acting), acting)
 
     def _follow(self) -> tuple[SmallMotions, Array]:
         """Return the small motions of the balls, and the displacements (contacts, 3) of balls j
         less those of balls i by a unit of y in a cell that keeps its shape.
+
+        Side effect: the derivatives :attr:`_along` are kept.
         """
         motions = SmallMotions(self)
         # the cached property would make the small motions once more
@@ -110,8 +116,11 @@ class TrueEquilibrium(Equilibrium):
         return self.stencils.gather_motions(motions.relax(motions.even))
 
     def approach(self, load: ReducedLoad) -> TrueEquilibrium:
-        """Return the state under a ``load`` near the one that the balls bear, to first order in the
-        difference of the loads; the cell keeps its shape.
+        """Return the state under a ``load`` near that which the balls bear, to first order in the
+        difference of the loads, in a cell that keeps its shape. The state is at rest to first order
+        only: its ``residual`` and the numbers of steps are those of this one.
+
+        A force of the ``load`` is taken as a mean force, also where it is one on the boundary.
         """
         if load.overlap is None:
             change = (load.force - self.force) / self.stiffness
@@ -122,11 +131,11 @@ class TrueEquilibrium(Equilibrium):
         return state.share(self.deviations, self.stencils)
 
     def response(self) -> Array:
-        """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
+        """Return (n_c, L1, ..., Lp) derivatives of the overlaps of contacts with respect to y;
         computed anew at each call.
         """
         if self.strain is not None:
-            course = self._shear_along()
+            course = self._find_course()
             return -self.place.lose(course.moved) / course.growth[0]
         _, moved = self._follow()
         return -self.place.lose(moved)
@@ -135,7 +144,7 @@ class TrueEquilibrium(Equilibrium):
     def _derivatives(self) -> tuple[float, float]:
         """First and second derivative of the mean force of contacts with respect to y, reduced."""
         if self.strain is not None:
-            return self._shear_along().find_derivatives()
+            return self._find_course().find_derivatives()
         place = self.place
         motions, moved = self._follow()
         loss = place.lose(moved)
@@ -149,7 +158,7 @@ class TrueEquilibrium(Equilibrium):
         curvature = self.stiffness_slopes * loss**2 + stiffness * overlap_curvature
         return float(np.mean(-stiffness * loss)), float(np.mean(curvature))
 
-    def _shear_along(self) -> HydrostaticCourse:
+    def _find_course(self) -> HydrostaticCourse:
         """Return how the cell and the balls move as the pressure rises and the stress stays
         hydrostatic.
         """
@@ -167,7 +176,7 @@ class TrueEquilibrium(Equilibrium):
             # only shear turns balls that are strained: without it twist and roll store nothing
             torsion = 0.0
             bending = 0.0
-        forces = self._act_at_rest(ratio if turns else None)
+        forces = self._sign_forces_at_rest(ratio if turns else None)
         return list_exact_contacts(self, forces, ratio, torsion, bending, turns)
 
 
@@ -188,8 +197,8 @@ class SmallMotions:
         self.even = -self._directions
 
     def resist(self, moved: Array) -> Array:
-        """Return the forces (contacts, 3) of contacts against small displacements (contacts, 3) of
-        balls j against balls i.
+        """Return the forces (contacts, 3) on balls j that it takes to displace them against balls
+        i by ``moved`` (contacts, 3), small; contacts exert the opposite forces.
         """
         contacts = self._contacts
         push = np.empty_like(moved)
@@ -198,8 +207,8 @@ class SmallMotions:
         return push
 
     def collect(self, push: Array) -> tuple[Array, Array]:
-        """Return the forces (n, p) on balls, and the sum (p, p) over contacts of ``push`` times the
-        direction on the lattice.
+        """Return the forces (n, p) on balls, and the sum (p, p) over contacts of the product of
+        ``push`` (first index) and the direction on the lattice (second).
 
         Ball j of each contact bears the force ``push`` (contacts, 3), and ball i the opposite one.
         """
@@ -214,18 +223,20 @@ class SmallMotions:
         return self._response.find_motions(forces[..., None])[..., 0]
 
     def relax(self, affine: Array) -> Array:
-        """Return the motions (n, p) with which balls come into balance again, after the
-        displacements ``affine`` (contacts, 3) of balls j less those of balls i.
+        """Return the motions (n, p) with which balls come into balance again, after the cell has
+        displaced them by ``affine`` (contacts, 3), balls j less balls i.
         """
         resistance, _ = self.collect(self.resist(affine))
         return self.find(-resistance)
 
     def separate(self, motions: Array) -> Array:
-        """Return the displacements (contacts, 3) of balls j against balls i by motions (n, p)."""
+        """Return the displacements (contacts, 3) of balls j less those of balls i, from the motions
+        (n, p) of balls.
+        """
         contacts = self._contacts
-        apart = np.zeros((contacts.n_contacts, 3))
-        apart[:, : contacts.dimension] = motions[contacts.j] - motions[contacts.i]
-        return apart
+        moved = np.zeros((contacts.n_contacts, 3))
+        moved[:, : contacts.dimension] = motions[contacts.j] - motions[contacts.i]
+        return moved
 
     def strain(self, strain: Array) -> Array:
         """Return the displacements (contacts, 3) of balls j less those of balls i under a
@@ -241,18 +252,19 @@ class HydrostaticCourse:
     """The motion of a cell that shears as the pressure on it rises: its stress stays hydrostatic.
 
     The course is a function of a parameter t. The cell F, a (p, p) matrix that takes the lattice to
-    the cell, has the derivative eps (-1 + sum of shears) by t: it shrinks evenly by W a diameter,
-    and shears by strains that keep its size to first order. The displacement of a contact is here
-    that of ball j less that of ball i. A stress is here, but for a factor, the sum S over contacts
-    of the force on ball j times the direction on the lattice, times F transposed, which is
-    symmetric at rest; hydrostatic, if all shears of
-    :func:`~granphon.statics.configuration.list_shears` do no work on it.
+    the cell, has the derivative eps (-1 + sum of shears) by t: as t grows by one, each diameter of
+    the cell shrinks by W, and the cell shears by strains that keep its size to first order. The
+    displacement of a contact is here that of ball j less that of ball i. A stress is here S F^T,
+    but for a factor, where S is the sum over contacts of the force on ball j times the direction on
+    the lattice. The stress is symmetric at rest, and hydrostatic if no shear of
+    :func:`~granphon.statics.configuration.list_shears` does work on it.
 
     Parameters
     ----------
     state : balls at rest.
     motions : the small motions of these balls.
-    even : (contacts, 3) displacements of contacts by a unit of t in a cell that does not shear.
+    even : (contacts, 3) displacements of contacts by a unit of t in a cell that does not shear,
+        balls in balance again.
 
     Attributes
     ----------
@@ -272,13 +284,15 @@ class HydrostaticCourse:
         _, forces = motions.collect(push)  # S
         #: (contacts, 3) displacements of contacts by each unit shear, balls in balance again
         self._sheared = [motions.strain(unit) for unit in self._units]
-        # changes of the stress by each unit shear, and by the even strain
+        # changes of the stress S F^T by each unit shear, and by the even strain: by that of F, and
+        # by that of S
         by_shears = [
-            eps * forces @ unit + self._resist(moved) @ self._cell
+            eps * forces @ unit + self._change_forces(moved) @ self._cell
             for unit, moved in zip(self._units, self._sheared, strict=True)
         ]
+        #: (s, s) work on each unit shear (first index) of the change of stress by each (second)
         self._resistance = self._project(by_shears).T
-        by_even_strain = -eps * forces + self._resist(even) @ self._cell
+        by_even_strain = -eps * forces + self._change_forces(even) @ self._cell
         shears = self._balance(by_even_strain)
         self.moved = self._add(even, shears)
         #: (p, p) first derivative of the cell
@@ -303,8 +317,8 @@ class HydrostaticCourse:
         bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
         on_balls, on_cell = self._motions.collect(push)
         straight = self._motions.separate(self._motions.find(on_balls))
-        forced = (on_cell + self._resist(straight)) @ self._cell
-        forced += 2.0 * self._resist(self.moved) @ self._strained.T
+        forced = (on_cell + self._change_forces(straight)) @ self._cell
+        forced += 2.0 * self._change_forces(self.moved) @ self._strained.T
         shears = self._balance(forced)
         overlap_curvature = bend - place.lose(self._add(straight, shears))
         loss = place.lose(self.moved)
@@ -315,38 +329,41 @@ class HydrostaticCourse:
         return first / rise, (second - first / rise * curvature) / rise**2
 
     def _measure(self, bent: Array) -> tuple[float, float]:
-        """Return the first and the second derivative of y by t, from those of the cell's size;
-        ``bent`` (p, p) is the second derivative of the cell.
+        """Return the first and the second derivative of y by t, from those of the size of the cell:
+        log det F = p log(1 - eps y). ``bent`` (p, p) is the second derivative of F.
         """
         eps = self._state.ratio
         p = len(self._cell)
         inverse = np.linalg.inv(self._cell)
-        turned = inverse @ self._strained
+        # the derivatives of log det F are tr(F^-1 F') and tr(F^-1 F'') - tr((F^-1 F')^2)
+        rate = inverse @ self._strained
         spacing = 1.0 - eps * self._state.overlap
-        first = -float(np.trace(turned)) * spacing / (p * eps)
-        shrinking = float(np.trace(inverse @ bent) - np.trace(turned @ turned))
+        first = -float(np.trace(rate)) * spacing / (p * eps)
+        shrinking = float(np.trace(inverse @ bent) - np.trace(rate @ rate))
         return first, -shrinking * spacing / (p * eps) - eps * first**2 / spacing
 
     def _add(self, moved: Array, shears: Array) -> Array:
-        """Return the displacements ``moved`` (contacts, 3) plus those by the ``shears`` (s,) of the
-        cell.
+        """Return the displacements ``moved`` (contacts, 3) plus those by the amounts ``shears``
+        (s,) of the unit shears of the cell.
         """
         for shear, sheared in zip(shears, self._sheared, strict=True):
             moved = moved + shear * sheared
         return moved
 
-    def _resist(self, moved: Array) -> Array:
-        """Return the change (p, p) of S by displacements ``moved`` (contacts, 3) of contacts."""
+    def _change_forces(self, moved: Array) -> Array:
+        """Return the change (p, p) of the sum S by displacements ``moved`` (contacts, 3)."""
         _, sum_of_resistances = self._motions.collect(self._motions.resist(moved))
         return -sum_of_resistances
 
     def _project(self, stresses: Any) -> Array:
-        """Return the work (..., s) of stresses (..., p, p) on the unit shears of the cell."""
+        """Return the work (..., s) of stresses (..., p, p) on each unit shear of the cell: the sum
+        over both indices of their product.
+        """
         return np.asarray(np.einsum("...ab,sab->...s", np.asarray(stresses), self._units))
 
     def _balance(self, stress: Array) -> Array:
-        """Return the shears (s,) of the cell whose change of stress makes a ``stress`` (p, p)
-        hydrostatic.
+        """Return the amounts (s,) of the unit shears of the cell whose change of stress makes a
+        ``stress`` (p, p) hydrostatic.
         """
         return np.asarray(-np.linalg.solve(self._resistance, self._project(stress)))
 
@@ -362,11 +379,12 @@ def list_exact_contacts(
 ) -> ContactList:
     """Return the contacts of a state at rest in the true geometry, with the forces that act.
 
-    ``forces`` (n_c, L1, ..., Lp) are the normal forces, below zero where they hold balls against
-    going aside; ``shears`` (contacts, 3) are the tangential forces along the axes of space, None
-    without friction. ``shear``, ``torsion`` and ``bending`` are those of
-    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says whether balls
-    rotate.
+    ``forces`` (n_c, L1, ..., Lp) are the normal forces, with the sign turned where they hold balls
+    against going aside; ``shears`` (contacts, 3) are the tangential forces of balls j on balls i
+    along the axes of space, None without friction. ``shear``, ``torsion`` and ``bending`` are those
+    of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says whether balls
+    turn in answer to slips: without, the list has no rotations unless torsion or bending resist
+    them.
     """
     normal = state.stiffnesses
     springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)

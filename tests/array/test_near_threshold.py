@@ -88,7 +88,7 @@ def test_balls_that_nothing_holds_touch_no_other():
     state = bring_to_rest(x, ReducedLoad(overlap=-0.13))
     forces = state.forces / state.force
     assert np.all((forces == 0.0) | (forces > 1e-6))
-    held = Stencils(x.shape).around((forces > 0.0).astype(float))
+    held = Stencils(x.shape).sum_around((forces > 0.0).astype(float))
     assert np.mean(held == 0.0) > 0.1
     # Newton's method leaves some where they touch
     others = by_newton(x, ReducedLoad(overlap=-0.13)).forces / state.force
@@ -240,7 +240,7 @@ def test_weakly_held_balls_are_found_and_save_iterations(push):
     pull -= np.mean(pull, axis=(1, 2), keepdims=True)
 
     def solve(patches):
-        steps = LinearSteps(patches, damped=False, options=LoadingOptions())
+        steps = LinearSteps(patches, is_damped=False, options=LoadingOptions())
         way, taken = steps.solve(product, tangent, pull, push, 1e-3)
         back = np.empty(way.balls.shape, np.float32)
         force = product.resist(way.balls.astype(np.float32), way.compression, back)
