@@ -50,7 +50,7 @@ def _set_turning(normal: Array, turning: Array) -> None:
 
 
 @compiled
-def _strain(strains: Array, strain: int, w: Vector) -> Vector:
+def _apply_strain(strains: Array, strain: int, w: Vector) -> Vector:
     """Return E w, with E the unit ``strain`` of that number in ``strains`` (s, 3, 3)."""
     return (
         strains[strain, 0, 0] * w[0] + strains[strain, 0, 1] * w[1] + strains[strain, 0, 2] * w[2],
@@ -177,7 +177,7 @@ def _fill_strains(
             continue
         for strain in range(s):
             # a unit strain moves ball j against ball i, which the contact pulls back
-            moved = _strain(strains, strain, w)
+            moved = _apply_strain(strains, strain, w)
             pull = add(scale(along * dot(moved, normal), normal), across, moved)
             turn = cross(normal, moved)
             set_row(strained, strain, moved)
@@ -380,7 +380,7 @@ def add_static_turn(
         normal = get_row(columns.normal, contact)
         w = get_row(columns.vector, contact)
         for strain in range(len(strains)):
-            set_row(strained, strain, _strain(strains, strain, w))
+            set_row(strained, strain, _apply_strain(strains, strain, w))
         origin = get_row(columns.origin, contact) if turns_about_normal else (0.0, 0.0, 0.0)
         over = 1.0 / columns.distance[contact]
         # numbers are passed on, not all columns: to pass these takes longer than all else
