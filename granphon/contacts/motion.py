@@ -120,42 +120,30 @@ class MovingContacts:
         losses: Losses,
         rules: Rules,
     ) -> None:
-        motions = network.ball_motions
         self.law = law
         self.rules = rules
-        self.axes = np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
+        self.axes = _list_axes(network)
         self.is_damped = losses.has_dashpots
-        turns = rules.turns
         self.springs: Array | None = None
         if network.on_site is not None:
-            self.springs = network.on_site[:, : motions.count]
-        is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
-        self._is_hertz = is_hertz
-        ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
-        n_contacts = len(ends[0])
-        geometry = _find_true_geometry(network, pairs) if turns else _find_geometry(network)
+            self.springs = network.on_site[:, : len(self.axes)]
+        self._is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
-        self.held = np.zeros_like(self.ratios)
-        if network.tangential_force is not None:
-            self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
-        if network.contact_torque is not None and len(self.held) > _N_SLIPS:
-            twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
-            roll = network.contact_torque - twist[:, None] * network.normal
-            self.held[_N_SLIPS, : network.n_contacts] = -twist
-            self.held[_N_SLIPS + 1 :, : network.n_contacts] = -roll.T
-        columns = _list_columns(geometry, law, self.ratios, is_hertz)
+        self.held = _find_held(network, self.ratios.shape)
+        geometry = _find_true_geometry(network, pairs) if rules.turns else _find_geometry(network)
+        columns = _list_columns(geometry, law, self.ratios, self._is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
+        ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
         self._columns = _make_columns(ends, columns)
         self.on_balls = np.zeros((network.n_balls, len(self.axes)))
+        n_rows = len(self.ratios) + 1
         self._no_speeds = np.zeros((0, len(self.axes)))
-        self._no_dash = np.zeros((len(self.ratios) + 1, 0))
-        self.dash = self._no_dash
-        if self.is_damped:
-            self.dash = np.zeros((len(self.ratios) + 1, n_contacts))
-        # forces of contacts on balls at rest, by a step without motion; a step sets `pull`
-        still = self.make_moment()
-        self._advance(still, still._replace(pull=still.pull.copy()), self._stick)
+        self._no_dash = np.zeros((n_rows, 0))
+        self.dash = np.zeros((n_rows, len(ends[0]))) if self.is_damped else self._no_dash
+        # forces of contacts on balls at rest, by a step without motion, which sets `pull`
+        rest = self.make_moment()
+        self._advance(rest, rest._replace(pull=rest.pull.copy()), self._stick)
         self.still = self.on_balls.copy()
 
     @property
@@ -344,18 +332,42 @@ class MovingContacts:
 
 
 def measure_along(network: ContactNetwork, motions: Array) -> Array:
-    """Return the elongations (n_c,) of the contacts of a network, in the directions of rest, whose
-    balls have moved by ``motions`` (n, m).
+    """Return the elongations (n_c,), m, of the contacts of a network, in the directions of rest,
+    whose balls have moved by ``motions`` (n, m) since rest.
     """
-    motions_of_ball = network.ball_motions
-    turning = [3 + axis for axis in motions_of_ball.rotations]
-    axes = np.array([*motions_of_ball.translations, *turning])
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
     columns = _make_columns((network.i, network.j), directions)
     e = np.empty(network.n_contacts)
-    loops.measure(columns, motions, axes, False, e)
+    loops.measure(columns, motions, _list_axes(network), False, e)
     return e
+
+
+def _list_axes(network: ContactNetwork) -> Index:
+    """Return the axes (m,) of the motions of a ball: 0 to 2 of displacements, 3 to 5 of
+    rotations.
+    """
+    motions = network.ball_motions
+    return np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
+
+
+def _find_held(network: ContactNetwork, shape: tuple[int, ...]) -> Array:
+    """Return the forces across contacts at rest, in an array of this ``shape`` (3 or 7, n_c):
+    against slip (3) and, with 7 rows, torques against twist and against roll (3); zero of pairs
+    that may meet.
+
+    The static force and torque of a contact act on ball j, and those that resist are opposite.
+    """
+    held = np.zeros(shape)
+    n_contacts = network.n_contacts
+    if network.tangential_force is not None:
+        held[:_N_SLIPS, :n_contacts] = -network.tangential_force.T
+    if network.contact_torque is not None and len(held) > _N_SLIPS:
+        twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
+        roll = network.contact_torque - twist[:, None] * network.normal
+        held[_N_SLIPS, :n_contacts] = -twist
+        held[_N_SLIPS + 1 :, :n_contacts] = -roll.T
+    return held
 
 
 def _list_columns(

@@ -8,8 +8,8 @@ and the torque arm n x T on both balls by what the law of the contact says, and 
 
 ball j is resisted by k e n + dT - f dn + turn x T, and both balls by the torques -arm (n x dT +
 turn x (n x T)) - (eps/2) e (n x T). Here k is the stiffness of the normal force, eps the unit of
-displacements over the diameter, and spin the part of the rotation about n that the head of
-:mod:`granphon.contacts.slips` describes. This tangent has no potential, and is not symmetric.
+displacements over the diameter, and spin the angle about n by which tangents turn
+(:mod:`granphon.contacts.slips`). This tangent has no potential, and is not symmetric.
 """
 
 from __future__ import annotations
