@@ -48,9 +48,9 @@ class Assembly:
     cell : (p, p) the periods, m, along the first p axes.
     dimension : number d of axes along which balls move.
     directions : (k, d) unit vectors along which the walls move.
-    wall_balls : (k,) numbers of balls that lean on each wall, or ride with it.
-    grid : numbers of cells of a list that is a grid, and has no walls; see
-        :class:`~granphon.contacts.contact_list.ContactList`.
+    wall_balls : (k,) how many balls lean on each wall, or ride with the wall.
+    grid : the contacts kind by kind, if they are those of an array of equal cells without walls;
+        None otherwise.
     """
 
     n_balls: int
@@ -67,8 +67,8 @@ class Assembly:
     grid: Grid | None = None
 
     def __post_init__(self) -> None:
-        """Make the numbers of bodies read-only, as those of a grid are: loops are compiled anew for
-        arrays that can be written.
+        """Take read-only views of the numbers of bodies, as a grid gives them: for arrays that can
+        be written, loops would be compiled a second time.
         """
         for name in ("i", "j"):
             numbers = getattr(self, name).view()
@@ -122,11 +122,11 @@ class Assembly:
 
     @cached_property
     def standing(self) -> set[int]:
-        """Numbers of strains of the cell that may be free without a motion that costs no energy,
-        but for motions of the whole, while all contacts touch.
+        """How many strains of the cell may be free so that, while all contacts touch, no motion but
+        those of the whole costs no energy.
 
-        The set is empty at first: a search for motions without energy adds the numbers of free
-        strains with which it has found none.
+        Each element is such a number of free strains. The set is empty at first: a search for
+        motions without energy adds the number of free strains with which it has found none.
         """
         return set()
 
@@ -144,22 +144,24 @@ class Assembly:
 
     @cached_property
     def n_touching(self) -> Index:
-        """(n,) numbers of the contacts of each ball."""
+        """(n,) how many contacts each ball has, as :meth:`count_contacts` counts them."""
         return self.count_contacts(np.ones(self.n_contacts, bool))
 
     def count_contacts(self, chosen: Flags) -> Index:
-        """Return how many of the ``chosen`` contacts (n_c,) each ball (n,) has."""
-        # a contact of a ball with its own image moves nothing
+        """Return how many of the contacts that are ``chosen`` (n_c,) each ball (n,) has; contacts
+        of a ball with its own image, which hold no ball, are not counted.
+        """
         counted = chosen & (self.i != self.j)
         ends = np.concatenate([self.i[counted], self.j[counted]])
         return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
 
     def find_stress(self, overlap: Array, normal: Array, deformation: Array) -> Array:
-        """Return the stress (p, p), below zero where balls are pressed together, on the cell whose
-        vectors a ``deformation`` (p, p) has changed: the symmetric part of the virial of contacts
-        between balls over the length, area or volume; N, N/m or Pa with one, two or three periods.
+        """Return the stress (p, p) on the cell, below zero where balls are pressed together: the
+        symmetric part of the virial of all contacts but those with flat walls, over the length,
+        area or volume of the cell; N, N/m or Pa with one, two or three periods.
 
-        The contacts have the ``overlap`` (n_c,), m, and the ``normal`` (n_c, 3).
+        The contacts have the ``overlap`` (n_c,), m, and the ``normal`` (n_c, 3); the matrix
+        ``deformation`` F (p, p) takes vectors of the cell at touch to those of the present cell.
         """
         p = self.periods
         forces = self.laws.force(overlap)[:, None] * normal[:, :p]
@@ -169,8 +171,8 @@ class Assembly:
         return np.asarray(-0.5 * (virial + virial.T) / measure)
 
     def make_losses(self) -> Any:
-        """Return the sparse matrix L (n_c, n_bodies d), stored by rows, with a row (-n, n) for each
-        contact.
+        """Return the sparse matrix L (n_c, n_bodies d), stored by rows. The row of a contact has -n
+        at the d columns of body i, and n at those of body j.
 
         L times the displacements of bodies, m, is the loss n.(u_j - u_i) of the overlap of each
         contact, m, along its normal at touch. The transpose of L times the forces of contacts, N,
@@ -195,7 +197,7 @@ class Assembly:
         and the ``overlap`` (n_c,), m.
         """
         count = int(np.count_nonzero(balls))
-        # chosen balls are numbered from zero; all else has the number of what is held
+        # chosen balls are numbered from zero; all other bodies have the number of what is held
         number = np.full(self.n_bodies, count)
         number[: self.n_balls][balls] = np.arange(count)
         i = number[self.i]
@@ -239,7 +241,7 @@ class GridAssembly(Assembly):
         self, grid: Grid, offset: Array, law: PairLaw, cell: Array, stands: bool = False
     ) -> None:
         p = len(cell)
-        # attributes of a frozen class are set in its dictionary
+        # attributes of an object of a frozen class are set in its dictionary
         values = {
             "grid": grid,
             "law": law,
@@ -305,7 +307,9 @@ class GridAssembly(Assembly):
         return list(range(self.dimension))
 
     def spell_out(self) -> Assembly:
-        """Return an assembly of the same contacts without ``grid``: its arrays are all made."""
+        """Return an assembly of the same contacts without ``grid``, with all arrays over
+        contacts.
+        """
         return Assembly(
             n_balls=self.n_balls,
             i=self.i,

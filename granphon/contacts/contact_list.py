@@ -41,8 +41,8 @@ class ContactList:
         is none.
     origin : (n_c, 3) normals from which tangents, and the tangential force with them, are carried
         with the balls; (0, 3) if the force does not turn about the normal.
-    leaning : (n_c,) whether the static force along the normal holds the balls against going aside,
-        and does not push them there; (0,) if none does.
+    leaning : (n_c,) whether the static force along the normal resists displacements across the
+        normal, with f/r, and does not support them, with -f/r; (0,) if no contact is so.
     grid : numbers of cells (L1, ..., Lp) of a list that is a grid: ball b of cell c has the number
         b cells + c, and the contact of a kind that starts in cell c the number kind cells + c;
         empty of other lists.
@@ -82,17 +82,19 @@ class ContactList:
 
     @cached_property
     def side_stiffness(self) -> Array:
-        """(n_c,) stiffness of displacements across the normal by the static force along it: -f/r,
-        and f/r of contacts that lean.
+        """(n_c,) stiffness against displacements across the normal by the static force f along it:
+        -f/r, and f/r of contacts that lean.
         """
-        pushing = -self.normal_force / self.distance
-        return np.asarray(
-            np.where(self.leaning, -pushing, pushing) if self.leaning.size else pushing
-        )
+        side_stiffness = -self.normal_force / self.distance
+        if self.leaning.size:
+            side_stiffness = np.where(self.leaning, -side_stiffness, side_stiffness)
+        return np.asarray(side_stiffness)
 
     @property
     def has_tangential_force(self) -> bool:
-        """Whether static forces act across normals: the tangent is then not symmetric."""
+        """Whether some static force across a normal is not zero: the tangent is then not
+        symmetric.
+        """
         return bool(np.any(self.tangential_force))
 
     @cached_property
@@ -106,7 +108,7 @@ class ContactList:
         """The arrays that compiled loops read; without tangential forces, ``tangential_force`` and
         ``origin`` are (0, 3).
         """
-        static = self.has_tangential_force
+        has_force = self.has_tangential_force
         none = np.zeros((0, 3))
         return Columns(
             i=self.i,
@@ -121,13 +123,14 @@ class ContactList:
             torsion_stiffness=self.torsion_stiffness,
             bending_stiffness=self.bending_stiffness,
             side_stiffness=self.side_stiffness,
-            tangential_force=self.tangential_force if static else none,
-            origin=self.origin if static else none,
+            tangential_force=self.tangential_force if has_force else none,
+            origin=self.origin if has_force else none,
         )
 
     def find_stress(self) -> Array:
         """Return the (p, p) Cauchy stress of the static forces, below zero where balls are pressed
-        together.
+        together: force over length^(p - 1). Torques on balls that are not balanced make it
+        unsymmetric.
         """
         force = -self.normal_force[:, None] * self.normal
         if len(self.tangential_force):

@@ -1,12 +1,12 @@
 """Loops over contacts, compiled: what contacts measure, and what they exert.
 
-Of an assembly bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors
-at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. In fewer than three dimensions the
-components along the other axes are zero: loops over three axes take half of the time of loops over
-a number of axes that the compiler does not know.
+The bodies of an assembly have displacements (bodies, 3), its cell has a strain (3, 3), and the
+vectors of its contacts at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. In fewer than
+three dimensions the components along the other axes are zero: loops over three axes take half of
+the time of loops over a number of axes that the compiler does not know.
 
-Of balls whose places are given contacts have the vectors (n_c, d) between centres, and the
-distances l (n_c,) from which their losses of overlap are counted.
+Where the places of balls are given (:mod:`granphon.contacts.placed`), contacts have the vectors
+(n_c, d) between centres, and the distances l (n_c,) from which losses of overlap are counted.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def measure_losses(
     strain: Array,
     loss: Array,
 ) -> None:
-    """Set ``loss`` (n_c,) to n.w, what contacts lose of their overlaps, to first order, along their
-    ``normal`` n (n_c, 3).
+    """Set ``loss`` (n_c,) to n.w, which is, to first order, what contacts with the ``normal`` n
+    (n_c, 3) lose of their overlaps.
 
     w = u_j - u_i + E v is made of the ``displacement`` u (bodies, 3) of the bodies ``i`` and ``j``
     (n_c,), the ``strain`` E (3, 3) of the cell, and the ``vector`` v (n_c, 3) of each contact.
@@ -64,7 +64,8 @@ def measure_turned(
     """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), with w as in :func:`measure_losses`; the
     ``current`` vectors v + w (n_c, 3); their ``distance`` (n_c,); and their ``normal`` (n_c, 3).
 
-    Flat contacts keep their vectors, and lose n.w.
+    Flat contacts, where ``is_flat`` (n_c,) is true, keep their vectors, and lose n.w. Vectors must
+    not become zero, which has no direction: the normal is then nan.
     """
     for contact in range(len(i)):
         first = i[contact]
@@ -93,14 +94,13 @@ def measure_turned(
 
 @compiled
 def find_overlaps(offset: Array, loss: Array, rounding: float, overlap: Array) -> None:
-    """Set the ``overlap`` of contacts (n_c,) to their ``offset`` at touch less their ``loss``
-    (n_c,), or to zero where it is at most the part ``rounding`` of the largest.
+    """Set the ``overlap`` of contacts (n_c,) to their ``offset`` on the sites less their ``loss``,
+    (n_c,) each, or to zero where its magnitude is at most ``rounding`` times the largest magnitude.
     """
     largest = 0.0
     for contact in range(len(offset)):
-        left = offset[contact] - loss[contact]
-        overlap[contact] = left
-        largest = max(largest, abs(left))
+        overlap[contact] = offset[contact] - loss[contact]
+        largest = max(largest, abs(overlap[contact]))
     for contact in range(len(offset)):
         if abs(overlap[contact]) <= rounding * largest:
             overlap[contact] = 0.0
@@ -109,7 +109,8 @@ def find_overlaps(offset: Array, loss: Array, rounding: float, overlap: Array) -
 @compiled
 def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) -> None:
     """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), or
-    to zero where r is zero and has none, and the ``loss`` |r| - l of overlaps (n_c,).
+    to zero where r is zero and has none, and the ``loss`` of overlaps (n_c,) to |r| - l, with the
+    ``length`` l (n_c,).
     """
     d = vector.shape[1]
     for contact in range(len(vector)):
@@ -125,8 +126,8 @@ def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) 
 
 @compiled
 def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> None:
-    """Set the ``loss`` n.r - l of overlaps (n_c,) along normals (n_c, d) that do not turn with the
-    ``vector`` r (n_c, d).
+    """Set the ``loss`` of overlaps (n_c,) to n.r - l, along a ``normal`` n (n_c, d) that does not
+    turn with the ``vector`` r (n_c, d), with the ``length`` l (n_c,).
     """
     for contact in range(len(vector)):
         along = 0.0
@@ -140,7 +141,8 @@ def measure_resistance(
     normal: Array, moved: Array, stiffness: Array, side_stiffness: Array, push: Array
 ) -> None:
     """Set ``push`` (n_c, 3) to the forces k (n.w) n + k' (w - (n.w) n) of contacts against small
-    displacements w of balls j against balls i, ``moved`` (n_c, 3).
+    displacements w of balls j against balls i, ``moved`` (n_c, 3); n is ``normal`` (n_c, 3), k is
+    ``stiffness`` and k' ``side_stiffness``, (n_c,) each.
     """
     for contact in range(len(moved)):
         loss = 0.0
@@ -166,13 +168,13 @@ def measure_bends(
     """Set ``bend`` (n_c,) and ``push`` (n_c, 3) to the second derivatives of the overlap h and of
     the force f(h) n of contacts whose balls j move straight on against balls i.
 
-    With the rate w of that motion, ``moved`` (n_c, 3), and its part across the normal, w', they are
+    The balls move at the rate w, ``moved`` (n_c, 3), and w' is the part of w across the normal n,
+    ``normal`` (n_c, 3). Then
 
-        h'' = -w'w'/r,    (f n)'' = (k' (n.w)^2 + k h'' - f w'w'/r^2) n - 2 (k + f/r) (n.w) w'/r
+        h'' = -w'.w'/r,    (f n)'' = (c (n.w)^2 + k h'' - f w'.w'/r^2) n - 2 (k + f/r) (n.w) w'/r
 
-    for the distance r of the balls, of which ``over_distance`` (n_c,) is 1/r, zero of contacts that
-    do not turn, and f, its derivative k and that of k, ``force``, ``stiffness`` and ``slope``
-    (n_c,).
+    Here r is the distance of the balls, and ``over_distance`` (n_c,) is 1/r, zero for contacts that
+    do not turn; f is ``force``, k = df/dh is ``stiffness`` and c = dk/dh is ``slope``, (n_c,) each.
     """
     for contact in range(len(moved)):
         loss = 0.0
@@ -254,7 +256,7 @@ def add_forces(
 ) -> None:
     """Add the ``force`` f (n_c,) of contacts along their ``normal`` n (n_c, 3), on body j and the
     opposite on body i, to the forces ``on_bodies`` (bodies, 3); and f n v, with the ``vector`` v
-    (n_c, 3) from body to body, to the ``virial`` (3, 3), or (0, 3) where it is not asked for.
+    (n_c, 3) from body to body, to the ``virial`` (3, 3). A ``virial`` (0, 3) is not summed.
     """
     sums_virial = len(virial) > 0
     for contact in range(len(i)):
@@ -280,12 +282,13 @@ def add_blocks(
     stiffness: Array,
     blocks: Array,
 ) -> None:
-    """Add k nn, with the ``stiffness`` k (n_c,) and the ``normal`` n (n_c, 3), of each contact to
-    the diagonal ``blocks`` (bodies, d, d) of its two bodies.
+    """Add k nn of each contact, with its ``stiffness`` k (n_c,) and its ``normal`` n (n_c, 3), to
+    the diagonal ``blocks`` (bodies, d, d) of its two bodies. A contact of a ball with its own image
+    resists no motion of the ball, and adds nothing.
     """
     d = blocks.shape[1]
     for contact in range(len(i)):
-        if i[contact] == j[contact]:  # a ball and its own image
+        if i[contact] == j[contact]:
             continue
         for line in range(d):
             for column in range(d):

@@ -35,8 +35,7 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.columns import Columns
-
-Vector = tuple[float, float, float]
+from granphon.contacts.vectors import Vector, add, cross, dot, get_row, scale, set_row
 
 
 @compiled
@@ -51,10 +50,20 @@ def _set_turning(normal: Array, turning: Array) -> None:
 
 
 @compiled
+def _apply_strain(strains: Array, strain: int, w: Vector) -> Vector:
+    """Return E w, with E the unit ``strain`` of that number in ``strains`` (s, 3, 3)."""
+    return (
+        strains[strain, 0, 0] * w[0] + strains[strain, 0, 1] * w[1] + strains[strain, 0, 2] * w[2],
+        strains[strain, 1, 0] * w[0] + strains[strain, 1, 1] * w[1] + strains[strain, 1, 2] * w[2],
+        strains[strain, 2, 0] * w[0] + strains[strain, 2, 1] * w[1] + strains[strain, 2, 2] * w[2],
+    )
+
+
+@compiled
 def _fill_displacements(
     columns: Columns, axes: NDArray[np.int64], diagonal: Array, forward: Array
 ) -> None:
-    """Do what :func:`fill_tangent` does for balls that do not rotate, under no strains.
+    """Do what :func:`_fill_motions` does, for balls that do not rotate.
 
     The entries of a block are those of across (1 - nn) + k nn, for all contacts one after the
     other: a loop over the contacts goes through memory in order, but for the two balls.
@@ -72,12 +81,12 @@ def _fill_displacements(
             axis = axes[column]
             near = diagonal[line, column]
             between = forward[line, column]
-            added = 1.0 if line == column else 0.0
+            identity = 1.0 if line == column else 0.0
             for contact in range(n_contacts):
                 entry = (
                     along[contact] * columns.normal[contact, row] * columns.normal[contact, axis]
                 )
-                entry += added * across[contact]
+                entry += identity * across[contact]
                 near[columns.i[contact]] += entry
                 near[columns.j[contact]] += entry
                 between[contact] = -entry
@@ -87,43 +96,14 @@ def _fill_displacements(
 
 
 @compiled
-def fill_tangent(
-    columns: Columns,
-    axes: NDArray[np.int64],
-    strains: Array,
-    diagonal: Array,
-    forward: Array,
-    ahead: Array,
-    corner: Array,
+def _fill_motions(
+    columns: Columns, axes: NDArray[np.int64], diagonal: Array, forward: Array
 ) -> None:
-    """Add the tangents of all contacts to ``diagonal``, ``ahead`` and ``corner``, and set
-    ``forward``, all of which must be zeros before. What static forces across normals do is left to
-    :func:`add_static_turn`.
-
-    Parameters
-    ----------
-    columns : the contacts.
-    axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
-    strains : (s, 3, 3) unit strains, symmetric.
-    diagonal : (m, m, n) forces on each ball against motions of the same ball.
-    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; the block of
-        ball j and i is its transpose.
-    ahead : (n, m, s) forces on balls against unit strains; those on strains against unit motions
-        are the same.
-    corner : (s, s) forces on strains against unit strains.
+    """Add the blocks of balls to ``diagonal`` and set those of contacts in ``forward``: forces
+    against motions, with the arguments of :func:`fill_tangent`.
     """
     m = len(axes)
-    s = len(strains)
-    rotates = False
-    for motion in range(m):
-        rotates = rotates or axes[motion] >= 3
-    if not rotates:
-        _fill_displacements(columns, axes, diagonal, forward)
-        if s == 0:
-            return
     turning = np.zeros((3, 3))
-    strained = np.zeros((s, 3))
-    pull = np.zeros((s, 3))
     for contact in range(len(columns.i)):
         i = columns.i[contact]
         j = columns.j[contact]
@@ -140,7 +120,7 @@ def fill_tangent(
             continue
         _set_turning(normal, turning)
         # near: force on ball i against motions of i; far: of j on j; between: on i against j
-        for line in range(m if rotates else 0):
+        for line in range(m):
             row = axes[line]
             for column in range(m):
                 axis = axes[column]
@@ -151,84 +131,106 @@ def fill_tangent(
                     far = near
                     between = -near
                 elif row < 3:
-                    cross = slip * turning[row, axis - 3]
-                    near = arm_i * cross
-                    far = -arm_j * cross
-                    between = arm_j * cross
+                    sheared = slip * turning[row, axis - 3]
+                    near = arm_i * sheared
+                    far = -arm_j * sheared
+                    between = arm_j * sheared
                 elif axis < 3:
-                    cross = slip * turning[axis, row - 3]
-                    near = arm_i * cross
-                    far = -arm_j * cross
-                    between = -arm_i * cross
+                    sheared = slip * turning[axis, row - 3]
+                    near = arm_i * sheared
+                    far = -arm_j * sheared
+                    between = -arm_i * sheared
                 else:
+                    # entries of nn and of 1 - nn
                     parallel = normal[row - 3] * normal[axis - 3]
-                    beside = -parallel
+                    perpendicular = -parallel
                     if row == axis:
-                        beside += 1.0
-                    roll = torsion * parallel + bending * beside
-                    near = arm_i * arm_i * slip * beside + roll
-                    far = arm_j * arm_j * slip * beside + roll
-                    between = arm_i * arm_j * slip * beside - roll
+                        perpendicular += 1.0
+                    roll = torsion * parallel + bending * perpendicular
+                    near = arm_i * arm_i * slip * perpendicular + roll
+                    far = arm_j * arm_j * slip * perpendicular + roll
+                    between = arm_i * arm_j * slip * perpendicular - roll
                 diagonal[line, column, i] += near
                 diagonal[line, column, j] += far
                 forward[line, column, contact] = between
-        # a unit strain moves ball j against ball i by `strained`, which the contact pulls back
+
+
+@compiled
+def _fill_strains(
+    columns: Columns, axes: NDArray[np.int64], strains: Array, ahead: Array, corner: Array
+) -> None:
+    """Add the forces against unit ``strains`` to ``ahead`` and ``corner``, with the arguments of
+    :func:`fill_tangent`.
+    """
+    s = len(strains)
+    strained = np.zeros((s, 3))
+    pulls = np.zeros((s, 3))
+    for contact in range(len(columns.i)):
+        i = columns.i[contact]
+        j = columns.j[contact]
+        normal = get_row(columns.normal, contact)
+        w = get_row(columns.vector, contact)
+        slip = columns.shear_stiffness[contact]
+        across = slip + columns.side_stiffness[contact]
+        along = columns.normal_stiffness[contact] - across
+        if across == 0.0 and along == 0.0:
+            continue
         for strain in range(s):
-            elongation = 0.0
-            for axis in range(3):
-                strained[strain, axis] = 0.0
-                for a in range(3):
-                    strained[strain, axis] += strains[strain, axis, a] * columns.vector[contact, a]
-                elongation += strained[strain, axis] * normal[axis]
-            for axis in range(3):
-                pull[strain, axis] = (
-                    along * elongation * normal[axis] + across * strained[strain, axis]
-                )
-            for motion in range(m):
+            # a unit strain moves ball j against ball i, which the contact pulls back
+            moved = _apply_strain(strains, strain, w)
+            pull = add(scale(along * dot(moved, normal), normal), across, moved)
+            turn = cross(normal, moved)
+            set_row(strained, strain, moved)
+            set_row(pulls, strain, pull)
+            for motion in range(len(axes)):
                 axis = axes[motion]
                 if axis < 3:
-                    ahead[i, motion, strain] -= pull[strain, axis]
-                    ahead[j, motion, strain] += pull[strain, axis]
+                    ahead[i, motion, strain] -= pull[axis]
+                    ahead[j, motion, strain] += pull[axis]
                 else:
-                    slipped = 0.0
-                    for a in range(3):
-                        slipped += strained[strain, a] * turning[a, axis - 3]
-                    ahead[i, motion, strain] -= arm_i * slip * slipped
-                    ahead[j, motion, strain] -= arm_j * slip * slipped
+                    ahead[i, motion, strain] -= columns.arm_i[contact] * slip * turn[axis - 3]
+                    ahead[j, motion, strain] -= columns.arm_j[contact] * slip * turn[axis - 3]
         for line in range(s):
             for column in range(s):
                 for axis in range(3):
-                    corner[line, column] += strained[line, axis] * pull[column, axis]
+                    corner[line, column] += strained[line, axis] * pulls[column, axis]
 
 
 @compiled
-def _cross(first: Vector, second: Vector) -> Vector:
-    """Return the vector product of two vectors."""
-    return (
-        first[1] * second[2] - first[2] * second[1],
-        first[2] * second[0] - first[0] * second[2],
-        first[0] * second[1] - first[1] * second[0],
-    )
+def fill_tangent(
+    columns: Columns,
+    axes: NDArray[np.int64],
+    strains: Array,
+    diagonal: Array,
+    forward: Array,
+    ahead: Array,
+    corner: Array,
+) -> None:
+    """Set ``diagonal``, ``forward``, ``ahead`` and ``corner``, all of which must be zeros before,
+    to the tangents of all contacts. What static forces across normals do is left to
+    :func:`add_static_turn`.
 
-
-@compiled
-def _multiply(first: Vector, second: Vector) -> float:
-    """Return the scalar product of two vectors."""
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
-
-
-@compiled
-def _set_row(table: Array, row: int, factor: float, vector: Vector) -> None:
-    """Set a row of a ``table`` (rows, 3) to ``factor`` times a vector."""
-    table[row, 0] = factor * vector[0]
-    table[row, 1] = factor * vector[1]
-    table[row, 2] = factor * vector[2]
-
-
-@compiled
-def _read(vectors: Array, row: int) -> Vector:
-    """Return a row of ``vectors`` (rows, 3)."""
-    return (vectors[row, 0], vectors[row, 1], vectors[row, 2])
+    Parameters
+    ----------
+    columns : the contacts.
+    axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
+    strains : (s, 3, 3) unit strains, symmetric.
+    diagonal : (m, m, n) forces on each ball against motions of the same ball.
+    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; the block of
+        ball j and i is its transpose.
+    ahead : (n, m, s) forces on balls against unit strains; those on strains against unit motions
+        are the same.
+    corner : (s, s) forces on strains against unit strains.
+    """
+    rotates = False
+    for motion in range(len(axes)):
+        rotates = rotates or axes[motion] >= 3
+    if rotates:
+        _fill_motions(columns, axes, diagonal, forward)
+    else:
+        _fill_displacements(columns, axes, diagonal, forward)
+    if len(strains):
+        _fill_strains(columns, axes, strains, ahead, corner)
 
 
 @compiled
@@ -253,26 +255,91 @@ def _set_static_turn(
     turn about n.
     """
     m = len(axes)
-    beside = _cross(normal, force)
-    share = over / (1.0 + _multiply(normal, origin))
+    moment = cross(normal, force)
+    spin_factor = over / (1.0 + dot(normal, origin))
     for column in range(len(push)):
         if column < m and axes[column] >= 3:
-            half = 0.5 * origin[axes[column] - 3]
-            _set_row(push, column, half, beside)
-            _set_row(torque, column, half, _cross(normal, beside))
-            _set_row(lever, column, 0.0, beside)
+            # the mean rotation of both balls about the origin, of which one turns
+            spin = 0.5 * origin[axes[column] - 3]
+            set_row(push, column, scale(spin, moment))
+            set_row(torque, column, scale(spin, cross(normal, moment)))
+            set_row(lever, column, scale(0.0, moment))
             continue
-        v = _read(moved, column)
-        tilt = _cross(normal, v)
-        across = share * _multiply(tilt, origin)
-        turn = (
-            over * tilt[0] - across * normal[0],
-            over * tilt[1] - across * normal[1],
-            over * tilt[2] - across * normal[2],
-        )
-        _set_row(push, column, 1.0, _cross(turn, force))
-        _set_row(torque, column, 1.0, _cross(turn, beside))
-        _set_row(lever, column, 0.5 * _multiply(normal, v), beside)
+        v = get_row(moved, column)
+        tilt = cross(normal, v)
+        spin = -spin_factor * dot(tilt, origin)
+        turn = add(scale(over, tilt), spin, normal)
+        set_row(push, column, cross(turn, force))
+        set_row(torque, column, cross(turn, moment))
+        set_row(lever, column, scale(0.5 * dot(normal, v), moment))
+
+
+@compiled
+def _add_turn_of_strains(
+    i: int,
+    j: int,
+    axes: NDArray[np.int64],
+    strained: Array,
+    push: Array,
+    back: Array,
+    corner: Array,
+) -> None:
+    """Add to ``back`` and ``corner`` the work that the changes ``push`` (m + s, 3) of the force of
+    a contact of balls ``i`` and ``j`` on ball j do on the motions ``strained`` (s, 3) of the
+    contact by unit strains; other arguments are those of :func:`add_static_turn`.
+    """
+    m = len(axes)
+    for strain in range(len(strained)):
+        motion = get_row(strained, strain)
+        for column in range(len(push)):
+            work = dot(get_row(push, column), motion)
+            if column >= m:
+                corner[strain, column - m] += work
+                continue
+            back[i, column, strain] += -work if axes[column] < 3 else work
+            back[j, column, strain] += work
+
+
+@compiled
+def _add_turn_of_balls(
+    contact: int,
+    i: int,
+    j: int,
+    arms: tuple[float, float],
+    axes: NDArray[np.int64],
+    push: Array,
+    torque: Array,
+    lever: Array,
+    diagonal: Array,
+    forward: Array,
+    backward: Array,
+    ahead: Array,
+) -> None:
+    """Add to the blocks of balls, of a ``contact`` and of strains the forces and torques on the
+    balls ``i`` and ``j`` of the contact, which have the ``arms``, made of the changes of
+    :func:`_set_static_turn`; other arguments are those of :func:`add_static_turn`.
+    """
+    m = len(axes)
+    arm_i, arm_j = arms
+    for line in range(m):
+        row = axes[line]
+        for column in range(len(push)):
+            if row < 3:
+                on_i = -push[column, row]
+                on_j = push[column, row]
+            else:
+                on_i = -arm_i * torque[column, row - 3] - lever[column, row - 3]
+                on_j = -arm_j * torque[column, row - 3] - lever[column, row - 3]
+            if column >= m:
+                ahead[i, line, column - m] += on_i
+                ahead[j, line, column - m] += on_j
+                continue
+            # ball i moves against v, and turns as ball j does
+            sign = -1.0 if axes[column] < 3 else 1.0
+            diagonal[line, column, i] += sign * on_i
+            diagonal[line, column, j] += on_j
+            forward[line, column, contact] += on_i
+            backward[column, line, contact] += sign * on_j
 
 
 @compiled
@@ -295,66 +362,34 @@ def add_static_turn(
     are those of :func:`fill_tangent`.
     """
     m = len(axes)
-    s = len(strains)
     # v by a unit of each motion of ball j, and of each strain
-    moved = np.zeros((m + s, 3))
+    moved = np.zeros((m + len(strains), 3))
+    strained = moved[m:]
     for motion in range(m):
         if axes[motion] < 3:
             moved[motion, axes[motion]] = 1.0
-    push, torque, lever = np.zeros((3, m + s, 3))
-    spins = len(columns.origin) > 0
+    push, torque, lever = np.zeros((3, m + len(strains), 3))
+    turns_about_normal = len(columns.origin) > 0
     for contact in range(len(columns.i)):
-        held = _read(columns.tangential_force, contact)
-        if held[0] == 0.0 and held[1] == 0.0 and held[2] == 0.0:
+        force = scale(-1.0, get_row(columns.tangential_force, contact))  # as the tangent resists
+        if force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0:
             continue
         i = columns.i[contact]
         j = columns.j[contact]
-        arm_i = columns.arm_i[contact]
-        arm_j = columns.arm_j[contact]
-        # a unit strain moves the centres along all axes
-        for strain in range(s):
-            for axis in range(3):
-                v = 0.0
-                for a in range(3):
-                    v += strains[strain, axis, a] * columns.vector[contact, a]
-                moved[m + strain, axis] = v
-        # numbers alone are passed on: to pass all columns takes longer than all else
-        normal = _read(columns.normal, contact)
-        force = (-held[0], -held[1], -held[2])  # as the tangent resists
-        origin = _read(columns.origin, contact) if spins else (0.0, 0.0, 0.0)
+        arms = (columns.arm_i[contact], columns.arm_j[contact])
+        normal = get_row(columns.normal, contact)
+        w = get_row(columns.vector, contact)
+        for strain in range(len(strains)):
+            set_row(strained, strain, _apply_strain(strains, strain, w))
+        origin = get_row(columns.origin, contact) if turns_about_normal else (0.0, 0.0, 0.0)
         over = 1.0 / columns.distance[contact]
+        # numbers are passed on, not all columns: to pass these takes longer than all else
         _set_static_turn(normal, force, origin, over, axes, moved, push, torque, lever)
-        for line in range(m):
-            row = axes[line]
-            for column in range(m + s):
-                if row < 3:
-                    on_i = -push[column, row]
-                    on_j = push[column, row]
-                else:
-                    on_i = -arm_i * torque[column, row - 3] - lever[column, row - 3]
-                    on_j = -arm_j * torque[column, row - 3] - lever[column, row - 3]
-                if column >= m:
-                    ahead[i, line, column - m] += on_i
-                    ahead[j, line, column - m] += on_j
-                    continue
-                # ball i moves against v, and turns as ball j does
-                sign = -1.0 if axes[column] < 3 else 1.0
-                diagonal[line, column, i] += sign * on_i
-                diagonal[line, column, j] += on_j
-                forward[line, column, contact] += on_i
-                backward[column, line, contact] += sign * on_j
-        for strain in range(s):
-            for column in range(m + s):
-                work_done = (
-                    push[column, 0] * moved[m + strain, 0]
-                    + push[column, 1] * moved[m + strain, 1]
-                    + push[column, 2] * moved[m + strain, 2]
-                )
-                if column >= m:
-                    corner[strain, column - m] += work_done
-                    continue
-                back[i, column, strain] += -work_done if axes[column] < 3 else work_done
-                back[j, column, strain] += work_done
+        _add_turn_of_balls(
+            contact, i, j, arms, axes, push, torque, lever, diagonal, forward, backward, ahead
+        )
+        if len(strains):
+            _add_turn_of_strains(i, j, axes, strained, push, back, corner)
 
 
 @compiled

@@ -8,12 +8,12 @@ at Coulomb's limit |T| <= mu f, of the force f of the law. It is the law of
 :mod:`granphon.contacts.friction`.
 
 Dashpots add c times the rate of an elongation, c = tau k(h) + c_0 + alpha (m* k(h))^1/2 as long as
-the contact is closed (of the three laws that of tau is of G. Kuwabara and K. Kono, Jpn. J. Appl.
-Phys. 26, 1230, 1987; of the others see :mod:`granphon.dynamics.damping`). Slip is resisted by c' =
-tau' k_t(h) + c_0' + alpha (m* k(h))^1/2 in the same way, twist and roll by as much over their
-stiffnesses. The dashpot of an elongation pulls where balls part; it may be limited to the force f
-of the law, so that both together never pull. Coulomb's limit is then that of T and f, or that of T
-and f with the forces of their dashpots, |T + c' s'| <= mu |f + c h'|: as in LAMMPS.
+the contact is closed. The term in tau is by G. Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230,
+1987; for the others see :mod:`granphon.dynamics.damping`. Slip is resisted by c' = tau' k_t(h) +
+c_0' + alpha (m* k(h))^1/2 in the same way, and twist and roll by c'/k_t times their stiffnesses.
+The dashpot of an elongation pulls where balls part; it may be limited to the force f of the law, so
+that both together never pull. Coulomb's limit is then that of T and f, or that of T and f with the
+forces of their dashpots, |T + c' s'| <= mu |f + c h'|: as in LAMMPS.
 
 Loops over contacts are those of :mod:`granphon.contacts.motion_loops`. Where all normal forces are
 Hertz's, the loops know the law; other laws are asked between two loops.
@@ -90,9 +90,11 @@ class MovingContacts:
     Parameters
     ----------
     network : the balls at rest, and their contacts.
-    pairs : pairs of balls that may meet, whose contacts come behind those of the network.
+    pairs : pairs of balls that may meet, whose contacts come behind those of the network; there
+        must be none if contacts keep the directions of rest.
     law : the law of the normal forces of all contacts.
-    punch : stiffnesses of flat punches as wide as the contacts of the network at rest, N/m.
+    punch : (n_c,) stiffnesses, above zero, of flat punches as wide as the contacts of the network
+        at rest, N/m.
     losses : the losses of the network.
     rules : choices that hold for all contacts.
 
@@ -100,7 +102,7 @@ class MovingContacts:
     ----------
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     ratios : (rows - 1, n_c) stiffnesses against slip (3), twist and rolling (3) over those of flat
-        punches.
+        punches; rows is 4, or 8 with twist and rolling.
     held : (rows - 1, n_c) forces across contacts at rest.
     springs : (n, m) stiffnesses of springs to the ground; None without such springs.
     on_balls : (n, m) forces of contacts and of springs to the ground on balls, set by each step.
@@ -120,42 +122,30 @@ class MovingContacts:
         losses: Losses,
         rules: Rules,
     ) -> None:
-        motions = network.ball_motions
         self.law = law
         self.rules = rules
-        self.axes = np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
+        self.axes = _list_axes(network)
         self.is_damped = losses.has_dashpots
-        turns = rules.turns
         self.springs: Array | None = None
         if network.on_site is not None:
-            self.springs = network.on_site[:, : motions.count]
-        is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
-        self._is_hertz = is_hertz
-        ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
-        n_contacts = len(ends[0])
-        geometry = _find_true_geometry(network, pairs) if turns else _find_geometry(network)
+            self.springs = network.on_site[:, : len(self.axes)]
+        self._is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
-        self.held = np.zeros_like(self.ratios)
-        if network.tangential_force is not None:
-            self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
-        if network.contact_torque is not None and len(self.held) > _N_SLIPS:
-            twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
-            roll = network.contact_torque - twist[:, None] * network.normal
-            self.held[_N_SLIPS, : network.n_contacts] = -twist
-            self.held[_N_SLIPS + 1 :, : network.n_contacts] = -roll.T
-        columns = _list_columns(geometry, law, self.ratios, is_hertz)
+        self.held = _find_held(network, self.ratios.shape)
+        geometry = _find_true_geometry(network, pairs) if rules.turns else _find_geometry(network)
+        columns = _list_columns(geometry, law, self.ratios, self._is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
+        ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
         self._columns = _make_columns(ends, columns)
         self.on_balls = np.zeros((network.n_balls, len(self.axes)))
+        n_rows = len(self.ratios) + 1
         self._no_speeds = np.zeros((0, len(self.axes)))
-        self._no_dash = np.zeros((len(self.ratios) + 1, 0))
-        self.dash = self._no_dash
-        if self.is_damped:
-            self.dash = np.zeros((len(self.ratios) + 1, n_contacts))
-        # forces of contacts on balls at rest, by a step without motion; a step sets `pull`
-        still = self.make_moment()
-        self._advance(still, still._replace(pull=still.pull.copy()), self._stick)
+        self._no_dash = np.zeros((n_rows, 0))
+        self.dash = np.zeros((n_rows, len(ends[0]))) if self.is_damped else self._no_dash
+        # forces of contacts on balls at rest, by a step without motion, which sets `pull`
+        rest = self.make_moment()
+        self._advance(rest, rest._replace(pull=rest.pull.copy()), self._stick)
         self.still = self.on_balls.copy()
 
     @property
@@ -165,7 +155,8 @@ class MovingContacts:
 
     def make_moment(self) -> Moment:
         """Return the moment of rest: no motions, and the forces across contacts at rest.
-        Stiffnesses are ones, which the caller has to set.
+        Stiffnesses are ones, which the caller has to set; ``punch`` is ``k`` itself if the law does
+        not know the radii of contacts.
         """
         n_contacts = len(self._columns.i)
         pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
@@ -175,8 +166,8 @@ class MovingContacts:
         return Moment(np.zeros_like(self.on_balls), np.zeros(n_contacts), pull, k, punch)
 
     def make_spare(self, moment: Moment, has_pull: bool) -> Moment:
-        """Return a moment with arrays like those of another ``moment``, to be written over; its
-        pull is a new array if ``has_pull``, and otherwise that of the other moment.
+        """Return a moment with arrays like those of another ``moment``, whose values the caller has
+        to set; ``pull`` is a new array if ``has_pull``, and otherwise that of the other moment.
         """
         k = np.empty_like(moment.k)
         return Moment(
@@ -194,7 +185,9 @@ class MovingContacts:
     def press(self, moment: Moment, joined: Any) -> None:
         """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
 
-        ``joined`` says which contacts whose force jumps are joined: see :meth:`Powers.press`.
+        ``joined`` (n_c,) says which contacts whose force jumps are joined: see
+        :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise they
+        are the normal stiffnesses, in the same array.
         """
         self.law.press(moment.e, (moment.pull[0], moment.k), joined)
         if isinstance(self.law, PairLaws) and self.law.know_radii:
@@ -202,7 +195,7 @@ class MovingContacts:
 
     def begin(self, moment: Moment) -> Any:
         """Set all of a ``moment`` but its motions, as if balls had come to these motions from rest
-        in one step; return which contacts are joined, None if no force jumps.
+        in one step; return which contacts (n_c,) are joined, None if no force jumps.
 
         In the step contacts are as stiff as at its end, and forces beyond Coulomb's limit slide to
         it. The step also sets :attr:`on_balls`.
@@ -216,7 +209,8 @@ class MovingContacts:
 
     def act(self, moment: Moment, speeds: Array) -> None:
         """Set :attr:`on_balls` to the forces of contacts at a ``moment``, and of their dashpots at
-        the ``speeds`` (n, m) of the balls; the moment is not changed.
+        the ``speeds`` (n, m) of the balls, and with it :attr:`dash` and :attr:`stiffest`; the
+        moment is not changed.
         """
         after = moment._replace(pull=moment.pull.copy())  # of a step without motion
         self._advance(moment, after, self._stick, speeds=speeds)
@@ -229,7 +223,8 @@ class MovingContacts:
         slip, twist and roll take up in the step, and that which dashpots take up.
 
         The motions ``after`` are given, and so are elongations, normal forces and stiffnesses,
-        unless ``knows_law``: then loops find them by Hertz's law, and do not set them.
+        unless ``knows_law``: then loops find them by Hertz's law, and do not set them. The caller
+        may ask for this if :attr:`knows_law` is true.
         """
         return self._advance(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
 
@@ -238,14 +233,15 @@ class MovingContacts:
     ) -> tuple[float, float]:
         """Set the forces across contacts ``after`` a ``step``, s, and :attr:`on_balls` to the mean
         forces of the step, by which it keeps the energy. Return the energy, J, that slip, twist and
-        roll take up in the step, and that which dashpots take up.
+        roll take up in the step, and that which dashpots take up. ``joined`` (n_c,) is that of
+        :meth:`press`; both moments are complete but for the forces across contacts ``after``.
         """
         mean = self.law.mean(before.e, after.e, joined)
         return self._advance(before, after, self.rules, mean=mean, step=step)
 
     @property
     def knows_law(self) -> bool:
-        """Whether the loops know the law of normal forces."""
+        """Whether the loops know the law of normal forces: that of Hertz."""
         return self._is_hertz
 
     def _advance(
@@ -325,7 +321,8 @@ class MovingContacts:
         return np.zeros(0)
 
     def switch(self, moment: Moment, joined: Any) -> tuple[Any, Index, float]:
-        """Join or part the contacts of a ``moment`` that have passed their ends.
+        """Join or part the contacts of a ``moment`` that have passed their ends, of a law with
+        forces that jump; ``joined`` (n_c,) says which are joined before, and is not changed.
 
         Return which contacts are joined after that, the numbers of those that have joined or
         parted, and the energy lost, J. The forces across these contacts are set to zero, and the
@@ -344,18 +341,42 @@ class MovingContacts:
 
 
 def measure_along(network: ContactNetwork, motions: Array) -> Array:
-    """Return the elongations (n_c,) of the contacts of a network, in the directions of rest, whose
-    balls have moved by ``motions`` (n, m).
+    """Return the elongations (n_c,), m, of the contacts of a network, in the directions of rest,
+    whose balls have moved by ``motions`` (n, m) since rest.
     """
-    motions_of_ball = network.ball_motions
-    turning = [3 + axis for axis in motions_of_ball.rotations]
-    axes = np.array([*motions_of_ball.translations, *turning])
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
     columns = _make_columns((network.i, network.j), directions)
     e = np.empty(network.n_contacts)
-    loops.measure(columns, motions, axes, False, e)
+    loops.measure(columns, motions, _list_axes(network), False, e)
     return e
+
+
+def _list_axes(network: ContactNetwork) -> Index:
+    """Return the axes (m,) of the motions of a ball: 0 to 2 of displacements, 3 to 5 of
+    rotations.
+    """
+    motions = network.ball_motions
+    return np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
+
+
+def _find_held(network: ContactNetwork, shape: tuple[int, ...]) -> Array:
+    """Return the forces across contacts at rest, in an array of this ``shape`` (3 or 7, n_c):
+    against slip (3) and, with 7 rows, torques against twist and against roll (3); zero of pairs
+    that may meet.
+
+    The static force and torque of a contact act on ball j, and those that resist are opposite.
+    """
+    held = np.zeros(shape)
+    n_contacts = network.n_contacts
+    if network.tangential_force is not None:
+        held[:_N_SLIPS, :n_contacts] = -network.tangential_force.T
+    if network.contact_torque is not None and len(held) > _N_SLIPS:
+        twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
+        roll = network.contact_torque - twist[:, None] * network.normal
+        held[_N_SLIPS, :n_contacts] = -twist
+        held[_N_SLIPS + 1 :, :n_contacts] = -roll.T
+    return held
 
 
 def _list_columns(
@@ -394,8 +415,9 @@ def _list_columns(
 
 
 def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
-    """Return the contacts as loops read them: ``ends`` (n_c,) are the numbers of balls i and j, and
-    ``values`` the columns (n_c,) by the place where their row begins; other columns are zero.
+    """Return the contacts, at least one, as loops read them: ``ends`` (n_c,) are the numbers of
+    balls i and j, and ``values`` the columns (n_c,) by the place where their row begins; other
+    columns are zero.
 
     A column of equal numbers is kept as one number.
     """
@@ -416,7 +438,9 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
 
 
 def _find_geometry(network: ContactNetwork) -> _Geometry:
-    """Return contacts that keep their directions at rest."""
+    """Return the contacts of a network as contacts that keep their directions at rest: r is the
+    normal, and arms are lengths, m.
+    """
     zeros = np.zeros(network.n_contacts)
     arms = network.arm_i, network.arm_j
     return _Geometry(network.normal, zeros + 1.0, zeros, zeros, *arms, np.stack([zeros, zeros]))
@@ -434,11 +458,12 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
     vectors = np.where(is_flat[:, None], network.normal, network.vector)
     apart = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
     gap = np.linalg.norm(apart, axis=1) - network.radii[i] - radii_j - pairs.bulge
-    for wall, (spot, toward) in network.walls.items():
+    for wall, (wall_point, wall_normal) in network.walls.items():
         at_wall = j == wall
         balls = i[at_wall]
-        apart[at_wall] = toward
-        gap[at_wall] = (spot - network.positions[balls]) @ toward - network.radii[balls]
+        to_wall = (wall_point - network.positions[balls]) @ wall_normal
+        apart[at_wall] = wall_normal
+        gap[at_wall] = to_wall - network.radii[balls]
     r = np.concatenate([vectors, apart])
     is_flat = np.append(is_flat, is_wall)
     # arms share the distance, so that torques balance the moment of forces across contacts

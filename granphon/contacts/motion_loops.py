@@ -181,11 +181,11 @@ class Moment(NamedTuple):
 
     Attributes
     ----------
-    motions : (n, m) displacements and rotations of all balls.
-    e : (n_c,) elongations since rest.
-    pull : (4 or 8, n_c) change f - f_0 of normal forces, forces T of slip (3), and with 8 rows
-        torques of twist and of roll (3).
-    k, punch : (n_c,) normal stiffnesses, and those of flat punches as wide as the contacts.
+    motions : (n, m) displacements, m, and rotations, rad, of all balls since rest.
+    e : (n_c,) elongations since rest, m.
+    pull : (4 or 8, n_c) change f - f_0 of normal forces, N, forces T against slip (3), N, and with
+        8 rows torques against twist and against roll (3), N m.
+    k, punch : (n_c,) normal stiffnesses, and those of flat punches as wide as the contacts, N/m.
     """
 
     motions: Array
@@ -200,8 +200,8 @@ class Moment(NamedTuple):
 
 @compiled
 def _turn(force: Vector, start: Vector, end: Vector, half: float, cosine: float) -> Vector:
-    """Return a force, across the unit vector ``start``, turned by two rotations: by the smallest
-    that takes ``start`` to the unit vector ``end``, and about ``end`` by an angle.
+    """Return a ``force`` across the unit vector ``start``, turned by two rotations: the smallest
+    that takes ``start`` to the unit vector ``end``, and one about ``end`` by an angle.
 
     ``half`` is the tangent of half of the angle, and ``cosine`` one plus the cosine of the angle:
     half times cosine is the sine.
@@ -247,15 +247,15 @@ def _set(rows: Array, place: int, a: Vector) -> None:
 
 @compiled
 def _find_levers(rows: Array, c: int, r: Vector, n: Vector) -> tuple[float, float]:
-    """Return the levers, over |r|, by which rotations of the balls of contact c make slip: the
-    arms, or the radii.
+    """Return the levers, over |r|, by which rotations of the balls of contact ``c`` make slip: the
+    arms, or the radii where these are given. ``r`` joins the centres, along the unit vector ``n``.
     """
-    part = 1.0 / dot(n, r)
+    over = 1.0 / dot(n, r)
     near = rows[NEAR_LEVER + c]
     far = rows[FAR_LEVER + c]
     return (
-        near * part if near > 0.0 else rows[NEAR + c],
-        far * part if far > 0.0 else rows[FAR + c],
+        near * over if near > 0.0 else rows[NEAR + c],
+        far * over if far > 0.0 else rows[FAR + c],
     )
 
 
@@ -268,6 +268,7 @@ def _begin(shared: Array) -> Array:
     others zeros.
     """
     numbers = np.zeros(_N_ROWS + _LINE)
+    # rows begin at the first address that begins a line of the processor's cache
     rows = numbers[(-numbers.ctypes.data // numbers.itemsize) % _LINE :]
     for row in range(0, N_COLUMNS, CHUNK):
         for c in range(CHUNK):
@@ -546,8 +547,8 @@ def _turn_to_end(rows: Array, place: int, c: int) -> None:
 
 @compiled
 def _turn_held(rows: Array, n: int, rolls: bool) -> None:
-    """Turn the forces against slip, and roll if the contact ``rolls``, from the start of the step
-    to its middle.
+    """Turn the forces against slip, and against roll if ``rolls``, from the start of the step to
+    its middle.
     """
     for c in range(min(n, CHUNK)):
         _turn_to_middle(rows, _HELD + c, c)
@@ -558,8 +559,8 @@ def _turn_held(rows: Array, n: int, rolls: bool) -> None:
 
 @compiled
 def _turn_pull(rows: Array, n: int, rolls: bool) -> None:
-    """Turn the forces against slip, and roll if the contact ``rolls``, from the middle of the step
-    to its end.
+    """Turn the forces against slip, and against roll if ``rolls``, from the middle of the step to
+    its end.
     """
     for c in range(min(n, CHUNK)):
         _turn_to_end(rows, _PULL + c, c)
@@ -570,8 +571,8 @@ def _turn_pull(rows: Array, n: int, rolls: bool) -> None:
 
 @compiled
 def _deform_turning(rows: Array, n: int, is_mean: bool, rolls: bool) -> None:
-    """Find how contacts that turn deform in the step, and turn the forces against slip and roll to
-    its middle.
+    """Find how contacts that turn deform in the step, and turn the forces against slip, and against
+    roll if ``rolls``, to its middle. ``is_mean`` is that of :func:`_find_directions`.
     """
     _find_directions(rows, n, is_mean)
     _slip_turning(rows, n)
@@ -580,7 +581,9 @@ def _deform_turning(rows: Array, n: int, is_mean: bool, rolls: bool) -> None:
 
 @compiled
 def _roll(rows: Array, n: int, turns: bool) -> None:
-    """Find the twists and rolls of the step."""
+    """Find the twists and rolls of the step, about and across n in the middle of the step if
+    contacts turn (``turns``), and otherwise n at rest.
+    """
     for c in range(min(n, CHUNK)):
         normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
         roll = add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
@@ -612,7 +615,8 @@ def _press(rows: Array, n: int) -> None:
 @compiled
 def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
     """Find the forces T against slip at the end of the step, and the work against slip, of which
-    sliding loses a part. Forces before and after the step are both turned to its middle.
+    sliding loses a part. Forces before and after the step are both turned to its middle. ``mu`` and
+    ``is_total`` are those of :class:`Rules`.
 
     The law is that of :mod:`granphon.contacts.motion`: dT = k_t ds while a contact widens, and
     T/k_t is kept while it narrows. T beyond Coulomb's limit is shortened; if ``is_total``, the sum
@@ -625,12 +629,12 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
         least = min(punch, start_punch)
         # the share of a force that the law keeps: all where the contact widens, as much as is left
         # of its stiffness where it narrows, nothing where it was open
-        kept = least / max(start_punch, _LEAST_DIVISOR)
+        kept_share = least / max(start_punch, _LEAST_DIVISOR)
         # the mean stiffness of a step in which the contact widens; that at its end otherwise
         stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
         sides = _get(rows, _SIDES + c)
         held = _get(rows, _HELD + c)
-        pull = add(scale(kept, held), stiffness, sides)
+        pull = add(scale(kept_share, held), stiffness, sides)
         if slides and not is_total:
             limit = mu * max(rows[_CHANGE + c] + rows[FORCE + c], 0.0)
             size = math.sqrt(dot(pull, pull))
@@ -638,10 +642,10 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
         if slides and is_total:
             limit = mu * abs(rows[_CHANGE + c] + rows[FORCE + c] + rows[_DASH + c])
             dash = _get(rows, _DASH + CHUNK + c)
-            whole = add(pull, 1.0, dash)
-            size = math.sqrt(dot(whole, whole))
+            total = add(pull, 1.0, dash)
+            size = math.sqrt(dot(total, total))
             if size > limit and punch > 0.0:
-                pull = add(scale(limit / size, whole), -1.0, dash)
+                pull = add(scale(limit / size, total), -1.0, dash)
         _set(rows, _PULL + c, pull)
         rows[_WORK + c] = 0.5 * dot(add(pull, 1.0, held), sides)
 
@@ -655,14 +659,14 @@ def _resist_roll(rows: Array, n: int) -> None:
         start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
         least = min(punch, start_punch)
-        kept = least / max(start_punch, _LEAST_DIVISOR)
+        kept_share = least / max(start_punch, _LEAST_DIVISOR)
         stiffness = 0.5 * (least + punch)
         twist = rows[_SIDES + _TWIST + c]
         held_twist = rows[_HELD + _TWIST + c]
-        pull_twist = kept * held_twist + stiffness * rows[TWIST_RATIO + c] * twist
+        pull_twist = kept_share * held_twist + stiffness * rows[TWIST_RATIO + c] * twist
         roll = _get(rows, _SIDES + _ROLL + c)
         held = _get(rows, _HELD + _ROLL + c)
-        pull = add(scale(kept, held), stiffness * rows[ROLL_RATIO + c], roll)
+        pull = add(scale(kept_share, held), stiffness * rows[ROLL_RATIO + c], roll)
         rows[_PULL + _TWIST + c] = pull_twist
         _set(rows, _PULL + _ROLL + c, pull)
         work = (pull_twist + held_twist) * twist + dot(add(pull, 1.0, held), roll)
@@ -721,7 +725,9 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
 @compiled
 def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
     """Find the share of its constant viscosities with which the dashpot of each contact acts: one
-    where the contact stays closed, zero where it stays open.
+    where the contact stays closed, zero where it stays open. ``is_mean`` says whether the mean
+    force of the step is asked for, and not that after the step; ``pulls`` is that of
+    :class:`Rules`.
 
     Where the contact opens or closes in the step, the mean force of the step has the share of the
     step in which the contact is closed. The force after the step, which a scheme lets act in the
@@ -732,34 +738,34 @@ def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
     for c in range(min(n, CHUNK)):
         was_closed = rows[_PUNCH_START + c] > 0.0
         is_closed = rows[_PUNCH + c] > 0.0
-        longest = max(rows[END + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
+        closed_travel = max(rows[END + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
         travel = abs(rows[_E + c] - rows[_E_START + c])
-        share = min(longest / max(travel, _LEAST_DIVISOR), 1.0)
+        share = min(closed_travel / max(travel, _LEAST_DIVISOR), 1.0)
         if not is_mean:
             share += 0.5 if is_closed else -0.5
             share = share if is_closed or pulls else 0.0
-        whole = 1.0 if is_closed else 0.0
-        rows[_SHARE + c] = whole if was_closed == is_closed else share
+        steady_share = 1.0 if is_closed else 0.0
+        rows[_SHARE + c] = steady_share if was_closed == is_closed else share
 
 
 @compiled
 def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
-    """Find the forces of dashpots after the step, or those of its mean if ``is_mean``; unless it
-    ``pulls``, the normal dashpot is limited to the force of the law.
+    """Find the forces of dashpots after the step, or those of its mean if ``is_mean``; unless
+    ``pulls``, the pull of the normal dashpot is limited to the force of the law.
     """
     for c in range(min(n, CHUNK)):
         k = 0.5 * (rows[_K_START + c] + rows[_K + c]) if is_mean else rows[_K + c]
         punch = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c]) if is_mean else rows[_PUNCH + c]
         root = rows[ROOT_DASHPOT + c] * math.sqrt(k)
-        constant = root + rows[_SHARE + c] * rows[NORMAL_DASHPOT + c]
-        dash = -(rows[NORMAL_TIME + c] * k + constant) * rows[_RATE + c]
+        normal_constant = root + rows[_SHARE + c] * rows[NORMAL_DASHPOT + c]
+        dash = -(rows[NORMAL_TIME + c] * k + normal_constant) * rows[_RATE + c]
         if not pulls:
             dash = max(dash, -max(rows[_PRESSURE + c] + rows[FORCE + c], 0.0))
         rows[_DASH + c] = dash
         ratio = rows[SLIP_RATIO + c]
-        constant = root + rows[_SHARE + c] * rows[SIDE_DASHPOT + c]
-        constant = constant / ratio if ratio > 0.0 else 0.0
-        rows[_VISCOSITY + c] = rows[SIDE_TIME + c] * punch + constant
+        side_constant = root + rows[_SHARE + c] * rows[SIDE_DASHPOT + c]
+        over_ratio = side_constant / ratio if ratio > 0.0 else 0.0
+        rows[_VISCOSITY + c] = rows[SIDE_TIME + c] * punch + over_ratio
     for row in range(0, _N_SIDES, CHUNK):
         ratio_row = TWIST_RATIO if row == _TWIST else ROLL_RATIO
         ratio_row = SLIP_RATIO if row < _TWIST else ratio_row
@@ -790,7 +796,7 @@ def _damp(rows: Array, n: int, is_mean: bool) -> None:
 @compiled
 def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
     """Find the forces and torques on both balls of each contact, from the normal force and those
-    against slip and, if the contact ``rolls``, against twist and roll. If contacts turn, static
+    against slip and, if ``rolls``, against twist and roll. If contacts turn (``turns``), static
     forces act too, along n.
     """
     for c in range(min(n, CHUNK)):
@@ -831,10 +837,65 @@ def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
 
 @compiled
 def _keep_greatest(rows: Array, n: int, row: int, greatest: Array) -> None:
-    """Set ``greatest`` (CHUNK,) to the numbers of a row that are greater."""
+    """Replace each number of ``greatest`` (CHUNK,) by that of a row where this is greater."""
     line = _find_line(rows, row, n)
     for c in range(n):
         greatest[c] = max(greatest[c], line[c])
+
+
+# -- parts of a step of n contacts, from the first on ----------------------------------------------
+
+
+@compiled
+def _deform(rows: Array, n: int, turns: bool, is_mean: bool, rolls: bool) -> None:
+    """Find elongations, the slips of the step and, if ``rolls``, its twists and rolls; turn the
+    forces before the step to its middle if contacts turn (``turns``). ``is_mean`` is that of
+    :func:`_find_directions`.
+    """
+    if turns:
+        _deform_turning(rows, n, is_mean, rolls)
+    else:
+        _deform_straight(rows, n)
+    if rolls:
+        _roll(rows, n, turns)
+
+
+@compiled
+def _set_dash(
+    rows: Array,
+    ends: tuple[NDArray[np.uint32], NDArray[np.uint32]],
+    turns: bool,
+    pulls: bool,
+    axes: NDArray[np.int64],
+    k: Array,
+    mean: Array,
+    speeds: Array,
+    step: float,
+    dash: Array,
+    first: int,
+    n: int,
+) -> None:
+    """Replace the forces of dashpots before the step in ``dash`` by those after it or, if there are
+    means, of its mean; both stay in the rows too.
+
+    ``k`` (n_c,) are normal stiffnesses before the step, read only if there are means; ``turns`` and
+    ``pulls`` are those of :class:`Rules`, and the other arguments those of :func:`follow`.
+    """
+    is_mean = len(mean) > 0
+    if is_mean:
+        _read(rows, _K_START, k, first, n)
+        _read(rows, _PRESSURE, mean, first, n)
+        _take_mean_rates(rows, n, step)
+    else:
+        _copy(rows, n, _CHANGE, _PRESSURE)
+        _gather_speeds(rows, ends, speeds, axes, first, n)
+        _take_rates(rows, n, turns)
+    for line in range(len(dash)):
+        _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
+    _find_shares(rows, n, is_mean, pulls)
+    _find_dash(rows, n, is_mean, pulls)
+    for line in range(len(dash)):
+        _write(rows, _DASH + line * CHUNK, dash[line], first, n)
 
 
 # -- all contacts ----------------------------------------------------------------------------------
@@ -885,9 +946,11 @@ def follow(
     before, after : moments before and after the step. Both motions are read, and the forces across
         contacts before; those after are set, into the same array if both moments share ``pull``.
         Unless loops know Hertz's law, normal forces and stiffnesses after the step, and stiffnesses
-        of punches before it, are read too; none of them is set.
+        of punches before it, are read too; if there are means and dashpots, so are normal
+        stiffnesses before it. None of them is set.
     mean : (n_c,) means of f - f_0 over the step: forces on balls are then the mean forces of the
-        step, by which it keeps the energy. (0,) if forces on balls are to be those after the step.
+        step, by which it keeps the energy. (0,) if forces on balls are to be those after the step,
+        as they have to be where loops know Hertz's law.
     speeds : (n, m) velocities of balls after the step, for dashpots; not read if there are means.
     step : length of the step, s; read only if there are means.
     dash : (rows, n_c) forces of dashpots before the step, replaced by those after it or, if there
@@ -895,18 +958,21 @@ def follow(
     forces : (n, m) forces and torques on balls, set.
     """
     ends = (contacts.i, contacts.j)
+    # arrays of a tuple are taken out of it before the loop: in the loop this takes time
     separate = contacts.separate
-    columns = contacts.lines
-    motions = before.motions
+    lines = contacts.lines
+    motions_before = before.motions
     motions_after = after.motions
-    pull = before.pull
+    pull_before = before.pull
     pull_after = after.pull
-    k = before.k
+    k_before = before.k
     k_after = after.k
-    punch = before.punch
+    punch_before = before.punch
     punch_after = after.punch
-    n_lines = len(pull) - 1
-    rolls = n_lines > 3
+    turns = rules.turns
+    n_contacts = len(contacts.i)
+    n_sides = len(pull_before) - 1  # rows of forces against slip, twist and roll
+    rolls = n_sides > 3
     is_mean = len(mean) > 0
     is_damped = dash.shape[1] > 0
     rows = _begin(contacts.shared)
@@ -914,51 +980,34 @@ def follow(
     loss = np.zeros(CHUNK)
     stiffest = np.zeros(CHUNK)
     forces[:] = 0.0
-    for first in range(0, len(contacts.i), CHUNK):
-        n = min(CHUNK, len(contacts.i) - first)
-        _read_separate(rows, separate, columns, first, n)
-        _gather(rows, ends, motions, motions_after, axes, first, n)
-        for line in range(n_lines):
-            _read(rows, _HELD + line * CHUNK, pull[1 + line], first, n)
-        if rules.turns:
-            _deform_turning(rows, n, is_mean, rolls)
-        else:
-            _deform_straight(rows, n)
-        if rolls:
-            _roll(rows, n, rules.turns)
+    for first in range(0, n_contacts, CHUNK):
+        n = min(CHUNK, n_contacts - first)
+        _read_separate(rows, separate, lines, first, n)
+        _gather(rows, ends, motions_before, motions_after, axes, first, n)
+        for line in range(n_sides):
+            _read(rows, _HELD + line * CHUNK, pull_before[1 + line], first, n)
+        _deform(rows, n, turns, is_mean, rolls)
         if rules.is_hertz:
             _press(rows, n)
         else:
             _read(rows, _CHANGE, pull_after[0], first, n)
-            _read(rows, _PUNCH_START, punch, first, n)
+            _read(rows, _K, k_after, first, n)
+            _read(rows, _PUNCH_START, punch_before, first, n)
             _read(rows, _PUNCH, punch_after, first, n)
         _keep_greatest(rows, n, _PUNCH, stiffest)
         if is_damped:
-            if is_mean:
-                _read(rows, _K_START, k, first, n)
-                _read(rows, _PRESSURE, mean, first, n)
-                _take_mean_rates(rows, n, step)
-            else:
-                _copy(rows, n, _CHANGE, _PRESSURE)
-                _gather_speeds(rows, ends, speeds, axes, first, n)
-                _take_rates(rows, n, rules.turns)
-            if not rules.is_hertz:
-                _read(rows, _K, k_after, first, n)
-            for line in range(len(dash)):
-                _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
-            _find_shares(rows, n, is_mean, rules.pulls)
-            _find_dash(rows, n, is_mean, rules.pulls)
-            for line in range(len(dash)):
-                _write(rows, _DASH + line * CHUNK, dash[line], first, n)
+            _set_dash(
+                rows, ends, turns, rules.pulls, axes, k_before, mean, speeds, step, dash, first, n
+            )
         _resist(rows, n, rules.mu, rules.is_total)
         if rolls:
             _resist_roll(rows, n)
         _sum(rows, n, _WORK, work)
         if is_mean:
             _average(rows, n)
-        if rules.turns:
+        if turns:
             _turn_pull(rows, n, rolls)
-        for line in range(n_lines):
+        for line in range(n_sides):
             _write(rows, _PULL + line * CHUNK, pull_after[1 + line], first, n)
         if is_mean:
             _read(rows, _CHANGE, mean, first, n)
@@ -966,7 +1015,7 @@ def follow(
         if is_damped:
             _damp(rows, n, is_mean)
             _sum(rows, n, _LOSS, loss)
-        _act(rows, n, rules.turns, rolls)
+        _act(rows, n, turns, rolls)
         _scatter(rows, ends, forces, axes, first, n)
     total_work = 0.0
     total_loss = 0.0

@@ -7,7 +7,9 @@ and the torque arm n x T on both balls by what the law of the contact says, and 
     e = n.v,    dn = (1 - nn) eps v/|w|,    turn = n x dn + spin n
 
 ball j is resisted by k e n + dT - f dn + turn x T, and both balls by the torques -arm (n x dT +
-turn x (n x T)) - (eps/2) e (n x T). This tangent has no potential, and is not symmetric.
+turn x (n x T)) - (eps/2) e (n x T). Here k is the stiffness of the normal force, eps the unit of
+displacements over the diameter, and spin the angle about n by which tangents turn
+(:mod:`granphon.contacts.slips`). This tangent has no potential, and is not symmetric.
 """
 
 from __future__ import annotations
@@ -21,24 +23,73 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
 from granphon.contacts.slips import ROUND
-from granphon.contacts.vectors import cross, dot, get_row, set_row
+from granphon.contacts.vectors import Vector, cross, dot, get_row, set_row
 
-#: contacts whose blocks are found before they are written, each entry of all of them at a time
+#: number of contacts whose blocks are found before they are written, entry by entry
 _CHUNK = 64
 
 
 @compiled
 def _write_rows(rows: Array, blocks: NDArray[Any], start: int, stop: int) -> None:
-    """Set the ``blocks`` (m, m, n_c) of the contacts from ``start`` to ``stop``, at most
+    """Set the ``blocks`` (m, m, n_c) of the contacts from ``start`` to before ``stop``, at most
     :data:`_CHUNK` of them, to ``rows`` (m, m, _CHUNK). For each entry of a block the loop goes
     through memory in order.
     """
     for line in range(len(rows)):
         for motion in range(len(rows)):
             row = rows[line, motion]
-            block = blocks[line, motion, start:stop]
+            entries = blocks[line, motion, start:stop]
             for place in range(stop - start):
-                block[place] = row[place]
+                entries[place] = row[place]
+
+
+@compiled
+def _resist_in_plane(law: tuple[float, ...], v_n: float, v_t: float) -> tuple[float, ...]:
+    """Return what resists the motion of centre j against centre i in a plane, by its components
+    ``v_n`` and ``v_t`` along n and t: the components along n and t of the force on ball j; the
+    change of T, which makes torques by the arms; and the torque on both balls that the force T
+    makes as the contact elongates.
+
+    The ``law`` has k, the stiffness against slip, the coupling of T to the overlap, the stiffness
+    against motions across the normal, T eps/|w|, and T eps/2.
+    """
+    k, spring, coupling, aside, turned, lever = law
+    slipped = -coupling * v_n
+    return k * v_n - turned * v_t, aside * v_t + slipped, spring * v_t + slipped, lever * v_n
+
+
+@compiled
+def _add_press_in_plane(
+    ends: tuple[int, int],
+    arms: tuple[float, float],
+    law: tuple[float, ...],
+    lattice_normal: tuple[float, float],
+    n: Array,
+    t: Array,
+    ahead: Array,
+    back: Array,
+) -> float:
+    """Add to ``ahead`` and ``back`` of :func:`fill_tangent` what a unit of the overlap y does at
+    one contact in a plane; return by how much the unit changes the normal force.
+
+    ``ends`` and ``arms`` are those of the contact, ``law`` is that of :func:`_resist_in_plane`,
+    ``lattice_normal`` are the components along n and t of the direction e on the lattice, and ``n``
+    and ``t`` (2,) those of unit motions in the coordinates of displacements.
+    """
+    i, j = ends
+    e_n, e_t = lattice_normal
+    k = law[0]
+    # a unit of y moves the centres by -e against each other
+    along, across, change, torque = _resist_in_plane(law, e_n, e_t)
+    for motion in range(2):
+        push = n[motion] * along + t[motion] * across
+        ahead[motion, i] += push
+        ahead[motion, j] -= push
+        back[motion, i] += k * n[motion]
+        back[motion, j] -= k * n[motion]
+    ahead[2, i] += arms[0] * change + torque
+    ahead[2, j] += arms[1] * change + torque
+    return k * e_n
 
 
 @compiled
@@ -78,59 +129,48 @@ def _fill_plane(
             over = eps / size
             arm_i = 0.5 * size - contacts.uneven[c]
             arm_j = 0.5 * size + contacts.uneven[c]
-            k = tangent.stiffness[c]
             q = tangent.sliding[0, c]
             spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
-            coupling = tangent.coupling[0, c]
-            held = shears[0, c]
-            # stiffnesses by the formulas at the head of this module: against a motion across the
-            # normal, by T as it turns, and by the torque of T where the contact elongates
-            aside = spring - over * normal_force[c]
-            turned = over * held
-            lever = 0.5 * eps * held
+            law = (
+                tangent.stiffness[c],
+                spring,
+                tangent.coupling[0, c],
+                spring - over * normal_force[c],
+                over * shears[0, c],
+                0.5 * eps * shears[0, c],
+            )
             # components along n and t of a unit motion in each coordinate of displacements
             for motion in range(2):
                 n[motion] = x * axes[0, motion] + y * axes[1, motion]
                 t[motion] = x * axes[1, motion] - y * axes[0, motion]
-            if is_free:  # a unit of the overlap moves the centres against the lattice direction e
+            if is_free:
                 e_n = x * contacts.normal[c, 0] + y * contacts.normal[c, 1]
                 e_t = x * contacts.normal[c, 1] - y * contacts.normal[c, 0]
-                corner += k * e_n
-                along = k * e_n - turned * e_t
-                across = aside * e_t - coupling * e_n
-                change = spring * e_t - coupling * e_n
-                for motion in range(2):
-                    push = n[motion] * along + t[motion] * across
-                    ahead[motion, i] += push
-                    ahead[motion, j] -= push
-                    back[motion, i] += k * n[motion]
-                    back[motion, j] -= k * n[motion]
-                ahead[2, i] += arm_i * change + lever * e_n
-                ahead[2, j] += arm_j * change + lever * e_n
-            # displacements of either ball: forces and torques on both balls; then
-            # forces on both balls against rotations
+                corner += _add_press_in_plane(
+                    (i, j), (arm_i, arm_j), law, (e_n, e_t), n, t, ahead, back
+                )
             for motion in range(2):
-                along = k * n[motion] - turned * t[motion]
-                across = aside * t[motion] - coupling * n[motion]
+                # forces and torques on both balls against a displacement of either
+                along, across, change, torque = _resist_in_plane(law, n[motion], t[motion])
                 for line in range(2):
                     push = n[line] * along + t[line] * across
                     diagonal[line, motion, i] += push
                     diagonal[line, motion, j] += push
                     forward_rows[line, motion, place] = -push
                     backward_rows[motion, line, place] = -push
-                change = spring * t[motion] - coupling * n[motion]
-                on_i = arm_i * change + lever * n[motion]
-                on_j = arm_j * change + lever * n[motion]
+                on_i = arm_i * change + torque
+                on_j = arm_j * change + torque
                 diagonal[2, motion, i] += on_i
                 diagonal[2, motion, j] -= on_j
                 forward_rows[2, motion, place] = -on_i
                 backward_rows[motion, 2, place] = on_j
+                # forces on both balls against rotations
                 slid = spring * t[motion]
                 diagonal[motion, 2, i] += arm_i * slid
                 diagonal[motion, 2, j] -= arm_j * slid
                 forward_rows[motion, 2, place] = arm_j * slid
                 backward_rows[2, motion, place] = -arm_i * slid
-            # rotations
+            # torques against rotations
             diagonal[2, 2, i] += arm_i * arm_i * spring
             diagonal[2, 2, j] += arm_j * arm_j * spring
             forward_rows[2, 2, place] = arm_i * arm_j * spring
@@ -144,11 +184,11 @@ def _fill_plane(
 def _resist(
     law: tuple[float, ...], v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, turn: float
 ) -> tuple[float, ...]:
-    """Return eight components of what resists a small motion of a contact.
+    """Return eight components, along n, t and b = n x t, of what resists a small motion.
 
-    The first three are those of the force on ball j along n, t and b, k e n + dT - f dn + turn x T;
-    the next three those of n x dT + turn x (n x T), the torque over minus the arm; the last two
-    those along t and b of (eps/2) e (n x T), which is subtracted from the torque on both balls.
+    The first three are those of the force k e n + dT - f dn + turn x T on ball j; the next three
+    those of n x dT + turn x (n x T), the torque over minus the arm; the last two those along t and
+    b of (eps/2) e (n x T), which is subtracted from the torque on both balls.
 
     ``v_n``, ``v_t`` and ``v_b`` are components of the motion of centre j against centre i, ``r_t``
     and ``r_b`` those of arm_i phi_i + arm_j phi_j, and ``turn`` is the part of the spin that
@@ -182,7 +222,7 @@ def _collect_law(
     tangent: SlipTangent,
     force: float,
     shears: Array,
-    lattice_normal: tuple[float, float, float],
+    lattice_normal: Vector,
 ) -> tuple[float, ...]:
     """Return what the resistance of contact ``c`` to small motions consists of, for
     :func:`_resist`.
@@ -191,14 +231,14 @@ def _collect_law(
     eps = ``ratio`` and eps f, both over the ``distance`` of the centres, with the normal ``force``
     f; eps/2; the two components of T, of the ``shears`` (2, n_c); and the tangential components of
     the normal e on the lattice over 1 + n.e, by which the contact spins as n turns along b and t.
-    ``lattice_normal`` are the components of e along n, t and b.
+    ``lattice_normal`` are the components of e along n, t and b = n x t.
     """
     shear = tangent.shear[c]
     q_t = tangent.sliding[0, c]
     q_b = tangent.sliding[1, c]
     over = ratio / distance
     e_n, e_t, e_b = lattice_normal
-    below = max(1.0 + e_n, ROUND)
+    denominator = max(1.0 + e_n, ROUND)
     return (
         tangent.stiffness[c],
         tangent.coupling[0, c],
@@ -211,8 +251,8 @@ def _collect_law(
         0.5 * ratio,
         shears[0, c],
         shears[1, c],
-        e_t / below,
-        e_b / below,
+        e_t / denominator,
+        e_b / denominator,
     )
 
 
@@ -243,10 +283,10 @@ def _set_wrench(
 
 
 @compiled
-def _set_axes(along: Array, turning: Array, normal: Any, tangent: Any, axes: Array) -> None:
-    """Set the rows n, t and b of ``turning`` (3, 3) along the axes of space, from the ``normal`` n
-    and the ``tangent`` t, and those of ``along`` (3, 3) in the coordinates of displacements, which
-    the matrix ``axes`` (3, 3) takes to the axes of space.
+def _set_axes(along: Array, turning: Array, normal: Vector, tangent: Vector, axes: Array) -> None:
+    """Set the rows of ``turning`` (3, 3) to n, t and b = n x t along the axes of space, from the
+    ``normal`` n and the ``tangent`` t, and the rows of ``along`` (3, 3) to the same vectors in the
+    coordinates of displacements, which the matrix ``axes`` (3, 3) takes to the axes of space.
     """
     set_row(turning, 0, normal)
     set_row(turning, 1, tangent)
@@ -368,7 +408,8 @@ def fill_tangent(
     back: Array,
 ) -> float:
     """Fill the blocks of the tangent: forces on balls that resist small motions of balls. Return
-    the sum over contacts of the changes of normal forces by a unit of the overlap y.
+    the sum over contacts of the changes of normal forces by a unit of the overlap y; zero if the
+    overlap is held.
 
     Motions and forces are in the coordinates of :func:`~granphon.contacts.slips.list_motions` and
     :func:`~granphon.contacts.slips.collect_forces`.
@@ -377,8 +418,10 @@ def fill_tangent(
     ----------
     contacts, at : the contacts, and where they are.
     tangent : derivatives of the forces by the law of friction.
-    normal_force, shears : (n_c,), (n_s, n_c) forces that act, which turn with their contacts.
-    axes : (p, p) matrix that takes coordinates of displacements to the axes of space.
+    normal_force : (n_c,) normal forces f, which turn with their contacts.
+    shears : (n_s, n_c) components of the tangential forces T, which turn too; n_s is p - 1.
+    axes : (p, p) matrix that takes coordinates of displacements to the axes of space; p is 2 or 3,
+        and the number m of motions of a ball is 3 or 6.
     diagonal : (m, m, n) forces on each ball against its own motions, added to.
     forward, backward : (m, m, n_c) forces on ball i against the motions of ball j, and, for each
         motion of ball i, the forces on ball j; both are set.
