@@ -1,8 +1,10 @@
 """Networks from tables of balls and contacts, read and written, and files that are damaged."""
 
+import json
 import re
 import warnings
 from dataclasses import replace
+from urllib.parse import quote, unquote
 
 import ase
 import ase.io
@@ -226,6 +228,19 @@ def test_changes_of_a_frame_that_contradict_the_rest_are_told(which, pattern, in
             gp.ContactNetwork.from_table(*files, keep_rattlers=True)
     else:
         assert gp.ContactNetwork.from_table(*files, keep_rattlers=True) == network
+
+
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.parametrize("pbc", [[True, True], [[1], [1, 2]], [True] * 4, "x", 5])
+def test_a_pbc_of_another_shape_in_a_frame_is_refused(pbc, tmp_path):
+    files = tmp_path / "balls.extxyz", tmp_path / "contacts.extxyz"
+    network_of("packing").write_tables(*files)
+    text = re.sub(" granphon_sha256.*", "", files[0].read_text())
+    fields = re.search(r"granphon_network=(\S+)", text)[1]
+    changed = json.loads(unquote(fields)) | {"pbc": pbc}
+    files[0].write_text(text.replace(fields, quote(json.dumps(changed), safe="")))
+    with pytest.raises(InputError, match="pbc"):
+        gp.ContactNetwork.from_table(*files, keep_rattlers=True)
 
 
 def test_a_frame_of_another_program_is_refused(tmp_path):
