@@ -25,7 +25,7 @@ from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 from granphon.base.text import counted
-from granphon.base.validation import one_of, whole_number
+from granphon.base.validation import is_one_of, one_of, whole_number
 from granphon.networks.faults import settle
 from granphon.networks.sources import (
     LARGEST,
@@ -277,7 +277,7 @@ class Source:
         """
         springs = self.balls.on_site
         allowed = allowed_motions(dimension)
-        if not springs or motions not in allowed:  # the network refuses other motions
+        if not springs or not is_one_of(motions, allowed):  # the network refuses other motions
             return None
         names = name_springs(allowed[motions])
         unusable = [name for name in springs if name not in names and np.any(springs[name])]

@@ -560,8 +560,14 @@ class ContactNetwork(Result):
 
     def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
-        and the size over the mean force of a contact, zero if all forces are.
+        and the size over the mean force of a contact, zero if all forces are zero.
+
+        Raises :class:`~granphon.base.errors.InputError` for forces of another shape.
         """
+        forces = real_array("forces", forces)
+        if forces.shape != (self.n_balls, 3):
+            fault = f"the forces have the shape {forces.shape}"
+            raise InputError(fault, mend=f"Give one for each ball: ({self.n_balls}, 3)")
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))
         size = float(sizes[ball])
@@ -570,12 +576,16 @@ class ContactNetwork(Result):
         return ball, size, ratio
 
     def name_ball(self, ball: int) -> int:
-        """Return the label of a ball, or its index where balls have no labels."""
-        return ball if self.labels is None else int(self.labels[ball])
+        """Return the label of a ball, given by its index, or the index where balls have no labels;
+        :class:`~granphon.base.errors.InputError` for a ball that is not there.
+        """
+        index = whole_number("ball", ball, 0, self.n_balls - 1)
+        return index if self.labels is None else int(self.labels[index])
 
     def describe_imbalance(self, imbalance: tuple[int, float, float] | None = None) -> str:
-        """Return in words which ball is farthest from balance, and by what force; empty if forces
-        are zero. ``imbalance`` is :attr:`imbalance`, or the same of other forces.
+        """Return in words which ball is farthest from balance, and by what force; empty if all
+        forces are zero. ``imbalance`` is what :meth:`find_farthest` returns of some forces, by
+        default :attr:`imbalance`, that of the static forces.
         """
         ball, force, ratio = self.imbalance if imbalance is None else imbalance
         if not force:

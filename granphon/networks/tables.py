@@ -183,6 +183,8 @@ class _Columns:
     def _require_one_length(self) -> None:
         """Raise InputError, which tells the length of each column, unless all have the same."""
         sizes = {name: len(values) for name, values in self._values.items()}
+        if self.kinds is not None:
+            sizes["kind"] = len(self.kinds)
         if len(set(sizes.values())) > 1:
             listed = ", ".join(f"{size} of {name}" for name, size in sizes.items())
             raise InputError(f"{self.name} has columns of different lengths: {listed}")
@@ -324,14 +326,17 @@ class _Columns:
         )
 
     def _read_kinds(self, heading: str) -> None:
-        """Set ``kinds`` from the array under a ``heading``; InputError for what is no array, and a
-        row without a name.
+        """Set ``kinds`` from the array under a ``heading``; InputError for what is no list of
+        names, and a row without a name.
         """
+        mend = "Give a list of names"
         try:
-            names = np.asarray(self._arrays[heading]).ravel()
-        except ValueError as error:
-            problem = f"kind of {self.name}: {error}"
-            raise InputError(problem, mend="Give a list of names") from None
+            names = np.asarray(self._arrays[heading])
+        except ValueError:  # rows of different lengths
+            problem = f"kind of {self.name} is {brief(self._arrays[heading])}"
+            raise InputError(problem, mend=mend) from None
+        if names.ndim != 1:
+            raise InputError(f"kind of {self.name} has the shape {names.shape}", mend=mend)
         for row, name in enumerate(names.tolist()):
             if name is None or name != name:  # nan, which is no number, as data frames have it
                 raise InputError(f"kind of {self.name} has no name in row {row}", mend="Give one")

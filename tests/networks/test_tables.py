@@ -905,7 +905,13 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
     )
     assert network.kinds == ("7", "3", "7")
     assert network.repeat((2,)).kinds == network.kinds * 2
-    assert network.select([2, 1]).kinds == ("7", "3")
+    part = network.select([2, 1])
+    assert part.kinds == ("7", "3")
+    assert [part.name_ball(ball) for ball in (0, 1)] == [2, 1]
+    with pytest.raises(InputError, match="ball"):
+        part.name_ball(2)
+    with pytest.raises(InputError, match=r"\(2, 3\)"):
+        part.find_farthest(np.zeros((3, 3)))
     assert gp.ContactNetwork.from_dict(network.to_dict()) == network
     assert (
         gp.ContactNetwork.from_table(
@@ -913,6 +919,17 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
         ).kinds
         is None
     )
+    for kinds, told in (
+        (["a", "b"], "different lengths"),
+        ([["a", "b", "c"]], r"\(1, 3\)"),
+        ([["a"], ["b", "c"]], "list of names"),
+    ):
+        with pytest.raises(InputError, match=told):
+            gp.ContactNetwork.from_table(balls | {"kind": kinds}, contacts, cell=[6.0])
+    with pytest.raises(InputError, match="no motions"):  # also of balls on springs
+        gp.ContactNetwork.from_table(
+            balls | {"on_site_x": [1.0] * 3}, contacts, cell=[6.0], friction=False, motions=["all"]
+        )
     for kinds, said in (
         (["7"], "kinds of the ContactNetwork .* shape"),
         (["7", "=1+1", "7"], "the name of a kind"),
