@@ -25,7 +25,7 @@ from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 from granphon.base.text import counted
-from granphon.base.validation import one_of, whole_number
+from granphon.base.validation import is_one_of, one_of, whole_number
 from granphon.networks.faults import settle
 from granphon.networks.sources import (
     LARGEST,
@@ -170,12 +170,9 @@ class Source:
         balls = self.balls
         material = completion.material
         source = replace(self, **completion.of_network)
-        n_axes = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
-        positions[:, :n_axes] = balls.positions
-        dimension = source.dimension
-        if dimension is None:
-            dimension = 2 if n_axes == 3 and self._is_level() else n_axes
+        positions[:, : balls.positions.shape[1]] = balls.positions
+        dimension = self._find_dimension() if source.dimension is None else source.dimension
         dimension = whole_number("dimension", dimension, 1, 3)
         pbc = self.pbc & (np.arange(3) < dimension)
         if material is not None:
@@ -192,7 +189,7 @@ class Source:
         if motions is None:
             motions = default_motions(dimension).name
         levers = source.slip_levers
-        if levers is None:
+        if levers is None:  # those of the law
             law = one_of("tangential_law", source.tangential_law, TANGENTIAL_LAWS)
             levers = TANGENTIAL_LAWS[law].levers
         network_fields = {
@@ -280,7 +277,7 @@ class Source:
         """
         springs = self.balls.on_site
         allowed = allowed_motions(dimension)
-        if not springs or motions not in allowed:  # the network refuses other motions
+        if not springs or not is_one_of(motions, allowed):  # the network refuses other motions
             return None
         names = name_springs(allowed[motions])
         unusable = [name for name in springs if name not in names and np.any(springs[name])]
@@ -342,6 +339,13 @@ class Source:
         joined_lists = [joining.join() for joining in joinings]
         settle([ball_faults, *(joining.faults for joining in joinings)], drops)
         return joined_lists
+
+    def _find_dimension(self) -> int:
+        """Return the number of the coordinates of the balls, or 2 where these are three and all
+        balls and contacts lie in a plane of one z (:meth:`_is_level`).
+        """
+        n_axes = self.balls.positions.shape[1]
+        return 2 if n_axes == 3 and self._is_level() else n_axes
 
     def _is_level(self) -> bool:
         """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
@@ -426,10 +430,10 @@ class _Joining:
         faults = self.faults
         i, j = self._find_ends()
         contacts.note_numbers(faults, adhesive=self.adhesive)
-        # the pairs of the other contacts are found from the places and radii of their balls: a ball
-        # with a fault has none that can be used
+        # shifts and overlaps follow from the places and radii of balls: those of a ball with a
+        # fault cannot be used
         is_bad_ball = self.places.is_bad
-        is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]) if is_bad_ball.size else None)
+        is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]))
         contacts = contacts.select(is_fine)
         pairs = self._find_pairs(contacts, i[is_fine], j[is_fine])
         force, across = self._split_forces(contacts, pairs)
@@ -465,12 +469,10 @@ class _Joining:
         is_missing = np.zeros(len(self.contacts), bool)
         for end_labels in (self.contacts.i, self.contacts.j):
             # the rank at which each label stands among the sorted labels, if it is one of them
-            ranks = np.minimum(np.searchsorted(sorted_labels, end_labels), max(n_balls - 1, 0))
-            is_found = np.zeros(len(end_labels), bool)
-            if n_balls:
-                is_found = sorted_labels[ranks] == end_labels
+            ranks = np.minimum(np.searchsorted(sorted_labels, end_labels), n_balls - 1)
+            is_found = sorted_labels[ranks] == end_labels
             is_missing |= ~is_found
-            ends.append(np.where(is_found, order[ranks] if n_balls else 0, 0))
+            ends.append(np.where(is_found, order[ranks], 0))
         self.faults.note(is_missing, f"a ball that is not among those of {balls.name}", why=why)
         i, j = ends
         if not self.places.axes.size:
@@ -556,17 +558,17 @@ class _Joining:
         """
         if contacts.arm_i is None and contacts.arm_j is None:
             return
-        arms = np.zeros(len(contacts))
+        sums_of_arms = np.zeros(len(contacts))
         for name, default in pairs.arms.items():
             values = getattr(contacts, name)
-            arms += default if values is None else values
+            sums_of_arms += default if values is None else values
         places = self.places
         vector = places.positions[pairs.j] - places.positions[pairs.i] + pairs.shift @ places.cell
         is_still = places.balls.fixed[pairs.i] | places.balls.fixed[pairs.j]
         self.faults.note(
-            ~(span_distance(arms, vector) | is_still),
+            ~(span_distance(sums_of_arms, vector) | is_still),
             "arms whose sum is not the distance of the centres",
-            values=arms,
+            values=sums_of_arms,
             unit="m",
             mend="Compare the units, and shift and cell with the places",
         )
@@ -806,7 +808,7 @@ class _Joined:
             assert material is not None
             coefficient = pairs.find_coefficient(material)
             if force is None:
-                find_force = partial(_force_of_overlap, coefficient, pairs.overlap)
+                find_force = partial(_find_force_of_overlap, coefficient, pairs.overlap)
                 force = find_force()
                 _judge_errors(contacts, balls, pairs, find_force)
             if stiffness is None:
@@ -886,13 +888,15 @@ class _Joined:
         normal = self.pairs.normal
         if contacts.contact_torque is not None:
             return contacts.contact_torque
-        parts = list[Array]()
+        if contacts.rolling_force is None and contacts.twisting_torque is None:
+            return None
+        torque = np.zeros(normal.shape)
         if contacts.rolling_force is not None:
             radii = self.pairs.reduced_radii[:, None]
-            parts.append(-radii * np.cross(normal, contacts.rolling_force))
+            torque -= radii * np.cross(normal, contacts.rolling_force)
         if contacts.twisting_torque is not None:
-            parts.append(contacts.twisting_torque[:, None] * normal)
-        return sum(parts[1:], start=parts[0]) if parts else None
+            torque += contacts.twisting_torque[:, None] * normal
+        return torque
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:
@@ -909,7 +913,7 @@ def _warn_of_missing_forces(contacts: Contacts) -> None:
     warn_caller(message(fault, why, mend), InconsistencyWarning)
 
 
-def _force_of_overlap(coefficient: Array, overlap: Array, error: Array | float = 0.0) -> Array:
+def _find_force_of_overlap(coefficient: Array, overlap: Array, error: Array | float = 0.0) -> Array:
     """Return the forces (n_c,), N, of Hertz's law with this ``coefficient`` (n_c,), N/m^(3/2), at
     the ``overlap`` (n_c,) plus an ``error`` of it, (n_c,) or a number, m.
     """
@@ -989,12 +993,13 @@ def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array)
     if the latter have the ``greatest`` errors (n_c,), m, and that are not small beside others.
     """
     assert contacts.overlap is not None
-    own = np.maximum(contacts.overlap, 0.0)
+    overlap = np.maximum(contacts.overlap, 0.0)
+    # the overlaps of places and radii, with the greatest errors
     lowest = np.maximum(pairs.overlap - greatest, 0.0)
     highest = np.maximum(pairs.overlap + greatest, 0.0)
-    is_far = (own > _FAR * highest) | (lowest > _FAR * own)
-    least_told = _LEAST_TOLD * float(np.sum(own)) / max(len(own), 1)
-    is_large = np.maximum(own, lowest) > least_told
+    is_far = (overlap > _FAR * highest) | (lowest > _FAR * overlap)
+    least_told = _LEAST_TOLD * float(np.sum(overlap)) / max(len(overlap), 1)
+    is_large = np.maximum(overlap, lowest) > least_told
     odd = np.flatnonzero(pairs.has_overlap & is_far & is_large)
     if not odd.size:
         return
@@ -1018,7 +1023,7 @@ def _warn_of_open(
     at the least overlap that rounding allows.
     """
     greatest, _standard = _find_errors(contacts, balls, pairs)
-    force_of_law = _force_of_overlap(coefficient, pairs.overlap, -greatest)
+    force_of_law = _find_force_of_overlap(coefficient, pairs.overlap, -greatest)
     least_told = _LEAST_TOLD * float(np.sum(np.abs(force))) / max(len(force), 1)
     odd = np.flatnonzero(pairs.has_overlap & (force == 0.0) & (force_of_law > least_told))
     if not odd.size:
@@ -1035,18 +1040,17 @@ def _warn_of_open(
     warn_caller(message(fault, why, "Compare the column of forces"), InconsistencyWarning)
 
 
-def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
-    """Return the ``fields`` of contacts, by name, without the contacts that ``is_open`` (n_c,)
-    marks.
+def _leave_out(fields_of_contacts: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
+    """Return the fields of contacts, by name, without the contacts that ``is_open`` (n_c,) marks;
+    ``fields_of_contacts`` are those of all.
     """
-    return {name: values[~is_open] for name, values in fields.items()}
+    return {name: values[~is_open] for name, values in fields_of_contacts.items()}
 
 
-def _concatenate(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the fields of the contacts of several lists, by name, joined in the order of the
+def _concatenate(lists: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the fields of the contacts of several ``lists``, by name, joined in the order of the
     lists; a field that one of the lists lacks is left out.
     """
-    if len(parts) == 1:
-        return dict(parts[0])
-    names = [name for name in parts[0] if all(name in fields for fields in parts)]
-    return {name: np.concatenate([fields[name] for fields in parts]) for name in names}
+    shared_names = set.intersection(*(set(contacts) for contacts in lists))
+    names = [name for name in lists[0] if name in shared_names]
+    return {name: np.concatenate([contacts[name] for contacts in lists]) for name in names}

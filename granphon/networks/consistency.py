@@ -38,11 +38,13 @@ MOVING = 5e-3
 _ALIKE = 0.049
 #: greatest error of forces by the rounding of places: frequencies have a sixth of it, 0.1 %
 _ROUNDED = 6e-3
-#: scatter of the forces of a source about those of its overlaps below which they follow from them
+#: scatter of the forces of a source about those of the law at its overlaps, below which the forces
+#: were computed from the overlaps
 _FOLLOWS = 1e-9
 #: greatest factor between the force of a contact and that of the law at its overlap
 _MOST_FACTOR = 10.0
-#: least force, over the mean, that is compared so: weaker contacts may not have come to rest
+#: least force, over the mean, of a contact that is compared by itself with this factor: weaker
+#: contacts may not have come to rest
 _LEAST_COMPARED = 1e-3
 #: least overlap of places over the distance: places with less have none, as those of a lattice
 _LEAST_OVERLAP = 1e-10
@@ -326,7 +328,7 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
     if not power:
         return
     is_linear = power < 0.5 * (1.0 + EXPONENT)
-    is_told = np.zeros(overlaps.contacts.size, bool)
+    is_told = np.zeros(overlaps.contacts.size, bool)  # by the comparison of single stiffnesses
     all_ratios = _find_stiffness_ratios(network, overlaps.contacts)
     stiffness_ratios = all_ratios[overlaps.strong & np.isfinite(all_ratios)]
     if stiffness_ratios.size:
@@ -344,8 +346,9 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
             )
             relative = all_ratios / stiffness_ratio
             is_told = _find_odd_stiffnesses(network, overlaps, relative)
-            told = np.flatnonzero(is_told)
-            worst_first = told[np.argsort(-np.abs(np.log(relative[told])), kind="stable")]
+            odd_contacts = np.flatnonzero(is_told)
+            distances = np.abs(np.log(relative[odd_contacts]))
+            worst_first = odd_contacts[np.argsort(-distances, kind="stable")]
             yield _compare_single_stiffnesses(
                 network, overlaps.contacts[worst_first], all_ratios[worst_first]
             )
@@ -354,8 +357,8 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
 
 
 def _is_far(ratios: Array) -> Flags:
-    """Whether each of the ``ratios`` is above the greatest factor or below its inverse; nan is
-    not.
+    """Return whether each of the ``ratios`` (m,) is above ``_MOST_FACTOR`` or below the inverse of
+    this factor; false for nan.
     """
     return np.asarray((ratios > _MOST_FACTOR) | (ratios < 1.0 / _MOST_FACTOR))
 
@@ -367,18 +370,19 @@ def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative: Array) ->
 
     ``relative`` (m,) are the stiffnesses over those of the law, over the median of this ratio.
     """
-    # with the stiffness of the law under the force in place of that of the contact
-    of_forces = overlaps.find_ratios(EXPONENT) / relative**EXPONENT
-    of_forces /= np.nanmedian(of_forces[overlaps.strong])
+    # forces of the law at the overlaps over those of the contacts, with the stiffness of the law
+    # under the force in place of that of the contact
+    force_ratios = overlaps.find_ratios(EXPONENT) / relative**EXPONENT
+    force_ratios /= np.nanmedian(force_ratios[overlaps.strong])
     force = network.normal_force[overlaps.contacts]
-    is_odd = _is_far(relative) & ~_is_far(of_forces)
+    is_odd = _is_far(relative) & ~_is_far(force_ratios)
     return np.asarray(is_odd & (force > _LEAST_COMPARED * np.mean(force)))
 
 
 def _compare_single_stiffnesses(network: Any, outliers: Index, ratios: Array) -> Comparison:
     """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
     stiffness is far from that of the law, the worst first; ``ratios`` (m,) are their stiffnesses
-    over that.
+    over those of the law.
     """
     stiffnesses = network.normal_stiffness[outliers]
     return _compare_outliers(
@@ -407,15 +411,16 @@ def _compare_outliers(
     """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts with
     a number that is far from that of the law, the worst first.
 
-    ``numbers`` are those of the contacts and those of the law, each (m,); ``words`` are what they
-    are, their unit, and what makes that of the law. The other arguments are fields of the
-    comparison.
+    ``numbers`` are those of the contacts and those of the law, each (m,). ``words`` are the
+    quantity that the numbers measure, its unit, and the quantity from which the law finds it. The
+    other arguments are fields of the comparison.
     """
     quantity, unit, cause = words
     pairs = _name_pairs(network, outliers)
+    # pairs are those of the worst contacts alone
     shown = [
-        f"balls {i} and {j}, with {own:.3g} {unit} where the {cause} makes {of_law:.3g} {unit}"
-        for (i, j), own, of_law in zip(pairs, *numbers, strict=False)
+        f"balls {i} and {j}, with {number:.3g} {unit} where the {cause} makes {of_law:.3g} {unit}"
+        for (i, j), number, of_law in zip(pairs, *numbers, strict=False)
     ]
     return Comparison(
         name=name,
@@ -436,7 +441,8 @@ def _compare_forces_of_overlaps(
     which forces go as the ``power`` of overlaps: of the median ratio, of the scatter about the
     median, of the number of contacts far from it, and of the error that rounding leaves in forces.
 
-    ``is_told`` (m,) marks contacts of wrong stiffnesses, which are not counted again.
+    ``is_told`` (m,) marks contacts of wrong stiffnesses, which are not counted again among those
+    far from the median.
     """
     strong = overlaps.strong
     ratios = overlaps.find_ratios(power)  # of the law over those of the contacts
@@ -487,7 +493,8 @@ def _compare_forces_of_overlaps(
 
 def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comparison:
     """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
-    force is far from that of the law; ``ratios`` (m,) are the forces of the law over theirs.
+    force is far from that of the law; ``ratios`` (m,) are the forces of the law over the forces of
+    these contacts.
     """
     forces = network.normal_force[outliers]
     # the contacts with the largest force, of the file or by the law, come first
@@ -512,8 +519,10 @@ def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
     return tuple((network.name_ball(i), network.name_ball(j)) for i, j in pairs)
 
 
-def _find_of_materials(network: Any, find: Callable[[Material], float]) -> Array:
-    """Return ``find(material)`` (n,) of the material of each ball; nan where it is not known."""
+def _evaluate_materials(network: Any, find: Callable[[Material], float]) -> Array:
+    """Return ``find(material)`` (n,) of the material of each ball; nan where the material is not
+    known.
+    """
     model = network.contact_model
     if model is None:
         return np.full(network.n_balls, np.nan)
@@ -530,7 +539,7 @@ def _find_stiffness_ratios(network: Any, contacts: Index) -> Array:
     ``contacts``, indices; nan where materials are not known.
     """
     ratios = np.full(contacts.size, np.nan)
-    moduli = _find_of_materials(network, lambda material: material.contact_modulus)
+    moduli = _evaluate_materials(network, lambda material: material.contact_modulus)
     is_known = np.isfinite(moduli[network.i[contacts]] + moduli[network.j[contacts]])
     known = contacts[is_known]
     i = network.i[known]
@@ -572,7 +581,7 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
     balls = np.flatnonzero(network.moving & np.isfinite(network.radii))
     if not balls.size:
         return
-    densities = _find_of_materials(network, lambda material: material.density)[balls]
+    densities = _evaluate_materials(network, lambda material: material.density)[balls]
     if np.all(np.isfinite(densities)):
         yield from _compare_masses(network, balls, densities)
     if network.ball_motions.rotate:
@@ -624,7 +633,7 @@ def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
         "median of the moment of inertia over that of a solid sphere of the mass, less one",
         median_ratio,
         "The moments of inertia are {ratio} times those of solid spheres",
-        "They count: if balls are solid, frequencies of rotations are off by {effect}",
+        "The moments count: if balls are solid, frequencies of rotations are off by {effect}",
         effect=median_ratio**-0.5,
     )
     # a moment far from the others, or one above that of a hollow sphere

@@ -134,7 +134,7 @@ def _hold_faces(
             balls["masses"][face] = np.inf
             clamped_faces.append(face)
         elif (wall := find_wall(edge)) is not None:
-            floor = stack.find_floor(side, face, wall, may_carry_none=bool(spread))
+            floor = stack.find_floor(side, face, wall, allows_unpressed=bool(spread))
             floor.add_to(balls, contacts, axis)
             walls.append(wall)
     return walls, clamped_faces
@@ -172,8 +172,9 @@ def _require_joined_cut(
 def _find_spread(network: Any) -> float:
     """Return the greatest difference between the radii of two balls of one kind, m.
 
-    Balls of one kind that differ by so much are off their sites, and still of one face. Zero where
-    balls name no kinds and differ so much that they must be of several kinds.
+    Balls of one kind that differ by so much are off their sites, and still of one face. Zero if
+    balls name no kinds and differ by a quarter of the mean radius or more: such balls are taken to
+    be of several kinds, each of which has its sites.
     """
     kinds = np.array(network.kinds or [""] * network.n_balls)
     is_ball = np.isfinite(network.radii)  # a flat wall has an infinite radius
@@ -211,9 +212,9 @@ def _press_on_floor(
             " or clamp the face"
         )
         raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
-    in_layer = balls % network.n_balls  # the index in the network of which the ball is a copy
-    names = name_kinds(network, in_layer, model, face)
-    radii = network.radii[in_layer]
+    originals = balls % network.n_balls  # indices of the balls of the network that are copied
+    names = name_kinds(network, originals, model, face)
+    radii = network.radii[originals]
     try:
         contacts = model.press_on_wall(names, radii, force, wall)
     except InputError as error:
@@ -362,15 +363,15 @@ class _LayerStack:
             "shift": np.pad(self.shift[is_kept], padding),
         }
 
-    def find_floor(self, side: float, face: Index, wall: Body, may_carry_none: bool) -> _Floor:
+    def find_floor(self, side: float, face: Index, wall: Body, allows_unpressed: bool) -> _Floor:
         """Return the floor, a ``wall``, on which the balls of a ``face``, (m,) indices, stand: the
         lower face (``side`` -1) or the upper one (+1).
 
         Each ball presses on the floor with the force of the contacts that the ball has lost there;
         along the floor only if the network has tangential forces.
-        A ball of the face that has lost no contact stands on no floor if ``may_carry_none``, as in
-        faces of balls of different sizes; otherwise, and if no ball of the face has lost a contact,
-        InputError is raised.
+        With ``allows_unpressed``, as in faces of balls of different sizes, a ball of the face that
+        has lost no contact stands on no floor; otherwise, and if no ball of the face has lost a
+        contact, InputError is raised.
         """
         p = self.shift.shape[1]  # the axis across the layers
         leads_beyond = np.minimum(self.i, self.j) < 0
@@ -382,7 +383,7 @@ class _LayerStack:
         balls = ball_inside[cut_contacts]
         pressed_balls = np.intersect1d(face, balls)
         unpressed_balls = np.setdiff1d(face, balls)
-        if unpressed_balls.size and (not may_carry_none or not pressed_balls.size):
+        if unpressed_balls.size and (not allows_unpressed or not pressed_balls.size):
             raise InputError(
                 f"ball {unpressed_balls[0]} of the {_name_face(side)} has lost no contact there",
                 "Nothing says with which force it stands on a floor",
@@ -390,8 +391,8 @@ class _LayerStack:
             )
         # forces of balls i on balls j along the axes of the cut
         forces = _find_forces(self.network, self.row[cut_contacts]) @ self.turn.T
-        # a floor takes the part of the lost ball: where ball i is left, it presses on the floor as
-        # it did on ball j; where ball j is left, it presses with the opposite force
+        # the floor takes the place of the lost ball: where ball i is left, ball i presses on the
+        # floor as on the lost ball j; where ball j is left, ball j presses with the opposite force
         signs = np.where(self.has_i, 1.0, -1.0)[cut_contacts]
         on_floor = np.zeros((len(pressed_balls), 3))  # sums over the contacts of each ball
         np.add.at(on_floor, np.searchsorted(pressed_balls, balls), signs[:, None] * forces)
@@ -460,18 +461,19 @@ def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, 
 
 
 def _require_motion(
-    contacts: Mapping[str, Any], is_still: Flags, clamped: Sequence[Index], count: int
+    contacts: Mapping[str, Any], is_still: Flags, clamped_faces: Sequence[Index], count: int
 ) -> None:
     """Raise InputError if no ball of ``count`` layers moves, or if the balls of a clamped face
     touch none that moves.
 
     ``contacts`` are fields by name, without contacts of two balls that do not move, ``is_still``
-    (n,) marks these balls, and ``clamped`` has the indices of the balls of each clamped face.
+    (n,) marks balls that do not move, and ``clamped_faces`` has the indices of the balls of each
+    clamped face.
     """
     if np.all(is_still):
         fault = f"no ball moves in {counted(count, 'layer')} with these edges"
         raise InputError(fault, mend="Give more layers")
-    for face in clamped:
+    for face in clamped_faces:
         is_at_face = np.isin(contacts["i"], face) | np.isin(contacts["j"], face)
         if not np.any(is_at_face):
             fault = "the clamped balls of an edge touch none that moves"

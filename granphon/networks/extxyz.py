@@ -57,8 +57,11 @@ def find_box(network: Any) -> tuple[Array, Array]:
     is_open = ~np.asarray(network.pbc)
     is_ball = np.isfinite(network.radii)
     radii = network.radii[is_ball, None]
-    # unit vectors across all periods, whose largest components are positive
-    across = np.linalg.svd(vectors[~is_open])[2][np.count_nonzero(~is_open) :]
+    # unit vectors across all periods, whose largest components are positive: of the singular
+    # directions in space the first ones span the periods
+    periods = vectors[~is_open]
+    _left, _sizes, directions = np.linalg.svd(periods)
+    across = directions[len(periods) :]
     largest = np.argmax(np.abs(across), axis=1)[:, None]
     across *= np.sign(np.take_along_axis(across, largest, axis=1))
     heights = network.positions[is_ball] @ across.T
@@ -73,25 +76,25 @@ def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, 
     name, in SI units, one or more, and in its head the box of the ``network`` and ``remark``, which
     is plain data. Columns of the components of a vector become one column.
     """
-    grouped: dict[str, Array] = {}
+    columns_of_frame: dict[str, Array] = {}
     vector_of_component = {
         component: vector for vector, names in _VECTORS.items() for component in names
     }
     for name, values in columns.items():
         vector = vector_of_component.get(name)
         if vector is None:
-            grouped[name] = values
-        elif vector not in grouped:
+            columns_of_frame[name] = values
+        elif vector not in columns_of_frame:
             components = [columns[component] for component in _VECTORS[vector]]
-            grouped[vector] = np.stack(components, axis=1)
-    n_rows = len(next(iter(grouped.values())))
+            columns_of_frame[vector] = np.stack(components, axis=1)
+    n_rows = len(next(iter(columns_of_frame.values())))
     properties = ["species:S:1"]  # each row, a ball or a contact, is an X, which is no element
     cells: list[Sequence[str]] = [["X"] * n_rows]
-    for name, values in grouped.items():
-        flat = values if values.ndim == 2 else values[:, None]
-        properties.append(f"{name}:{_TYPES[values.dtype.kind]}:{flat.shape[1]}")
+    for name, values in columns_of_frame.items():
+        table = values if values.ndim == 2 else values[:, None]  # (rows, m)
+        properties.append(f"{name}:{_TYPES[values.dtype.kind]}:{table.shape[1]}")
         encode = quote if values.dtype.kind == "U" else repr
-        cells += [list(map(encode, column.tolist())) for column in flat.T]
+        cells += [list(map(encode, column.tolist())) for column in table.T]
     vectors, corner = find_box(network)
     keys = [
         f'Lattice="{join_numbers(vectors.ravel().tolist())}"',
@@ -155,9 +158,10 @@ def _require_box(name: str, head: str, remark: Mapping[str, Any]) -> None:
         return
     lattice = re.search('Lattice="([^"]*)"', head)
     repeats = re.search('pbc="([^"]*)"', head)
-    pbc = np.array(remark["pbc"], bool)
     is_same = True
-    with suppress(ValueError, TypeError):  # a remark of other kinds of values is refused later
+    # a remark of other kinds of values is refused later
+    with suppress(IndexError, TypeError, ValueError):
+        pbc = np.array(remark["pbc"], bool)
         cell = np.array(remark["cell"], float)
         if repeats:
             is_same &= repeats[1].split() == ["T" if along else "F" for along in pbc.tolist()]
@@ -173,8 +177,11 @@ def _require_box(name: str, head: str, remark: Mapping[str, Any]) -> None:
 
 
 def _list_columns(name: str, properties: str) -> list[str]:
-    """Return the names of the columns of the frame in the file ``name``, those of tables where it
-    has these; InputError for ``properties`` that are none.
+    """Return the names of the single columns of the frame in the file ``name``, from the value of
+    its key Properties, as "pos:R:3:mass:R:1"; InputError for another ``properties``.
+
+    The components of a vector that tables have go by the names of their columns, as x, y and z;
+    other ones are numbered, as force.0, force.1 and force.2.
     """
     parts = properties.split(":")
     is_whole = len(parts) % 3 == 0 and all(re.fullmatch("[1-9]", part) for part in parts[2::3])
@@ -183,9 +190,9 @@ def _list_columns(name: str, properties: str) -> list[str]:
         raise InputError(fault, mend="Write it again")
     names = list[str]()
     for column, width in zip(parts[::3], map(int, parts[2::3]), strict=True):
-        alone = [column] if width == 1 else [f"{column}.{place}" for place in range(width)]
-        vector = () if column in _SHOWN else _VECTORS.get(column, ())
-        names += vector if len(vector) == width else alone
+        numbered = [column] if width == 1 else [f"{column}.{place}" for place in range(width)]
+        components = () if column in _SHOWN else _VECTORS.get(column, ())
+        names += components if len(components) == width else numbered
     return names
 
 
@@ -197,13 +204,17 @@ def _read_rows(
     most_rows: int,
 ) -> Iterator[Table]:
     """Yield the ``rows`` of the file ``name``, the first of which is line 3, as tables of
-    ``most_rows`` rows with those of the columns ``names`` whose ``quantities`` are known.
+    ``most_rows`` rows with those of the columns ``names`` whose ``quantities`` are known; one table
+    without rows if there is no row.
+
+    InputError, with the line, for a row that has not as many cells as there are ``names``, and for
+    a place or a shown vector that is not finite.
     """
     units = {key: "" if kind is None else kind.unit for key, kind in quantities.items()}
     places = [place for place, column in enumerate(names) if column in units]
     headings = tuple(Heading(names[place], units[names[place]]) for place in places)
     vectors = (*_VECTORS["pos"], *(f"{vector}.{place}" for vector in _SHOWN for place in range(3)))
-    shown = [place for place, column in enumerate(names) if column in vectors]
+    must_be_finite = [place for place, column in enumerate(names) if column in vectors]
     for first in range(0, max(len(rows), 1), most_rows):
         columns: list[list[str]] = [[] for _ in places]
         piece = rows[first : first + most_rows]
@@ -212,7 +223,7 @@ def _read_rows(
             if len(cells) != len(names):
                 fault = f"{name}:{line}: found {len(cells)} cells, and there are {len(names)}"
                 raise InputError(f"{fault} columns", mend="Write it again")
-            for place in shown:  # also where nothing but a viewer reads them
+            for place in must_be_finite:  # also where nothing but a viewer reads the numbers
                 if cells[place].lower().lstrip("+-") in _NO_NUMBERS:
                     fault = f"{name}:{line}: {names[place]} is {brief(cells[place])}"
                     raise InputError(fault, "It must be finite")

@@ -91,8 +91,8 @@ class Faults:
         why: str = "",
         mend: str = "",
     ) -> None:
-        """Note a fault of those of the present rows that ``has_fault`` (m,) marks; a row that has a
-        fault already is not noted again.
+        """Note a fault of the present rows that ``has_fault`` (m,) marks; a row that already has a
+        fault is not noted again.
 
         ``words`` say what these rows have, ``why`` and ``mend`` are those of the message. The
         message shows the ``values`` (m,) or (m, d), in the ``unit``, of the worst rows, three at

@@ -52,6 +52,9 @@ OF_PAIRS = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangenti
             *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
 #: columns of atoms that are read, or that a network has no use for
 _OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
+#: ends of the names of columns of places: "s" of fractions of the box, "u" of places that are not
+#: wrapped back into the box
+_PLACE_SUFFIXES = ("", "u", "s", "su")
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
 _NAME_PAIRS = (
     "Name them in LAMMPS, dump_modify 2 colname 1 i colname 2 j, or here: columns=['i', 'j',"
@@ -177,7 +180,7 @@ def read_dumps(
     """
     atoms, touching = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, touching])
-    if springs.rolling is not None:  # it has no law of that word
+    if springs.rolling is not None:  # "epsd2" is a law of LIGGGHTS alone
         not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
         touching.names = read_names(columns, touching)
@@ -241,7 +244,8 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
 def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     """Return the contacts of a dump of pairs, in SI units; InputError without ids.
 
-    Static torques are read of laws alone that the ``springs`` have (:func:`list_lawless`).
+    Static torques of rolling and twist are read only where the ``springs`` have a law of these
+    (:func:`list_lawless`).
     """
     require_columns(pairs, ("i", "j"), _NAME_PAIRS)
     lawless = list_lawless(pairs, springs)
@@ -347,9 +351,7 @@ def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -
 
 def _name_places(atoms: Frame) -> tuple[str, ...]:
     """Return the names of the three columns of places; InputError without such columns."""
-    # LAMMPS names columns of fractions of the box with "s", and columns of places that are not
-    # wrapped back into the box with "u"
-    for suffix in ("", "u", "s", "su"):
+    for suffix in _PLACE_SUFFIXES:
         names = tuple(f"{axis}{suffix}" for axis in "xyz")
         if set(names) <= set(atoms.names):
             return names
@@ -409,8 +411,8 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
 
 
 def _read_walls(walls: Any) -> tuple[str, ...]:
-    """Return the names of walls, one or a list; InputError for what is none, and for a name that is
-    given twice.
+    """Return the names of walls, from one name or a list of names; InputError for anything else,
+    and for a name that is given twice.
     """
     names = texts("walls", walls)
     for place, name in enumerate(names):
@@ -429,9 +431,9 @@ def _read_wall(
 ) -> Contacts:
     """Return the contacts of ``balls`` with a wall, in SI units; the wall has the ``label``.
 
-    They are in the columns of the ``fix wall/gran`` with the name ``wall`` and the keyword
-    contacts, InputError without these: column 1 is not zero for balls that touch, and then come the
-    force on the ball and the place of the contact on the wall.
+    The contacts are in the columns of the ``fix wall/gran`` with the name ``wall`` and the keyword
+    contacts: column 1 is not zero for balls that touch, columns 2 to 4 are the force on the ball,
+    and columns 5 to 7 the place of the contact on the wall. InputError without these columns.
     """
     touching_name = f"f_{wall}[1]"
     force_names = [f"f_{wall}[{number}]" for number in _WALL_FORCE]
@@ -547,7 +549,7 @@ def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] |
     of another fix that seem to be contacts with a wall have a note of their own, which says how to
     read them.
     """
-    places = [f"{axis}{suffix}" for axis in "xyz" for suffix in ("", "u", "s", "su")]
+    places = [f"{axis}{suffix}" for axis in "xyz" for suffix in _PLACE_SUFFIXES]
     read = {*_OF_ATOMS, *places, *(frozen or ())}
     notes = []
     fixes: dict[str, set[int]] = {}  # the numbers of the columns of each fix
@@ -571,46 +573,64 @@ def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] |
 
 
 def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.PathLike[str]) -> None:
-    """Write a network as a dump of atoms and one of pairs; see
+    """Write a network as a dump of atoms and one of pairs, and warn of what these leave out; see
     :meth:`~granphon.networks.network.ContactNetwork.write_dumps`.
     """
     for path in (atoms, pairs):
         require_path(path)
     box = _write_box(network)
-    is_ball = np.isfinite(network.radii)  # flat walls are no atoms
     ids = np.arange(1, network.n_balls + 1) if network.labels is None else network.labels
+    walls = _find_walls(network)
+    options = {name: str(getattr(network, name)) for name in (*_OF_NETWORK, _PRESTRESS)}
+    if walls:
+        options[_WALLS] = ",".join(walls)
+        at_radius = network.arm_i == network.radii[network.i]
+        if not np.all(at_radius[np.isinf(network.radii[network.j])]):
+            options[_WALL_ARMS] = _AMID_OVERLAP
+    columns_of_atoms = _list_columns_of_atoms(network, ids, walls)
+    columns_of_pairs = _list_columns_of_pairs(network, ids)
+    text_of_atoms = _frame_text("ATOMS", box, columns_of_atoms, options)
+    text_of_pairs = _frame_text("ENTRIES", box, columns_of_pairs, options)
+    write_texts([(atoms, text_of_atoms), (pairs, text_of_pairs)])
+    _warn_of_lost(network)
+
+
+def _list_columns_of_atoms(
+    network: Any, ids: Index, walls: Mapping[str, Index]
+) -> dict[str, Array]:
+    """Return the columns (atoms,) of the dump of atoms by name, SI; flat walls are no atoms.
+
+    ``ids`` (n,) are those of all bodies, and ``walls`` the contacts of each fix
+    (:func:`_find_walls`).
+    """
     kinds = network.kinds or [""] * network.n_balls
     _names, types = np.unique(kinds, return_inverse=True)
-    force = np.zeros(network.n_balls)
-    # the column is the sum of the sizes of the normal forces on a ball
+    force = np.zeros(network.n_balls)  # sums of the normal forces on each ball
     for end in (network.i, network.j):
         np.add.at(force, end, network.normal_force)
     columns: dict[str, Any] = {"id": ids, "type": types + 1}
     columns |= zip("xyz", network.positions.T, strict=True)
     columns |= {"radius": network.radii, "mass": network.masses, "force": force}
-    walls = _find_walls(network)
     for name, contacts in walls.items():
         columns |= _write_wall(network, name, contacts)
-    columns = {name: values[is_ball] for name, values in columns.items()}
-    options = {name: str(getattr(network, name)) for name in (*_OF_NETWORK, _PRESTRESS)}
-    if walls:
-        options[_WALLS] = ",".join(walls)
-        at_radius = network.arm_i == network.radii[network.i]
-        if not np.all(at_radius[~is_ball[network.j]]):
-            options[_WALL_ARMS] = _AMID_OVERLAP
-    text_of_atoms = _frame_text("ATOMS", box, columns, options)
-    joins_balls = is_ball[network.j]  # a flat wall is always ball j
+    is_ball = np.isfinite(network.radii)
+    return {name: values[is_ball] for name, values in columns.items()}
+
+
+def _list_columns_of_pairs(network: Any, ids: Index) -> dict[str, Array]:
+    """Return the columns (pairs,) of the dump of pairs by name, SI, without contacts with flat
+    walls; ``ids`` (n,) are those of all bodies.
+    """
     normal_force, across = network.static_forces
-    columns = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
-    columns |= zip(("dx", "dy", "dz"), -network.vector.T, strict=True)
+    columns: dict[str, Any] = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
+    # a dump has the vector from j to i, and the force on i
+    columns |= zip(_VECTORS["vector"], -network.vector.T, strict=True)
     if network.tangential_force is not None:
-        columns |= zip(("tx", "ty", "tz"), -across.T, strict=True)
+        columns |= zip(_VECTORS["tangential_force"], -across.T, strict=True)
     if network.contact_torque is not None:
         columns |= _write_torques(network)
-    columns = {name: values[joins_balls] for name, values in columns.items()}
-    text_of_pairs = _frame_text("ENTRIES", box, columns, options)
-    write_texts([(atoms, text_of_atoms), (pairs, text_of_pairs)])
-    _warn_of_lost(network)
+    joins_balls = np.isfinite(network.radii[network.j])  # a flat wall is always ball j
+    return {name: values[joins_balls] for name, values in columns.items()}
 
 
 def _find_walls(network: Any) -> dict[str, Index]:
@@ -624,9 +644,10 @@ def _find_walls(network: Any) -> dict[str, Index]:
     walls = network.j[contacts]
     contacts = contacts[np.lexsort((balls, walls))]
     ends = np.stack([network.j[contacts], network.i[contacts]], axis=1)
+    # contacts of one wall with one ball follow each other: which of these each contact is, from 0
     _ends, first, inverse = np.unique(ends, axis=0, return_index=True, return_inverse=True)
     repeats = np.arange(len(contacts)) - first[inverse.ravel()]
-    keys = np.stack([ends[:, 0], repeats], axis=1)
+    keys = np.stack([ends[:, 0], repeats], axis=1)  # a fix has the contacts of one wall and repeat
     fixes = np.unique(keys, axis=0)
     return {
         f"wall{number}": contacts[np.all(keys == fix, axis=1)]
@@ -659,7 +680,9 @@ def _write_wall(network: Any, name: str, contacts: Index) -> dict[str, Array]:
 
 
 def _warn_of_lost(network: Any) -> None:
-    """Warn, once, of what a network has and dumps have no place for, besides stiffnesses."""
+    """Warn, once, of what a network has and dumps leave out, with the scatter of stiffnesses that
+    are not of one material; those of one material follow from it.
+    """
     at_wall = np.isinf(network.radii[network.j])
     lost = list[str]()
     if network.contact_torque is not None and np.any(network.contact_torque[at_wall]):
@@ -686,28 +709,32 @@ def _warn_of_lost(network: Any) -> None:
 
 
 def _find_scatter(network: Any) -> float:
-    """Return by how much stiffnesses of contacts differ, over the least, from those that one
-    material gives all contacts, or from one number for all, whichever differs less; and if it is
-    more, by how much the ratios of shear and normal stiffnesses differ.
+    """Return the greater of two scatters of the contacts of a network, each the greatest number
+    over the least, less one.
+
+    The first is of normal stiffnesses over those that one material gives by Hertz's law under the
+    same forces, or of the normal stiffnesses themselves, as of a linear law, whichever is less. The
+    second is of the ratios of shear and normal stiffness.
     """
     force = network.normal_force
     curvature = 1.0 / network.radii[network.i] + 1.0 / network.radii[network.j]
     presses = force > 0.0
-    # the coefficients of one material go as the roots of the reduced radii
+    # the coefficients of one material go as the roots of the reduced radii; the unit of the moduli
+    # that follow plays no part in their scatter
     coefficient = 1.0 / np.sqrt(curvature[presses])
     unit = HertzLaw(1.0)
     of_one_material = coefficient * unit.stiffness(unit.overlap(force[presses] / coefficient))
     moduli = network.normal_stiffness[presses] / of_one_material
     ratios = network.shear_stiffness / network.normal_stiffness
-    normal = min(_spread(moduli), _spread(network.normal_stiffness))
-    # without friction all are zero
-    shear = _spread(ratios) if np.any(ratios) else 0.0
-    return max(normal, shear)
+    normal_scatter = min(_find_spread(moduli), _find_spread(network.normal_stiffness))
+    # without friction all ratios are zero
+    shear_scatter = _find_spread(ratios) if np.any(ratios) else 0.0
+    return max(normal_scatter, shear_scatter)
 
 
-def _spread(values: Array) -> float:
-    """Return the greatest of some ``values`` over the least, less one; inf if that is zero, and
-    zero for no values.
+def _find_spread(values: Array) -> float:
+    """Return the greatest of some ``values`` (m,), zero or above, over the least, less one; inf if
+    the least is zero, and zero without values.
     """
     if not values.size:
         return 0.0
@@ -727,18 +754,22 @@ def _write_torques(network: Any) -> dict[str, Any]:
 
 
 def _write_box(network: Any) -> str:
-    """Return the lines of a dump that give the box of a network: along periods the cell, from the
-    origin; along other axes, which are those of the coordinates, as long as is needed to contain
-    all balls between its sides, which the periods tilt.
+    """Return the lines of a dump that give the box of a network. Along a period the box begins at
+    the origin and is the cell. Along another axis it lies along x, y or z, and is as long as is
+    needed to contain all balls between its sides, which the periods tilt.
 
-    Raises InputError for a cell that no box of a dump can be: its first vector must lie along x,
-    and its second in the xy plane.
+    Raises InputError for a cell that no box of a dump can be: the first vector of the cell must lie
+    along x, the second in the xy plane, and each must lead upwards along its own axis.
     """
     cell = network.cell.copy()
     is_open = ~np.asarray(network.pbc)
     is_ball = np.isfinite(network.radii)
     places = network.positions[is_ball]
     cell[is_open] = np.eye(3)[is_open]
+    if np.any(np.triu(cell, 1)) or not np.all(np.diag(cell) > 0.0):
+        fault = f"the cell of the network is {network.cell.tolist()} m"
+        why = "In a dump the first vector lies along x, and the second in the xy plane"
+        raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
     inverse = np.linalg.inv(cell)
     # coordinates along the sides of the box, in m along open axes, and how far radii reach
     along = places @ inverse
@@ -746,14 +777,9 @@ def _write_box(network: Any) -> str:
     low = np.where(is_open, np.min(along - reach, axis=0), 0.0)
     sides = np.max(along + reach, axis=0) - low
     cell[is_open] = np.diag(sides)[is_open]
-    lengths = np.diag(cell)
-    if np.any(np.triu(cell, 1)) or not np.all(lengths > 0.0):
-        fault = f"the cell of the network is {network.cell.tolist()} m"
-        why = "In a dump the first vector lies along x, and the second in the xy plane"
-        raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
     xy, xz, yz = cell[1, 0], cell[2, 0], cell[2, 1]
     # the bounds of a tilted box are those of the orthogonal box around it
-    rows = np.stack([low, low + lengths], axis=1)
+    rows = np.stack([low, low + np.diag(cell)], axis=1)
     rows[0] += min(0.0, xy, xz, xy + xz), max(0.0, xy, xz, xy + xz)
     rows[1] += min(0.0, yz), max(0.0, yz)
     heading = " ".join("pp" if repeats else "ff" for repeats in network.pbc)

@@ -117,8 +117,9 @@ class _Fstat(_Times):
         # Between times without contacts there are no other lines: in a run of such lines each third
         # line begins a time.
         run_starts = headings[~np.isin(headings - 1, headings)]
-        in_run = headings - run_starts[np.searchsorted(run_starts, headings, side="right") - 1]
-        starts = headings[in_run % _HEADING == 0]
+        runs = np.searchsorted(run_starts, headings, side="right") - 1
+        places_in_runs = headings - run_starts[runs]
+        starts = headings[places_in_runs % _HEADING == 0]
         for start, end in pairwise([*starts.tolist(), len(lines)]):
             lines.place = start
             words = lines.read().lstrip("#").split()
@@ -130,9 +131,10 @@ class _Fstat(_Times):
 
 def open_times(fstat: Any, particles: Any) -> tuple[list[float], Any, Any]:
     """Return the times, s, that the files .fstat and .data both have, ascending, and the two files,
-    open: that of contacts, and that of balls.
+    open: first that of contacts, ``fstat``, then that of balls, ``particles``.
 
-    Warns if one of them is cut. InputError without a common time, and for a file .restart.
+    Warns if a file is cut, and removes its ``fault`` (:func:`share_steps`). InputError without a
+    common time, and for a file .restart.
     """
     lines = open_lines(particles)
     if _is_restart(lines):
@@ -279,9 +281,9 @@ def _read_restart(
         if "timeMax" in words:
             time = _read_time(lines, words)
         if "particleDimensions" in words:
-            is_plane = _read_word(lines, words, "particleDimensions")[0] == 2.0
+            is_plane = _read_numbers_after(lines, words, "particleDimensions")[0] == 2.0
         if words[:1] == ["PeriodicBoundary"]:
-            shift = _read_word(lines, words, "shift", 3)
+            shift = _read_numbers_after(lines, words, "shift", 3)
             # vectors of the cell are in the order x, y, z
             main_axis = int(np.argmax(np.abs(shift)))
             cell[main_axis] = shift
@@ -314,9 +316,9 @@ def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
     first = lines.place + 1
     for row in table:
         words = lines.read().split()
-        row[:3] = _read_word(lines, words, "position", 3)
-        row[3] = _read_word(lines, words, "radius")[0]
-        row[4] = _read_word(lines, words, "invMass")[0]
+        row[:3] = _read_numbers_after(lines, words, "position", 3)
+        row[3] = _read_numbers_after(lines, words, "radius")[0]
+        row[4] = _read_numbers_after(lines, words, "invMass")[0]
     positions = table[:, : 2 if is_plane else 3]
     radii = table[:, 3]
     with np.errstate(divide="ignore"):  # the mass of a fixed ball is infinite
@@ -334,9 +336,11 @@ def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
     )
 
 
-def _read_word(lines: Lines, words: Sequence[str], name: str, count: int = 1) -> list[float]:
+def _read_numbers_after(
+    lines: Lines, words: Sequence[str], name: str, count: int = 1
+) -> list[float]:
     """Return the ``count`` numbers that follow the word ``name`` among the ``words`` of the line
-    that was read last; InputError if they are not there.
+    that was read last; InputError if the word or a number is not there.
     """
     try:
         place = words.index(name) + 1
@@ -353,7 +357,7 @@ def _read_time(lines: Lines, words: Sequence[str]) -> float:
     """Return the time, s, that follows the word "time" among the ``words`` of the line that was
     read last; InputError if it is not there, or not finite.
     """
-    time = _read_word(lines, words, "time")[0]
+    time = _read_numbers_after(lines, words, "time")[0]
     if not math.isfinite(time):
         raise InputError(f"{lines.where}: found the time {time:g} s", mend="Run it again")
     return time
@@ -363,7 +367,7 @@ def _read_count(lines: Lines, words: Sequence[str], name: str) -> int:
     """Return the whole number, zero or above, that follows the word ``name`` among the ``words`` of
     the line that was read last; InputError if it is not there, or another number.
     """
-    number = _read_word(lines, words, name)[0]
+    number = _read_numbers_after(lines, words, name)[0]
     if not 0.0 <= number < _MOST or number % 1.0:
         fault = f"{lines.where}: found {name} {number:g}, where a whole number is needed"
         raise InputError(fault, mend="Is this a file .restart of MercuryDPM, and whole?")
@@ -435,10 +439,11 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     lacks_higher = is_from_lower & ~np.isin(pair, pair[is_from_higher])
     lacks_lower = is_from_higher & ~np.isin(pair, pair[is_from_lower])
     is_alone = lacks_lower | lacks_higher
-    along = join_vectors(columns, ("nx", "ny", "nz"))
+    normals = join_vectors(columns, ("nx", "ny", "nz"))
     # A ball that touches its own image is listed from both sides: the row is kept whose normal has
     # a positive component along the axis along which it is largest.
-    is_ahead = along[np.arange(len(i)), np.argmax(np.abs(along), axis=1)] > 0.0
+    main_axes = np.argmax(np.abs(normals), axis=1)
+    is_ahead = normals[np.arange(len(i)), main_axes] > 0.0
     is_own_image = ~is_wall & (i == j) & is_ahead
     is_kept = is_wall | is_from_lower | lacks_lower | is_own_image
     # In the file normals lead from ball j to ball i, and from a ball to a wall; forces act on ball
@@ -450,8 +455,8 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
         frame.name,
         i,
         j,
-        vector=_find_vectors(columns, balls, i, j, sign * along),
-        normal=sign * along,
+        vector=_find_vectors(columns, balls, i, j, sign * normals),
+        normal=sign * normals,
         tangential_force=sign * across,
         normal_force=columns["fn"],
         overlap=columns["delta"],
@@ -485,8 +490,8 @@ def _find_vectors(
 ) -> Array:
     """Return the vectors (n_c, 3), m, from the centres of balls i to those of balls j, or to walls.
 
-    They lie along the ``normal`` (n_c, 3), and are as long as the sum of the radii less the overlap
-    in the ``columns``.
+    The vectors lie along the ``normal`` (n_c, 3), and are as long as the sum of the radii less the
+    overlap in the ``columns``.
     """
     last_ball = len(balls.radii) - 1
     # indices that no ball has are refused later, and walls, below zero, have no radius

@@ -455,8 +455,7 @@ class ContactNetwork(Result):
 
     @cached_property
     def lever_excesses(self) -> tuple[Array, Array] | None:
-        """By how much the levers of slip exceed the arms, m: at balls i, (n_c,), and at balls j,
-        (n_c,).
+        """The levers of slip less the arms, m: at balls i, (n_c,), and at balls j, (n_c,).
 
         The excess is zero at flat walls, and of contacts that do not resist slip. None if no lever
         exceeds its arm, or if static forces do not act on displacements (``prestress``).
@@ -474,8 +473,8 @@ class ContactNetwork(Result):
 
     @cached_property
     def slip_stretch(self) -> Array:
-        """(n_c,) by how much slip exceeds the displacement across a contact that makes it, over
-        that displacement: (R_i + R_j)/(arm_i + arm_j) - 1 by the ``slip_levers`` of YADE, and
+        """(n_c,) the slip that a displacement across a contact makes, over the displacement, less
+        one: (R_i + R_j)/(arm_i + arm_j) - 1 by the ``slip_levers`` of YADE, and
         2 R_i/(R_i + arm_i) - 1 at flat walls. It is zero by other levers, of contacts that do not
         resist slip, and if static forces do not act on displacements (``prestress``).
         """
@@ -492,14 +491,15 @@ class ContactNetwork(Result):
 
     @cached_property
     def arm_rates(self) -> Array:
-        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it, as
-        they end amid the overlap. At a flat wall an arm that is the radius, as in LAMMPS, does not
-        grow, and one by the ``slip_levers`` of YADE ends at the wall and grows as the elongation.
+        """(n_c,) growth of either arm with the elongation of a contact, over the elongation: 1/2,
+        as arms end amid the overlap. At a flat wall the growth is zero of an arm that is the
+        radius, as in LAMMPS, and one by the ``slip_levers`` of YADE, by which the arm ends at the
+        wall.
         """
-        at_wall = np.where(self.arm_i == self.radii[self.i], 0.0, 0.5)
+        rates_at_walls = np.where(self.arm_i == self.radii[self.i], 0.0, 0.5)
         if self.slip_levers == "yade":
-            at_wall = np.ones(self.n_contacts)
-        return read_only(np.where(np.isinf(self.radii[self.j]), at_wall, 0.5))
+            rates_at_walls = np.ones(self.n_contacts)
+        return read_only(np.where(np.isinf(self.radii[self.j]), rates_at_walls, 0.5))
 
     @property
     def turns_with_balls(self) -> bool:
@@ -560,8 +560,14 @@ class ContactNetwork(Result):
 
     def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
-        and the size over the mean force of a contact.
+        and the size over the mean force of a contact, zero if all forces are zero.
+
+        Raises :class:`~granphon.base.errors.InputError` for forces of another shape.
         """
+        forces = real_array("forces", forces)
+        if forces.shape != (self.n_balls, 3):
+            fault = f"the forces have the shape {forces.shape}"
+            raise InputError(fault, mend=f"Give one for each ball: ({self.n_balls}, 3)")
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))
         size = float(sizes[ball])
@@ -570,12 +576,16 @@ class ContactNetwork(Result):
         return ball, size, ratio
 
     def name_ball(self, ball: int) -> int:
-        """Return the label of a ball, or its index where balls have no labels."""
-        return ball if self.labels is None else int(self.labels[ball])
+        """Return the label of a ball, given by its index, or the index where balls have no labels;
+        :class:`~granphon.base.errors.InputError` for a ball that is not there.
+        """
+        index = whole_number("ball", ball, 0, self.n_balls - 1)
+        return index if self.labels is None else int(self.labels[index])
 
     def describe_imbalance(self, imbalance: tuple[int, float, float] | None = None) -> str:
-        """Return in words which ball is farthest from balance, and by what force; empty if forces
-        are zero. ``imbalance`` is :attr:`imbalance`, or the same of other forces.
+        """Return in words which ball is farthest from balance, and by what force; empty if all
+        forces are zero. ``imbalance`` is what :meth:`find_farthest` returns of some forces, by
+        default :attr:`imbalance`, that of the static forces.
         """
         ball, force, ratio = self.imbalance if imbalance is None else imbalance
         if not force:
@@ -590,7 +600,7 @@ class ContactNetwork(Result):
         """Whether the static forces on each ball add up to no more than 1e-3 of the mean force of a
         contact.
 
-        True, too, where nothing can be judged: without ``prestress`` or contacts, and with springs
+        Also true where nothing can be judged: without ``prestress`` or contacts, and with springs
         to the ground, whose static forces the network does not have.
         """
         can_be_judged = self.prestress and self.on_site is None and self.n_contacts > 0
@@ -746,7 +756,7 @@ class ContactNetwork(Result):
         gravity holds balls down, fewer contacts hold them: give ``held_by`` then. Raises
         :class:`~granphon.base.errors.InputError` if no ball is held.
         """
-        from granphon.networks.rattlers import find_holding, find_rattlers
+        from granphon.networks.rattlers import find_most_held_by, find_rattlers
 
         n_holding = None if held_by is None else whole_number("held_by", held_by, 0)
         rattlers = self.rattlers if n_holding is None else find_rattlers(self, n_holding)
@@ -759,7 +769,7 @@ class ContactNetwork(Result):
             why = "Each has fewer contacts than can hold it, or is left so by others"
             mend = ""
             n_most = self.dimension + 1 if n_holding is None else n_holding - 1
-            holding = find_holding(self, n_most)
+            holding = find_most_held_by(self, n_most)
             if holding:
                 mend = f"If something else holds them too, give held_by={holding}"
             raise InputError(fault, why, mend)
@@ -876,7 +886,7 @@ class ContactNetwork(Result):
         contacts |= {"i": i, "j": j, "shift": shift}
         # copies of an array of several cells are not in the order of cells that a shape means: only
         # copies of a single cell keep lattice and shape
-        is_cell = self.lattice and max(self.shape or (1,)) == 1
+        is_cell = self.lattice is not None and max(self.shape or (1,)) == 1
         return replace(
             self,
             cell=self.cell * counts[:, None],
@@ -1313,12 +1323,14 @@ class ContactNetwork(Result):
 
         ``program`` is "lammps" or "liggghts", whose steps are whole numbers, or "mercury", whose
         files .fstat and .data have times, s. ``dump`` and ``pairs`` are the two paths that its
-        reader takes, and ``options`` are the reader's but ``step`` or ``time``.
-        Each file is read once, when the first network is asked for; not before,
-        :class:`~granphon.base.errors.InputError` is raised for another program, a step that is
-        given, and files without a common step. Errors of the reader are raised at the step of which
-        they are. Frames that are cut, as a killed program leaves the last one, end the series, with
-        a :class:`~granphon.base.errors.StoppedEarlyWarning`.
+        reader takes, and ``options`` are those of the reader without ``step`` or ``time``. Each
+        file is read once, when the first network is asked for.
+
+        Raises :class:`~granphon.base.errors.InputError` for another program, for a ``step`` or
+        ``time`` among the options, and for files without a common step; also these errors are
+        raised only when the first network is asked for. Errors of the reader are raised at the step
+        at which they occur. Frames that are cut, as a killed program leaves the last one, end the
+        series, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
         """
         steps: list[float]
         first: Any
@@ -1441,8 +1453,8 @@ class ContactNetwork(Result):
 
         Warns (:class:`~granphon.base.errors.InconsistencyWarning`) of what is lost: stiffnesses
         that are not of one material, with their greatest difference, springs to the ground, static
-        torques at flat walls, and that contacts adhere: :meth:`from_lammps` refuses those which
-        pull. :meth:`write_tables` keeps these.
+        torques at flat walls, and adhesion: :meth:`from_lammps` refuses contacts that pull.
+        :meth:`write_tables` keeps all of these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError

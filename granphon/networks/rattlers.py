@@ -37,8 +37,8 @@ def find_rattlers(network: Any, held_by: int | None = None) -> Index:
     return np.flatnonzero(is_loose)
 
 
-def find_holding(network: Any, most: int) -> int:
-    """Return the greatest number of contacts ``held_by``, up to ``most``, with which
+def find_most_held_by(network: Any, most: int) -> int:
+    """Return the greatest ``held_by``, a number of contacts up to ``most``, with which
     :func:`find_rattlers` leaves a ball that moves; 0 if there is no such number above 0.
     """
     n_contacts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
@@ -78,14 +78,15 @@ class _Hold:
     def __init__(self, network: Any, held_by: int | None) -> None:
         """Count the contacts of the network that carry load, at each ball.
 
-        ``held_by`` is the least number of contacts that hold a ball. None: two if contacts resist
-        slip; else one more than there are dimensions, or a row in balance.
+        ``held_by`` is the least number of contacts that hold a ball. By default it is two if
+        contacts resist slip; else it is one more than there are dimensions, and contacts in balance
+        (``rows_hold``) hold a ball, too.
         """
         n = network.n_balls
-        slips = not np.any(network.shear_stiffness)
+        slips_freely = not np.any(network.shear_stiffness)
         self.is_held = ~network.moving | network.is_anchored
-        self.rows_hold = slips and held_by is None
-        n_needed = network.dimension + 1 if slips else 2
+        self.rows_hold = slips_freely and held_by is None
+        n_needed = network.dimension + 1 if slips_freely else 2
         self.least = n_needed if held_by is None else held_by
         force = network.normal_force
         if not np.any(force):
@@ -115,13 +116,14 @@ class _Hold:
 
     def are_held(self, balls: Index) -> Flags:
         """Return (m,) whether each of some ``balls``, (m,) indices, is held: by enough contacts
-        that have not been released, by contacts in a row, or without contacts (``is_held``).
+        that have not been released, by contacts in balance (``rows_hold``), or without contacts
+        (``is_held``).
         """
         counts = self.counts[balls]
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
         is_balanced = net_force <= BALANCED * self.total_sizes[balls]
-        is_in_row = self.rows_hold & (counts >= 2) & is_balanced
-        return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
+        is_held_in_row = self.rows_hold & (counts >= 2) & is_balanced
+        return np.asarray((counts >= self.least) | is_held_in_row | self.is_held[balls])
 
     def release(self, ball: int) -> Iterator[int]:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour at each.

@@ -64,9 +64,9 @@ class TangentialLaw(NamedTuple):
 
     Attributes
     ----------
-    power : p, by which it grows with the overlap delta, as delta^p.
-    turns : whether it turns about the normal with the balls, by the mean of their rotations.
-    levers : one of :data:`SLIP_LEVERS`, that of slip in the program.
+    power : p of the law that the force is proportional to delta^p, delta being the overlap.
+    turns : whether the force turns about the normal with the balls, by the mean of their rotations.
+    levers : one of :data:`SLIP_LEVERS`, the levers of slip in the program.
     """
 
     power: float
@@ -74,7 +74,7 @@ class TangentialLaw(NamedTuple):
     levers: str = "arms"
 
 
-#: by the names of the laws in other programs
+#: the tangential laws, by their names in other programs
 TANGENTIAL_LAWS = {
     "mindlin/force": TangentialLaw(0.0),
     "mindlin": TangentialLaw(0.5),
@@ -277,8 +277,8 @@ class Contacts:
     def select(self, rows: Any) -> Self:
         """Return some of the contacts, given by their indices or by truth values (n_c,)."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        chosen = {name: a[rows] for name, a in arrays.items() if isinstance(a, np.ndarray)}
-        return replace(self, **chosen)
+        selected = {name: a[rows] for name, a in arrays.items() if isinstance(a, np.ndarray)}
+        return replace(self, **selected)
 
     def describe(self, row: int) -> str:
         """Return the words that name a contact, by its index."""
@@ -322,18 +322,19 @@ class Contacts:
 
 
 def span_distance(arms: Array, vector: Array) -> Flags:
-    """Return whether the sums of the two ``arms`` (n_c,) of contacts are the lengths of the vectors
-    (n_c, 3) from centre to centre, to a quarter of the sum.
+    """Return (n_c,) whether the sum of the two arms of each contact, ``arms`` (n_c,), m, is the
+    length of the ``vector`` (n_c, 3), m, from centre to centre, to a quarter of the sum.
     """
     return np.asarray(np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms))
 
 
 def are_across(tangential: Array, normal: Array, normal_force: Array | float) -> Flags:
-    """Whether each of the ``tangential`` forces (n_c, 3), N, is across the ``normal`` (n_c, 3) of
-    its contact, but for rounding; ``normal_force`` is (n_c,), N, or zero if it is not known.
+    """Return (n_c,) whether each of the ``tangential`` forces (n_c, 3), N, is across the ``normal``
+    (n_c, 3) of its contact, but for rounding; ``normal_force`` is (n_c,), N, or the number zero if
+    it is not known.
 
-    The direction of a force that is very small, beside the normal force or among floats, is decided
-    by rounding: such a force counts as across.
+    Where the part along the normal is below 1e-12 of the normal force, or below the least float of
+    full precision, it is rounding, and the force counts as across.
     """
     along = np.abs(np.einsum("ca,ca->c", tangential, normal))
     negligible = _NOTHING * np.abs(normal_force) + np.finfo(float).tiny
@@ -360,14 +361,15 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     they are whole.
 
     Raises :class:`~granphon.base.errors.InputError`, which names the field ``name``, for other
-    values, and for floats above 2^53, which are not exact.
+    values, and for floats of 2^53 and above, which are not exact.
     """
     if isinstance(values, np.ndarray) and values.dtype.kind == "i":
         return np.asarray(values, np.intp)
     numbers = real_array(name, values)
     if numbers.dtype.kind == "i":
         return np.asarray(numbers, np.intp)
-    is_exact = np.isfinite(numbers) & (np.abs(numbers) < 2.0**53)  # floats beyond skip numbers
+    # from 2^53 on a float may stand for several whole numbers
+    is_exact = np.isfinite(numbers) & (np.abs(numbers) < 2.0**53)
     is_whole = is_exact & (numbers == np.rint(numbers))
     if not np.all(is_whole):
         wrong = numbers[~is_whole].ravel()[0]
@@ -388,8 +390,8 @@ def require_balls(name: str, headings: Collection[str], known: Collection[str]) 
 
 
 def find_rounding(values: Array) -> Array:
-    """Return the greatest rounding errors of ``values`` that one source has written: half a unit of
-    the last digit of each, in an array of the same shape.
+    """Return the greatest rounding errors of ``values``, an array of any shape that one source has
+    written: half a unit of the last digit of each, in an array of the same shape.
 
     How many digits the source writes is found from all values together, in three cases:
 
@@ -438,7 +440,7 @@ def find_errors_of_overlaps(
     squares = np.einsum("ca,ca->c", weights**2, rounding[i] ** 2 + rounding[j] ** 2)
     squares = squares + radius_rounding[i] ** 2 + radius_rounding[j] ** 2
     # each rounding error is uniformly distributed up to the greatest one: its variance is a third
-    # of the square of that
+    # of the square of the greatest
     return greatest, np.sqrt(squares / 3.0)
 
 

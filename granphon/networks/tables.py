@@ -107,8 +107,8 @@ _OF_SPRINGS = tuple(
 )
 #: columns that may hold "inf": those of a body that does not move
 _OF_WALLS = ("radius", "diameter", "mass", "inertia")
-#: most columns whose names are compared with known names: programs write some tens, and the
-#: comparison is slow
+#: most columns of a table whose names are compared with known names, as the comparison is slow:
+#: tables of programs have some tens
 _MOST_NAMES = 1000
 #: rows of a table whose cells are in memory at one time
 _MOST_ROWS = 100_000
@@ -183,6 +183,8 @@ class _Columns:
     def _require_one_length(self) -> None:
         """Raise InputError, which tells the length of each column, unless all have the same."""
         sizes = {name: len(values) for name, values in self._values.items()}
+        if self.kinds is not None:
+            sizes["kind"] = len(self.kinds)
         if len(set(sizes.values())) > 1:
             listed = ", ".join(f"{size} of {name}" for name, size in sizes.items())
             raise InputError(f"{self.name} has columns of different lengths: {listed}")
@@ -195,7 +197,7 @@ class _Columns:
         digest does not fit; warns if a file without a digest has no line break at its end.
         """
         if _is_frame(path):
-            from granphon.networks.extxyz import read_frame  # tables do without
+            from granphon.networks.extxyz import read_frame  # not needed for CSV
 
             self.remark, self.sealed, tables = read_frame(path, known, MOST_BYTES, _MOST_ROWS)
             return tables
@@ -324,14 +326,17 @@ class _Columns:
         )
 
     def _read_kinds(self, heading: str) -> None:
-        """Set ``kinds`` from the array under a ``heading``; InputError for what is no array, and a
-        row without a name.
+        """Set ``kinds`` from the array under a ``heading``; InputError for what is no list of
+        names, and a row without a name.
         """
+        mend = "Give a list of names"
         try:
-            names = np.asarray(self._arrays[heading]).ravel()
-        except ValueError as error:
-            problem = f"kind of {self.name}: {error}"
-            raise InputError(problem, mend="Give a list of names") from None
+            names = np.asarray(self._arrays[heading])
+        except ValueError:  # rows of different lengths
+            problem = f"kind of {self.name} is {brief(self._arrays[heading])}"
+            raise InputError(problem, mend=mend) from None
+        if names.ndim != 1:
+            raise InputError(f"kind of {self.name} has the shape {names.shape}", mend=mend)
         for row, name in enumerate(names.tolist()):
             if name is None or name != name:  # nan, which is no number, as data frames have it
                 raise InputError(f"kind of {self.name} has no name in row {row}", mend="Give one")
@@ -394,8 +399,8 @@ class _Columns:
         them.
 
         Only names at the end may be lacking: m is the number of those that are present, or, with
-        ``wide``, of all names, with zeros in place of the lacking columns. InputError for another
-        name that lacks, and for columns in different units.
+        ``wide``, of all names, with zeros in place of the lacking columns. InputError if a name
+        before one of the present columns is lacking, and for columns in different units.
         """
         present = [name for name in names if name in self]
         if not present:
@@ -414,9 +419,9 @@ class _Columns:
         return np.pad(values, ((0, 0), (0, n_lacking)))
 
     def rounding(self, *names: str) -> Array:
-        """Return half a unit of the last digit of each number, (rows, m), in SI units, of m
-        columns: those of ``names`` that are present. There is one of them at least, and all have
-        one unit.
+        """Return half a unit of the last digit of each number of the source, (rows, m), in SI
+        units, of m columns: those of ``names`` that are present. One of these at least must be
+        present, and all must have one unit.
         """
         present = [name for name in names if name in self]
         quantity = BALLS[present[0]]
@@ -490,8 +495,8 @@ def read_tables(
     if remark.get("adhesive") is True:
         quantities = {**CONTACTS, "normal_force": _ACROSS}  # of either sign
     table_of_contacts = _Columns("contacts", contacts, quantities, headings_of_contacts)
-    is_written_here = remark or table_of_balls.sealed or table_of_contacts.sealed
-    if is_written_here:  # granphon gives both tables a digest
+    is_own = bool(remark or table_of_balls.sealed or table_of_contacts.sealed)
+    if is_own:  # granphon gives both of its tables a digest
         for table in (table_of_balls, table_of_contacts):
             if table.sealed is False:
                 warn_unverified(table.name)
@@ -653,7 +658,7 @@ def write_tables(
     for path in (balls, contacts):
         require_path(path)
     if _is_frame(balls):
-        from granphon.networks.extxyz import frame_text  # tables do without
+        from granphon.networks.extxyz import frame_text  # not needed for CSV
 
         shown = _show_balls(network)
         text_of_balls = frame_text(columns_of_balls | shown, network, fields_of_whole)
@@ -661,7 +666,7 @@ def write_tables(
         remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
         text_of_balls = _columns_text(columns_of_balls, BALLS, [remark])
     if _is_frame(contacts):
-        from granphon.networks.extxyz import frame_text  # tables do without
+        from granphon.networks.extxyz import frame_text  # not needed for CSV
 
         shown_contacts = _show_contacts(network)
         text_of_contacts = frame_text(shown_contacts | columns_of_contacts, network, {})

@@ -105,11 +105,11 @@ print("good")
 #: text behind the data of a file; the sha256 digest of all bytes before this text follows, in
 #: hexadecimal digits
 _TRAILER = b"\ngranphon sha256 of all bytes before: "
+#: length of that text with its digest, bytes
+_TRAILER_BYTES = len(_TRAILER) + 64
 #: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may
 #: hold many bands
 _MOST_BYTES = 2_000_000_000
-#: length of that text with its digest, bytes
-_TRAILER_BYTES = len(_TRAILER) + 64
 #: variables above zero, and those that may also be zero; all are finite, but for
 #: :data:`_MAY_BE_INFINITE`
 _ABOVE_ZERO = {
@@ -294,12 +294,13 @@ def make_frame(grid: Grid) -> Dataset:
 
 
 def _find_finite_overlaps(grid: Grid) -> Array:
-    """Return of each state whether it has finite overlap, (media, combinations of the values of the
+    """Return whether each state has finite overlap, (media, combinations of the values of the
     parameters, loads).
     """
     n_media = len(grid.media)
-    of_cases = np.array([case.finite_overlaps for case in grid.cases])  # the media run fastest
-    return np.swapaxes(of_cases.reshape(-1, n_media, grid.load.size), 0, 1)
+    # (cases, loads), of which the media run fastest
+    finite_overlaps = np.array([case.finite_overlaps for case in grid.cases])
+    return np.swapaxes(finite_overlaps.reshape(-1, n_media, grid.load.size), 0, 1)
 
 
 def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
@@ -309,10 +310,10 @@ def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
     structure = grid.cases[0].packing.structure
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
     media = [{medium.name: medium.settings_on(structure)} for medium in grid.media]
-    of_media = {
-        medium.label: bool(np.any(of_medium)) if np.ptp(of_medium.astype(int)) == 0 else None
-        for medium, of_medium in zip(grid.media, finite_overlaps, strict=True)
-    }
+    overlap_of_media = dict[str, bool | None]()
+    for medium, overlaps_of_medium in zip(grid.media, finite_overlaps, strict=True):
+        values = set(overlaps_of_medium.ravel().tolist())
+        overlap_of_media[medium.label] = values.pop() if len(values) == 1 else None
     return {
         "format": FORMAT,
         "schema": SWEEP_SCHEMA,
@@ -320,7 +321,7 @@ def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
         "media": to_json(media),
         # netCDF has no attributes of type bool
         "finite_overlap": int(np.all(finite_overlaps)),
-        OVERLAP_OF_MEDIA: to_json(of_media),
+        OVERLAP_OF_MEDIA: to_json(overlap_of_media),
         "direction": f"{x_axis}, Cartesian, where velocities depend on it",
         "observe": to_json(grid.request.observe),
     }
@@ -507,8 +508,9 @@ def find_dataset(result: Any) -> Dataset | None:
 
 
 def find_wave_errors(data: Dataset | None, of: str = "frequency") -> Any:
-    """Return the standard errors (n,) of the frequencies, Hz, of the waves of an edge that a
-    ``data`` set of one state has, or ``of`` their "weight"; None without.
+    """Return the standard errors (n,) of the n waves of an edge in a ``data`` set of one state:
+    ``of`` their "frequency", Hz, or of another of their numbers, such as "weight". None without a
+    data set, or if it has no such errors.
     """
     name = f"surface_{of}_error"
     if data is None or name not in data:
@@ -542,8 +544,10 @@ def find_load(dataset: Dataset) -> str:
 
 def list_finite_overlap(dataset: Dataset) -> list[bool | None]:
     """Return for each medium of a data set whether its states have finite overlap; None if some
-    have it and others have not. A data set that does not tell it of each medium tells it of all, or
-    else has none.
+    have it and others have not.
+
+    Where a data set does not tell this of a medium, its attribute ``finite_overlap`` tells it of
+    all media; without this attribute no state has finite overlap.
     """
     everywhere = bool(dataset.attrs.get("finite_overlap", 0))
     of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
@@ -593,15 +597,15 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     notes = [read_notes(result) for result in results]
     _fill_errors(grid, results)
     edge_waves = _join_edge_waves(grid, results)
-    # first, as values that are filled in have the shape of those of other results
+    # padded before values are filled in, as these take the shape of the values of other results
     _pad_uneven(results)
     results, sentences = _fill_missing(results, packing.structure.periods)
-    notes = [
-        [*of_case, *filter(None, [text])] for of_case, text in zip(notes, sentences, strict=True)
-    ]
-    texts = list[str]()
+    for notes_on_case, sentence in zip(notes, sentences, strict=True):
+        if sentence:
+            notes_on_case.append(sentence)
+    warnings = list[str]()
     if any(notes):
-        texts = tell_notes(list(map(CaseNotes.of, grid.cases, notes)))
+        warnings = tell_notes(list(map(CaseNotes.of, grid.cases, notes)))
     _fill_choices(grid, results)
     # the array of a variable has room for no case without the variable
     shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}
@@ -620,7 +624,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
         frame.drop_vars(list(along_path))
         .assign(variables)
         .assign(along_path)
-        .assign_attrs(warnings=to_json(texts))
+        .assign_attrs(warnings=to_json(warnings))
     )
 
 
@@ -933,7 +937,7 @@ def _digest_values(values: Array) -> tuple[str, Any]:
 
 def _digest_numbers(dataset: Dataset) -> str:
     """Return the digest of the names, dimensions, types, numbers and attributes of a data set; the
-    digest does not depend on how they are stored.
+    digest does not depend on how the file stores these.
     """
     variables = dict[str, list[Any]]()
     for name, variable in dataset.variables.items():
@@ -955,8 +959,8 @@ def write_waves(
     """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
     those of the states, with a row for each of their points in every state.
 
-    With ``numbered`` the dimensions ``wave_dims`` have no coordinates in the data set, and columns
-    of their indices, from zero, tell rows apart.
+    With ``numbered``, for dimensions ``wave_dims`` without coordinates in the data set, columns of
+    their indices, from zero, tell rows apart.
     """
     dims = (*dataset["valid"].dims, *wave_dims)
     if numbered:
@@ -1150,7 +1154,9 @@ def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
-    """Return the error of the file ``path``, which cannot be read for the reason ``why``."""
+    """Return the error of the file ``path``, which cannot be read for the reason ``why``, a
+    sentence.
+    """
     return InputError(f"{path} cannot be read", why, "Is this the right file?")
 
 
@@ -1225,8 +1231,8 @@ class SweepAccessor:
         return granphon.plot(self._dataset, **options)
 
     def exponent(self, name: str = "longitudinal", over: str | None = None) -> DataArray:
-        """Return the local exponent of a variable over the load, d log(variable)/d log(load), of
-        the variable's shape.
+        """Return the local exponent of a variable over the load, d log(variable)/d log(load), in
+        the shape of the variable; nan where the variable or a neighbour of it is nan.
 
         The exponent is the slope of the parabola through each load and its neighbours, on
         logarithmic scales, so that its error goes as the square of their distance. The variable
@@ -1241,36 +1247,30 @@ class SweepAccessor:
         ------
         InputError : a name that the data set does not have, or of what are no numbers or are the
             same at all loads; fewer than three loads, loads that do not ascend, or values that are
-            not above zero.
+            not above zero; and ``over`` with a dimension that the variable does not have, such as
+            the medium.
         """
         data = self._dataset
         over = find_load(data) if over is None else over
-        numbers = [
-            str(variable)
-            for variable, values in data.variables.items()
-            if values.dtype.kind in "iuf" and "load" in values.dims
-        ]
         for variable in (name, over):
-            if variable not in numbers:
-                mend = suggest(str(variable), numbers)
-                raise InputError(f"the data set has no numbers {variable!r} over loads", mend=mend)
-        values = data[name]
-        loads = data[over]
+            _require_over_loads(data, variable)
         if data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
+        values = data[name]
         ordered = values.transpose("load", ...)
-        x = loads.transpose("load", ...).values.astype(float)  # (n,), or in the shape of y
+        further_dims = [str(dim) for dim in data[over].dims if dim not in values.dims]
+        if further_dims:
+            why = f"{over} also depends on {', '.join(further_dims)}, and {name} does not"
+            raise InputError(f"{name} has no exponent over {over}", why)
+        loads = data[over].broadcast_like(ordered).transpose(*ordered.dims)
+        x = loads.values.astype(float)  # (n, ...)
         y = ordered.values.astype(float)  # (n, ...)
         is_positive = np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0)
         is_ascending = np.all(np.diff(x, axis=0) > 0.0)
         if not (is_positive and is_ascending):
             why = "Loads must ascend, and values be above zero"
             raise InputError(f"{name} has no exponent here", why)
-        if x.ndim == 1:
-            single_axes = (1,) * (y.ndim - 1)
-            x = x.reshape(len(x), *single_axes)
-        slopes = _find_slopes(np.log(np.broadcast_to(x, y.shape)), np.log(y))
-        exponents = ordered.copy(data=slopes)
+        exponents = ordered.copy(data=_find_slopes(np.log(x), np.log(y)))
         exponents.attrs = {
             "units": "1",
             "long_name": f"local exponent of {values.attrs.get('long_name', name)}",
@@ -1286,6 +1286,18 @@ class SweepAccessor:
         import granphon
 
         return granphon.fit_width(self.packing, force, velocity, *more, **options)
+
+
+def _require_over_loads(dataset: Dataset, name: str) -> None:
+    """Raise InputError unless a data set has a variable ``name`` of numbers along its loads."""
+    names = [
+        str(variable)
+        for variable, values in dataset.variables.items()
+        if values.dtype.kind in "iuf" and "load" in values.dims
+    ]
+    if name not in names:
+        problem = f"the data set has no numbers {name!r} over loads"
+        raise InputError(problem, mend=suggest(str(name), names))
 
 
 def _find_slopes(x: Array, y: Array) -> Array:

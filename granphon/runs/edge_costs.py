@@ -25,9 +25,10 @@ _TIMED_LAYER = 4
 _GROWTH = 3.0
 #: number of segments of the path along an edge, by the number of periods along it
 _SEGMENTS = (0, 1, 3)
-#: number of corners of this path, each once, about
+#: number of different corners of the path of the crystals that are timed, by the number of periods
+#: along the edge; other crystals may have three where these have four
 _CORNERS = (1, 2, 4)
-#: number of frequencies of a spectrum that are timed: fewer take longer, each
+#: number of frequencies of a spectrum that are timed: of fewer, each takes longer
 _TIMED_FREQUENCIES = 128
 
 
@@ -74,8 +75,8 @@ def _list_measured(serving: ServingMedium) -> tuple[int, int, bool]:
 
 
 def estimate_corners_memory(dimension: int, n_motions: int) -> float:
-    """Return the memory of the waves of an edge at the corners of its path, of a crystal with so
-    many motions in a layer, bytes.
+    """Return the memory, bytes, of the waves of an edge at the corners of its path, of a crystal in
+    ``dimension`` dimensions with ``n_motions`` motions in a layer.
     """
     from granphon.phonons.surfaces import estimate_waves_memory  # others do not need surfaces
 
@@ -84,8 +85,11 @@ def estimate_corners_memory(dimension: int, n_motions: int) -> float:
 
 @cache
 def measure_corners(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time of the waves of an edge, at the corners of its path, of a crystal with so
-    many balls in a layer, s: that of a crystal with few balls is measured.
+    """Return the time, s, of the waves of an edge, at the corners of its path, of a crystal with
+    ``n_balls`` balls in a layer.
+
+    The time of a crystal of at most :data:`_TIMED_LAYER` balls is measured, and multiplied by the
+    power of the number of balls in :data:`_GROWTH`.
     """
     surface, n_timed = _make_surface(dimension, n_balls, friction)
     corners = np.array(list(surface.corners().values()))[:, : dimension - 1]
@@ -95,22 +99,22 @@ def measure_corners(dimension: int, n_balls: int, friction: bool) -> float:
 
 @cache
 def _measure_spectrum(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time of a spectrum at an edge, at one wave vector and frequency, of a crystal with
-    so many balls in a layer, s: that of a crystal with few balls is measured.
+    """Return the time, s, of a spectrum at an edge, at one wave vector and frequency, of a crystal
+    with ``n_balls`` balls in a layer, measured as in :func:`measure_corners`.
     """
     surface, n_timed = _make_surface(dimension, n_balls, friction)
     corners = np.array(list(surface.corners().values()))[:, : dimension - 1]
     highest = float(np.sqrt(surface.half_space.highest))
     frequencies = np.linspace(0.1, 1.0, _TIMED_FREQUENCIES) * highest
-    in_hertz = frequencies * surface.half_space.units.angular_frequency / (2.0 * np.pi)
-    seconds = costs.time_once(lambda: surface.spectrum(corners, in_hertz))
+    frequencies *= surface.half_space.units.angular_frequency / (2.0 * np.pi)  # Hz
+    seconds = costs.time_once(lambda: surface.spectrum(corners, frequencies))
     n_spectra = len(corners) * _TIMED_FREQUENCIES
     return seconds / n_spectra * math.pow(n_balls / n_timed, _GROWTH)
 
 
 def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, int]:
     """Return the free edge of a crystal that is timed, across its last axis, and the number of
-    balls in a layer: at most so many as are given.
+    balls in a layer: ``n_balls``, or :data:`_TIMED_LAYER` if that is less.
     """
     from granphon.phonons.surfaces import Surface  # others do not need surfaces
 
@@ -121,6 +125,8 @@ def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, in
 
 
 def make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crystal:
-    """Return a crystal of equal balls, of so many cells, that is timed."""
+    """Return a crystal of equal balls that is timed, without a load, of ``cells`` along its
+    periods.
+    """
     ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
     return Crystal.on(LATTICES[dimension], [ball], friction=friction).repeat(cells)

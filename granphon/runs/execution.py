@@ -1,9 +1,9 @@
 """Work that can run side by side, on any executor, and that an interruption does not undo.
 
 A task is plain data that can be pickled, and its result a mapping of arrays that depends on the
-task alone; so tasks may run anywhere and in any order. A long one is done in steps: each is a call
-of its own, and its result is kept in the store as soon as it comes back. Short ones share calls of
-a tenth of a second.
+task alone; so tasks may run anywhere and in any order. A long task is done in steps: each step is a
+call of its own, and its result is kept in the store as soon as it comes back. Short tasks share
+calls of a tenth of a second.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _LAST_SECONDS = 0.5
 class Task:
     """A piece of work, in one step or more.
 
-    ``name`` is that under which the result is kept: one line, not empty; no task with another
-    result has it. ``where`` names the task in messages. Tasks of one ``kind`` take similar times.
+    The result is kept under ``name``, one line, not empty, which no task with another result has.
+    ``where`` names the task in messages. Tasks of one ``kind`` take similar times.
     """
 
     name: Any
@@ -58,20 +58,19 @@ class Task:
         """Number of steps that the task takes."""
         return 1
 
-    def done(self, result: TaskResult) -> int:
+    def count_steps(self, result: TaskResult) -> int:
         """Return the number of steps that a ``result`` contains: all of a task in one step."""
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Do one step, and return what ``begun``, the steps before, and this step have found
-        together; after the last step this is the result of the task. Without ``begun`` the step is
-        the first.
+        """Do one step, and return the result of all steps so far, which after the last step is that
+        of the task. ``begun`` is the result of the steps before; without it the step is the first.
         """
         raise NotImplementedError
 
 
-class Result(NamedTuple):
-    """What a worker returns of a task.
+class StepResult(NamedTuple):
+    """What a worker returns of a task after one more step.
 
     Attributes
     ----------
@@ -90,7 +89,7 @@ def advance(
     orders: Sequence[tuple[Task, bytes | None]],
     package_versions: Mapping[str, str],
     added: Sequence[str] = (),
-) -> list[Result]:
+) -> list[StepResult]:
     """Do, in a worker, the next step of each task in turn, and return the results of the steps that
     were done, in the order of the tasks.
 
@@ -105,7 +104,7 @@ def advance(
     """
     require_packages(f"the worker on {platform.node()}", package_versions)
     _require_observables(added)
-    results = list[Result]()
+    results = list[StepResult]()
     call_start = time.perf_counter()
     for task, entry in orders:
         start = time.perf_counter()
@@ -116,7 +115,7 @@ def advance(
             result = task.solve(begun)
             new_entry = encode(task.name, result)
             seconds = time.perf_counter() - start
-            results.append(Result(new_entry, task.done(result), seconds))
+            results.append(StepResult(new_entry, task.count_steps(result), seconds))
         except Exception:
             if not results:
                 raise
@@ -173,7 +172,7 @@ def solve_all(
         results = list[TaskResult]()
         for task in tasks:
             result = task_store.read(task.name)
-            while result is None or task.done(result) < task.steps:
+            while result is None or task.count_steps(result) < task.steps:
                 # the entry has been damaged meanwhile, and the result is found again
                 result = task.solve(result)
             results.append(result)
@@ -204,7 +203,7 @@ class Means:
 
 class _Work:
     """Tasks under way, by their indices: ``waiting`` is a heap of the tasks that are neither
-    finished nor sent.
+    finished nor part of a call under way.
     """
 
     def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
@@ -216,7 +215,7 @@ class _Work:
         self.step = step
         self.waiting = list[int]()
         #: tasks of each call under way
-        self.running = dict[Future[list[Result]], list[int]]()
+        self.running = dict[Future[list[StepResult]], list[int]]()
         #: entries, by the index of the task, of the steps of unfinished tasks that are done
         self.begun = dict[int, bytes]()
         #: number of workers that were lost with each task
@@ -226,7 +225,7 @@ class _Work:
         n_kept_steps = 0
         for index, task in enumerate(tasks):
             result = store.read(task.name) if task.name in store else None
-            n_steps = 0 if result is None else task.done(result)
+            n_steps = 0 if result is None else task.count_steps(result)
             n_kept_steps += n_steps
             if result is not None and n_steps >= task.steps:
                 continue
@@ -241,7 +240,7 @@ class _Work:
         Results are kept as they come. Raises what :meth:`_send_call` and :meth:`_receive_results`
         raise, after :meth:`_keep_finished`.
         """
-        ready = SimpleQueue[Future[list[Result]]]()
+        ready = SimpleQueue[Future[list[StepResult]]]()
         n_calls = count_calls(executor)
         try:
             while self.waiting or self.running:
@@ -261,7 +260,7 @@ class _Work:
         finally:
             self._keep_finished()
 
-    def _send_call(self, executor: Executor, indices: list[int]) -> Future[list[Result]]:
+    def _send_call(self, executor: Executor, indices: list[int]) -> Future[list[StepResult]]:
         """Give the next steps of the tasks ``indices`` to ``executor`` as one call, which then
         counts as running, and return the future of its results.
 
@@ -332,7 +331,7 @@ class _Work:
             indices.append(heappop(self.waiting))
         return indices
 
-    def _receive_results(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
+    def _receive_results(self, future: Future[list[StepResult]], indices: Sequence[int]) -> None:
         """Keep the results of the call ``future``, which was given the tasks ``indices``, count
         their steps (:meth:`_count_step`), and put back the tasks that the call has not come to: all
         of them if its worker was lost.
@@ -340,7 +339,7 @@ class _Work:
         Raises the error of a task; GranphonError if a scheduler does not answer, or if too many
         workers were lost (:meth:`_count_losses`).
         """
-        results: list[Result] = []
+        results: list[StepResult] = []
         try:
             results = future.result()
         except CancelledError:
@@ -379,7 +378,7 @@ class _Work:
             )
             raise GranphonError(problem, LOST_WORKER, mend) from None
 
-    def _count_step(self, index: int, result: Result) -> None:
+    def _count_step(self, index: int, result: StepResult) -> None:
         """Take in the step of the task ``index`` that has given a ``result``: its time enters the
         mean of the task's kind, the task waits again if it has more steps, and the progress goes on
         by one.

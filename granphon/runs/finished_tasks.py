@@ -191,8 +191,8 @@ class Store:
         return None
 
     def _explain_other_work(self, kept: Any, claimed: Any) -> FileExistsInRunError:
-        """Return the error of a store of other work: identity of the work that is ``kept``, and of
-        the work that has ``claimed`` the store.
+        """Return the error of a store of other work. ``kept`` is the identity of the work whose
+        results the store holds, and ``claimed`` that of the work that claims the store.
         """
         mend = (
             "Repeat that command, use --force (force=True, overwrite=True), or choose another"
@@ -357,8 +357,8 @@ class Store:
             raise OutputError(problem, why, "Move it away, or choose another folder")
         return True
 
-    def _explain(self, error: OSError | sqlite3.Error, done: str = "written") -> OutputError:
-        """Return the error of a file that cannot be ``done``, "read" or "written", from an
+    def _explain(self, error: OSError | sqlite3.Error, use: str = "written") -> OutputError:
+        """Return the error of a file that cannot be put to a ``use``, "read" or "written", from an
         ``error`` of the system or of SQLite; an ``error`` that is an OutputError is returned as it
         is.
         """
@@ -373,15 +373,15 @@ class Store:
         is_full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
         number = errno.ENOSPC if is_full else getattr(error, "errno", None)
         reason = os.strerror(number) if number else str(error)
-        problem = f"{self.path} cannot be {done}: {reason}"
+        problem = f"{self.path} cannot be {use}: {reason}"
         why = "What was finished before is kept"
         if number == errno.ENOSPC:
             return OutputError(problem, why, "Free some space, and run the same command again")
-        return OutputError(problem, why, f"Run the same command again when it can be {done}")
+        return OutputError(problem, why, f"Run the same command again when it can be {use}")
 
     def close(self) -> None:
-        """Force what has been written to the disk, and close the file, which is opened again when
-        it is needed; a store in memory loses its results.
+        """Wait until all results are on the disk, and close the file; the next call that needs the
+        file opens it again. A store in memory loses its results.
         """
         if self._base is not None:
             self._base.close()

@@ -197,9 +197,9 @@ class PlannedCase:
         The property is cached, so that a case is checked once. No simulation and no effective
         medium of a long list of diameters is solved for the check.
         """
-        smallest_load = int(np.argmin(self.case.load.array))
-        greatest = int(np.argmax(self.case.load.array))
-        for index in dict.fromkeys((smallest_load, greatest)):
+        index_of_least = int(np.argmin(self.case.load.array))
+        index_of_greatest = int(np.argmax(self.case.load.array))
+        for index in dict.fromkeys((index_of_least, index_of_greatest)):
             serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
@@ -248,8 +248,8 @@ def _note_limits(planned: PlannedCase) -> CaseNotes:
         for check in validity(state).checks:
             key = (check.name, check.reason)
             checks[key] = checks[key].join(check) if key in checks else check
-    served = np.concatenate(loads) if loads else np.zeros(0, int)
-    return CaseNotes(planned.case, tuple(checks.values()), served)
+    served_loads = np.concatenate(loads) if loads else np.zeros(0, int)
+    return CaseNotes(planned.case, tuple(checks.values()), served_loads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -676,7 +676,7 @@ class Plan:
             earlier_sweep = _load_finished_sweep(run, target)
             if earlier_sweep is not None:
                 return earlier_sweep
-        incomplete_names = _incomplete_files(target.name)
+        incomplete_names = _name_incomplete_files(target.name)
         files = ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_names)
         store_beside = open_store(target.with_name(f".{target.name}.partial"), force=overwrite)
         opened_store = store_beside if store is None else nullcontext(store)
@@ -735,21 +735,16 @@ class Plan:
         """The parts of the work on states that may take much memory or time, each with its place in
         the scene file.
         """
-        simulations = self._cost_simulations()
-        sensitivities = self._cost_sensitivities()
-        waves = self._cost_waves()
-        networks = self._cost_networks()
-        derivatives = self._cost_derivatives()
         return [
-            simulations,
-            sensitivities,
-            *networks,
-            waves,
+            self._cost_simulations(),
+            self._cost_sensitivities(),
+            *self._cost_networks(),
+            self._cost_waves(),
             *self._cost_packings(),
             *self._cost_edges(),
             *self._cost_waves_of_edge(),
             *self._cost_states(),
-            *derivatives,
+            *self._cost_derivatives(),
         ]
 
     @cached_property
@@ -767,7 +762,7 @@ class Plan:
         costs ``works`` of this part in the :attr:`checked_cases`.
 
         If only the cases at the ends of axes are checked, every case is taken to have as many works
-        as these have in the mean, each as large as the largest of ``works``.
+        as the checked cases have in the mean, each as large as the largest of ``works``.
         """
         n_checked = len(self.checked_cases)
         if n_checked == self.n_cases or not works:
@@ -905,7 +900,9 @@ class Plan:
 
     @property
     def n_path_points(self) -> int:
-        """Number of wave vectors along the path of the bands; 0 without bands."""
+        """Number of wave vectors along the path of the bands, a list of pieces as scenes have it; 0
+        without bands.
+        """
         if self.grid.request.path is None:
             return 0
         pieces, n_points, _labels = self.grid.request.path
@@ -1013,8 +1010,8 @@ def _find_pulse_length(
     medium: DirectSimulation, network: ContactNetwork, pulse: PulseSettings, direction: Any
 ) -> float:
     """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of a
-    simulation, of which ``network`` is one cell; 0 for a pulse that cannot be sent, and has a note
-    in place of numbers.
+    simulation, of which ``network`` is one cell; 0 for a pulse that cannot be sent, which has a
+    note in place of numbers.
     """
     # imported here: other scenes do not need it
     from granphon.waves.pulses import PulseSource
@@ -1218,7 +1215,7 @@ def _load_finished_sweep(run: SweepRun, path: Path) -> Dataset | None:
     return earlier_sweep if collect_identity(earlier_sweep) == identity else None
 
 
-def _incomplete_files(name: str) -> list[str]:
+def _name_incomplete_files(name: str) -> list[str]:
     """Return the names of the files of a sweep that lacks loads; the whole sweep would be in the
     file ``name``.
     """
@@ -1234,9 +1231,9 @@ def keep_incomplete(
     message.
 
     ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
-    stays, and the error is returned as it is.
+    is not cleared, and the error is returned as it is.
     """
-    names = _incomplete_files(name)
+    names = _name_incomplete_files(name)
     n_loads = error.reached.sizes["load"]
     incomplete_files = replace(files, names=names, force=True, earlier=())
     try:

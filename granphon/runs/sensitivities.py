@@ -98,14 +98,16 @@ class Parameters:
 
     def list_known(self, load: Load, *, has_samples: bool) -> list[str]:
         """Return those of the ``names`` that can change at a ``load`` while all others stay.
-        Simulated arrays have samples, each of which has a network of its own: nothing can be
-        changed in these.
+
+        With ``has_samples``, of simulated arrays, only parameters of the balls and the load are
+        among these: each sample has a network of its own, in which nothing can be changed.
         """
-        known = [*list_parameters(self._balls, load, self._of_balls)]
-        if not has_samples:
-            known += [MINDLIN_RATIO] if has_ratio(self._balls) else []
-            known += [name for name in self.changes_of_states if name != MINDLIN_RATIO]
-        return known
+        names = [*list_parameters(self._balls, load, self._of_balls)]
+        if has_samples:
+            return names
+        if has_ratio(self._balls):
+            names.append(MINDLIN_RATIO)
+        return names + [name for name in self.changes_of_states if name != MINDLIN_RATIO]
 
     @cached_property
     def changes_of_states(self) -> dict[str, StateChange]:
@@ -130,7 +132,9 @@ class Parameters:
 
 
 class _AtWall(NamedTuple):
-    """A state, and other settings of its edge than those of the scene."""
+    """A ``state``, and the settings of its edge at another wall, ``surface``, in place of those of
+    the scene.
+    """
 
     state: Any
     surface: SurfaceSettings
@@ -204,18 +208,19 @@ def observe_sensitivities(
             of_edge = np.full((len(parameters.names), *finder.edge_waves.shape), np.nan)
             of_edge[columns] = finder.edge_waves.tabulate(slopes[:, len(quantities) :])
             of_edges.append(of_edge)
-    found = {NAME: derivatives}
+    result = {NAME: derivatives}
     if of_edges:
-        found[_OF_EDGE] = np.array(pad_columns(of_edges))
-        found[_CORNERS] = np.tile(corners, (load.size, 1))
+        result[_OF_EDGE] = np.array(pad_columns(of_edges))
+        result[_CORNERS] = np.tile(corners, (load.size, 1))
     notes = [_HELD] if balls.is_held else []
-    return found, notes
+    return result, notes
 
 
 def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
     """Join, in place, the derivatives of the waves of an edge to those of the other quantities of
     each result, and return the names of these waves: the letter of the corner of the path, which
-    the end of a chain does not have, and the number of the wave there, from the lowest on.
+    the end of a chain does not have, and the number of the wave there, from the lowest on. A wave
+    that a result does not have gets derivatives of nan there.
     """
     rows_of_results = list[dict[str, Array]]()
     for result in results:
@@ -226,16 +231,15 @@ def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
             letters = [letter.decode() for letter in corners[0].tolist()]
             for wave in range(tables.shape[-1]):
                 for place, letter in enumerate(letters):
-                    rows[" ".join(filter(None, [EDGE_WAVE, letter, str(wave)]))] = tables[
-                        :, :, place, wave
-                    ]
+                    name = " ".join(filter(None, [EDGE_WAVE, letter, str(wave)]))
+                    rows[name] = tables[:, :, place, wave]  # (loads, parameters)
         rows_of_results.append(rows)
     names = list(dict.fromkeys(name for rows in rows_of_results for name in rows))
     for result, rows in zip(results, rows_of_results, strict=True):
         derivatives = result[NAME]
         unknown = np.full(derivatives[:, 0].shape, np.nan)
-        added = [rows.get(name, unknown)[:, None] for name in names]
-        result[NAME] = np.concatenate([derivatives, *added], axis=1)
+        rows_of_waves = [rows.get(name, unknown)[:, None] for name in names]
+        result[NAME] = np.concatenate([derivatives, *rows_of_waves], axis=1)
     return names
 
 
@@ -248,7 +252,8 @@ class _Quantities:
 
     Attributes
     ----------
-    edge_waves : what finds the waves of an edge, which come after the quantities; None without.
+    edge_waves : the search for the waves of an edge, whose frequencies come after the quantities;
+        None without an edge.
     """
 
     def __init__(
@@ -272,7 +277,8 @@ class _Quantities:
 
     def find(self, state: Any) -> Array:
         """Return the values (quantities,) of a state, a network, or a state at another wall; nan
-        for quantities that it does not have.
+        for quantities that the state does not have. The first call, with the unchanged state, fixes
+        wave vectors and numbers of waves for all others.
         """
         if isinstance(state, _AtWall):  # the wall of an edge has no effect on the bulk
             assert self._first is not None
@@ -332,12 +338,13 @@ class _Quantities:
 
 
 class _EdgeWaves:
-    """What finds the waves of an edge, at the corners of the path along it, of states that differ
-    little from the first one.
+    """The search for the waves of an edge, at the corners of the path along the edge, of states
+    that differ little from the first one.
 
     Attributes
     ----------
-    letters : of the corners, each once; empty texts at the end of a chain.
+    letters : of the corners, each once, an empty text at the end of a chain; [] before the first
+        state.
     """
 
     def __init__(self, balls: Balls, settings: SurfaceSettings) -> None:
@@ -400,10 +407,8 @@ def estimate_derivatives(
     """
     balls = serving.packing
     structure = balls.structure
-    known = Parameters(balls, serving.load, surface).list_known(
-        serving.load.flat[0], has_samples=False
-    )
-    n_parameters = len(known)
+    parameters = Parameters(balls, serving.load, surface)
+    n_parameters = len(parameters.list_known(serving.load.flat[0], has_samples=False))
     n_networks = serving.load.size * (1 + N_VALUES * n_parameters)
     measure = partial(_measure_long_waves, structure.dimension, structure.n_balls, balls.friction)
     description = f"derivatives by {counted(n_parameters, 'parameter')}"
@@ -419,9 +424,9 @@ def estimate_derivatives(
     if has_cutoffs:
         n_branches = balls.ball_motions.count * structure.n_balls
         frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)
-        cost += replace(frequencies.times(n_networks), kept=0.0)
+        cost += replace(frequencies.times(n_networks), kept=0.0)  # no frequency is kept
     if surface is not None:
-        n_motions = balls.ball_motions.count * balls.structure.n_balls
+        n_motions = balls.ball_motions.count * structure.n_balls
         measure_edge = partial(
             measure_corners, structure.dimension, structure.n_balls, balls.friction
         )

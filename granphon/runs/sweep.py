@@ -28,9 +28,7 @@ from granphon.media.arrangement import Arrangement, find_kinds, given_balls
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
-from granphon.runs.dataset import (
-    Dataset,
-)
+from granphon.runs.dataset import Dataset
 from granphon.runs.finished_tasks import Store
 from granphon.runs.plan import Plan
 from granphon.runs.tasks import OF_ZONE, Grid, Request, require_arrays
@@ -79,7 +77,7 @@ def sweep(
     store: Store | None = None,
     **parameters: Any,
 ) -> Dataset:
-    """States, velocities and moduli over loads, media and parameters of the packing.
+    """Return states, velocities and moduli over loads, media and parameters of the packing.
 
     Parameters
     ----------
@@ -108,12 +106,12 @@ def sweep(
         :meth:`granphon.phonons.phonons.Phonons.cutoffs` does.
     onsets : whether to find the frequency and the curvature of each branch at Gamma, as
         :meth:`granphon.phonons.phonons.Phonons.onset` does.
-    dos, spectrum, pulse : what of the waves in each sample to find, where all media are
-        simulations: the density of states of the array; spectral functions, as the keys
-        ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and ``path``, such as "GM", by
-        default that of the lattice, of a mapping say; and a pulse along the direction, with the
-        keys ``frequency`` (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``,
-        ``ends``, ``damping`` (s).
+    dos, spectrum, pulse : the waves to find in each sample, where all media are simulations.
+        ``dos`` says whether to find the density of states of the array. ``spectrum`` is a mapping
+        for spectral functions, with the keys ``polarisation``, ``resolution`` (Hz), ``points`` of a
+        leg and ``path``, such as "GM", by default that of the lattice. ``pulse`` is a mapping for a
+        pulse along the direction, with the keys ``frequency`` (Hz), ``distance`` (m), ``cycles``,
+        ``polarisation``, ``source``, ``ends``, ``damping`` (s).
     response, motion, modes : what to find of the network of each state, with the keys that
         :class:`~granphon.ResponseSettings`, :class:`~granphon.MotionSettings` and
         :class:`~granphon.ModesSettings` have, in SI units.
@@ -218,7 +216,8 @@ def sweep(
     names_of_arrays: Sequence[str] = () if waves is None else waves.names
     names_of_networks = [name for name, settings in networks.items() if settings is not None]
     observe = ["velocities", *names_of_zone, *names_of_arrays, *names_of_networks]
-    # balls that are held have no sound, and a mechanism has bands and motions too
+    # Velocities that cannot be found are an error only where nothing else is observed: balls that
+    # are held have no sound, and a mechanism has bands and motions without velocities.
     is_held = packing.is_held or not HOLDING_PARAMETERS.isdisjoint(parameters)
     request = Request(
         finite_overlap=finite_overlap,
@@ -308,23 +307,23 @@ def _read_waves(
     ``response``, ``motion`` and ``modes`` by name, None where they are not given. InputError for a
     pulse along several ``directions``.
     """
-    with_dos = require("dos", truth, dos)
+    has_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
     read_pulse = partial(read_block, PulseSettings, context=IN_PYTHON)
     pulse_settings = None if pulse is None else require("pulse", read_pulse, pulse)
     has_several = isinstance(directions[0], tuple) if directions else False
     if pulse_settings is not None and has_several:
-        raise InputError("a pulse is asked for in several directions", mend="Give one direction")
+        raise InputError("a pulse goes along one direction, and there are several", mend="Give one")
     of_networks = tuple(
         require(name, partial(read_block, NETWORK_BLOCKS[name], context=IN_PYTHON), settings)
         for name, settings in networks.items()
         if settings is not None
     )
-    if not (with_dos or spectrum_settings or pulse_settings or of_networks):
+    if not (has_dos or spectrum_settings or pulse_settings or of_networks):
         return None
     pulse_direction = None if pulse_settings is None else directions
     return WaveSettings(
-        dos=with_dos,
+        dos=has_dos,
         spectrum=spectrum_settings,
         path=corners,
         labels=names,

@@ -78,15 +78,15 @@ LATTICE_BANDS = (
 )
 #: the observables that are sought in the whole zone of wave vectors
 OF_ZONE = ("gaps", "cutoffs", "onsets")
-#: marks of a result: indices of the loads that were not reached
+#: names of the marks of a result: indices of the loads that were not reached
 _MISSED = "path.missed"
-#: why the path ended
+#: why the path ended, a text
 _WHY = "path.why"
 #: the index of the load at which the path ended, -1 where it is not known
 _END = "path.at"
 _MARKS = (_MISSED, _WHY, _END)
-#: the marks of a path that did not end early
-_NONE = np.zeros(0)
+#: the values of a mark of a path that did not end early
+_NO_MARKS = np.zeros(0)
 #: numbers of any sample that its state averages
 _AVERAGED = (
     "force",
@@ -114,7 +114,9 @@ def to_json(data: Any) -> str:
     """
 
     def simplify(value: Any) -> Any:
-        """Return a value that JSON does not know as one that JSON knows better."""
+        """Return plain data for a ``value`` that is none: what :func:`plain` makes of the value,
+        or, of an object that :func:`plain` does not know, its class and attributes.
+        """
         plain_value = plain(value)
         if plain_value is not value:
             return plain_value
@@ -259,15 +261,15 @@ class Case:
         """The media that serve the loads, each with its loads: the medium itself, or those that an
         automatic medium chooses.
 
-        They are found once, for all who hold the case. :class:`~granphon.base.errors.InputError` if
-        the packing has no such medium, or if none can be chosen.
+        The media are chosen once for a case. :class:`~granphon.base.errors.InputError` if the
+        packing has no such medium, or if none can be chosen.
         """
         return self.medium.choose(self.packing, self.load)
 
     @cached_property
     def state(self) -> ContactState:
-        """The state under the first load; once a single state has been joined from the results of
-        its samples, the one with their balls.
+        """The state under the first load. Where states are kept, :meth:`join` replaces the state of
+        a simulation by the one that is made from the results of its samples, with their balls.
         """
         return self.solve(0)
 
@@ -332,7 +334,9 @@ class Case:
 
     @cached_property
     def tasks(self) -> list[MediumTask]:
-        """The tasks that can run side by side: of a simulation one for each sample."""
+        """The tasks that can run side by side, medium by medium: of a simulation one for each
+        sample, of another medium one.
+        """
         return [task for medium_task in self.media for task in medium_task.tasks]
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
@@ -539,7 +543,7 @@ class MediumTask(Task):
         medium this task alone.
         """
         samples = self.serving.samples if self.known_state is None else []
-        # these are found from the mean over samples, in join, and not by the tasks
+        # what is left out here is found in join, from the mean over samples
         request = replace(
             self.request,
             path=None,
@@ -577,7 +581,9 @@ class MediumTask(Task):
         return _expand_loads(averages, reached, n_loads) | marks
 
     def state(self, load: Load) -> ContactState:
-        """Return the state under ``load``, all or some of the loads of the task."""
+        """Return the state under ``load``, all or some of the loads of the task; a known state is
+        returned as it is, under all loads.
+        """
         if self.known_state is not None:
             return self.known_state
         return self.serving.at(load, finite_overlap=self.request.finite_overlap)
@@ -807,48 +813,50 @@ def _observe_zone(state: ContactState, request: Request) -> TaskResult:
 
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
-    found = [_find_in_zone(find_phonons(distinct), request) for distinct in distinct_states]
+    numbers_of_states = [
+        _find_in_zone(find_phonons(distinct), request) for distinct in distinct_states
+    ]
     # from the frequencies of the distinct states to those of all states; curvatures go as
     # frequencies do, as lattices that serve all loads have one length
     scales = np.array([single.scales.frequency for single in states])
     ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
     variables: TaskResult = {}
-    for name in found[0]:
-        values = np.array([of_state[name] for of_state in found])
-        axes = (1,) * (values.ndim - 1)
-        variables[name] = np.asarray(ratios.reshape(-1, *axes) * values)
+    for name in numbers_of_states[0]:
+        values = np.array([numbers[name] for numbers in numbers_of_states])
+        single_axes = (1,) * (values.ndim - 1)
+        variables[name] = np.asarray(ratios.reshape(-1, *single_axes) * values)
     return variables
 
 
 def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
     """Return the variables of one state that are sought in the whole zone, of b branches.
 
-    Of gaps these are the lower and the upper edges (b,), Hz, by the number of branches below the
-    gap, nan where there is no gap, and the top frequency, Hz; of cut-offs the lowest and the
-    highest frequencies (b,), Hz, among which the edges of gaps then are; of onsets the frequencies
-    (b,), Hz, at Gamma, curvatures (b,) along the direction, m^2/s, and the gap below all branches,
-    Hz.
+    Gaps give the lower and the upper edges (b,), Hz, by the number of branches below the gap, nan
+    where there is no gap, and the top frequency, Hz. Cut-offs give the lowest and the highest
+    frequency of each branch (b,), Hz; the edges of gaps are then taken from these. Onsets give the
+    frequencies (b,), Hz, at Gamma, the curvatures (b,) along the direction, m^2/s, and the gap
+    below all branches, Hz.
     """
     # imported here: other runs do not need phonons
     from granphon.phonons.phonons import find_gaps_between
 
-    found = dict[str, Array]()
+    variables = dict[str, Array]()
     cutoffs = phonons.cutoffs() if "cutoffs" in request.observe else None
     if "gaps" in request.observe:
         edges = np.full((2, phonons.lattice.n_branches), np.nan)
         branches, gaps = phonons.find_gaps() if cutoffs is None else find_gaps_between(cutoffs)
         edges[:, branches] = gaps.T
-        found["gap_lower"], found["gap_upper"] = edges
+        variables["gap_lower"], variables["gap_upper"] = edges
         top = phonons.lattice.top_frequency * phonons.scales.frequency
-        found["top_frequency"] = np.array(top)
+        variables["top_frequency"] = np.array(top)
     if cutoffs is not None:
-        found["cutoff_lower"], found["cutoff_upper"] = cutoffs.T
+        variables["cutoff_lower"], variables["cutoff_upper"] = cutoffs.T
     if "onsets" in request.observe:
         onset = phonons.onset(request.direction)
-        found["onset_frequency"] = onset.frequencies
-        found["onset_curvature"] = onset.curvatures
-        found["onset_gap"] = np.array(onset.gap)
-    return found
+        variables["onset_frequency"] = onset.frequencies
+        variables["onset_curvature"] = onset.curvatures
+        variables["onset_gap"] = np.array(onset.gap)
+    return variables
 
 
 def _observe_bands(
@@ -958,7 +966,9 @@ def add_waves(
 
 
 def _place_note(text: str, task: MediumTask, load: Load, indices: Sequence[int]) -> str:
-    """Return a note after the first of the loads of ``indices`` that the note is about."""
+    """Return a note, ``text``, with words before it for the loads at which it holds: the first of
+    the ``indices`` of a ``load``, and how many more there are.
+    """
     lattice = task.serving.packing.structure
     load_in_words = load[indices[0]].describe(lattice.periods, lattice.pressed_axes)
     further = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
@@ -981,7 +991,7 @@ class SampleTask(MediumTask):
         """Number of steps: one for each load, or one for a whole path."""
         return 1 if self.simulation.friction_history else self.load.size
 
-    def done(self, result: TaskResult) -> int:
+    def count_steps(self, result: TaskResult) -> int:
         """Return the number of steps that a result contains."""
         return 1 if self.simulation.friction_history else len(result["force"])
 
@@ -1008,7 +1018,7 @@ class SampleTask(MediumTask):
             if earlier:
                 # the overlap and the balls at rest under the load before
                 start = (earlier.pop("rest_overlap").item(), earlier.pop("rest_balls"))
-                n_done = self.done(earlier)
+                n_done = self.count_steps(earlier)
             index = order[n_done]
             sample = simulation.sample(loads[index], start)
             result = self._record([sample])
@@ -1020,7 +1030,7 @@ class SampleTask(MediumTask):
             result = {
                 name: np.concatenate([earlier[name], value]) for name, value in result.items()
             }
-        if self.done(result) < len(order):
+        if self.count_steps(result) < len(order):
             equilibrium = sample.equilibrium
             return result | {
                 "rest_overlap": np.array(equilibrium.overlap),
@@ -1169,9 +1179,9 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
 
 
 def _expand_loads(result: TaskResult, reached: Sequence[int], size: int) -> TaskResult:
-    """Return a ``result``, whose rows are those of the loads ``reached``, with a row for each of
-    ``size`` loads: at loads that were not reached the row is that of another load, and means
-    nothing. ``reached`` are indices of loads.
+    """Return a ``result``, whose rows are those of the loads ``reached``, indices of loads, with a
+    row for each of ``size`` loads. At a load that was not reached the row is that of another load,
+    and means nothing; its "warnings" stay as they are.
     """
     rows = np.zeros(size, int)
     rows[list(reached)] = range(len(reached))
@@ -1184,12 +1194,13 @@ def drop_marks(result: TaskResult) -> TaskResult:
 
 
 def find_reached(results: Sequence[TaskResult], size: int) -> list[int]:
-    """Return the indices, below ``size``, of the loads that all results have reached, ascending;
-    raise the ConvergenceError of a path if no load is reached by all.
+    """Return the indices, below ``size``, of the loads that all results have reached, ascending.
+
+    Raises the ConvergenceError of the first path that ended early if no load is reached by all.
     """
     missed = set[int]()
     for result in results:
-        missed.update(result.get(_MISSED, _NONE).tolist())
+        missed.update(result.get(_MISSED, _NO_MARKS).tolist())
     if len(missed) == size:
         raise explain_end(results)
     return [index for index in range(size) if index not in missed]
@@ -1222,8 +1233,8 @@ def explain_end(results: Sequence[TaskResult]) -> ConvergenceError:
     """Return the error of the first path that ended early, whose message counts the others; one
     path at least did. Its ``load_index`` is None where the load is not known.
     """
-    reasons = [reason for result in results for reason in result.get(_WHY, _NONE).tolist()]
-    indices = [index for result in results for index in result.get(_END, _NONE).tolist()]
+    reasons = [reason for result in results for reason in result.get(_WHY, _NO_MARKS).tolist()]
+    indices = [index for result in results for index in result.get(_END, _NO_MARKS).tolist()]
     message = reasons[0]
     if len(reasons) > 1:
         message += f" {counted(len(reasons) - 1, 'more path')} of the sweep ended early."

@@ -133,9 +133,9 @@ _FIT_RANGE = (0.25, 0.75)
 def require_waves(
     serving_media: Sequence[ServingMedium], settings: WaveSettings, most: float = np.inf
 ) -> None:
-    """Raise GranphonError if the waves of the ``settings`` cannot be found in the arrays of a case,
-    at any of its loads, or if a packing in files lacks the path of the spectra or their
-    polarisations.
+    """Raise GranphonError if the spectra or the pulse of the ``settings`` cannot be found in the
+    arrays of a case, at any of its loads, or if a packing in files lacks the path of the spectra or
+    their polarisations.
 
     An array of equal balls at the same mean force stands for each array of up to ``most`` balls, so
     that nothing is simulated. Its wave vectors, the motions of its balls, the path of the pulse and
@@ -145,13 +145,7 @@ def require_waves(
     if settings.spectrum is None and settings.pulse is None:
         return
     if settings.spectrum is not None:
-        for serving in serving_media:
-            state = None if serving.arrays else find_typical_state(serving)
-            if isinstance(state, NetworkState):  # a packing in files
-                points = find_packing_points(state.network, settings.path, settings.spectrum.points)
-                operator = WaveOperator(state.network)
-                for polarisation in settings.spectrum.polarisation:
-                    find_polarisations(operator, points.q[0], polarisation, None)
+        _require_packing_spectra(serving_media, settings.spectrum, settings.path)
     arrays = [
         (medium, serving.load)
         for serving in serving_media
@@ -166,10 +160,25 @@ def require_waves(
             ideal = AveragedLattice(medium.packing).at(Load.only(force=force))[0]
             networks.append(ideal.network.repeat(medium.cells))
         if settings.spectrum is not None:
-            # the same at all loads
+            # wave vectors and polarisations are the same at all loads
             _require_spectrum(networks[0], medium.packing, settings.spectrum, settings.path)
         if settings.pulse is not None:
             _require_pulse(networks, settings.pulse, settings.direction)
+
+
+def _require_packing_spectra(
+    serving_media: Sequence[ServingMedium], spectrum: SpectrumSettings, path: Any
+) -> None:
+    """Raise GranphonError if a packing in files lacks a wave vector of the ``path`` or a
+    polarisation of the ``spectrum``; other media are not looked at.
+    """
+    for serving in serving_media:
+        state = None if serving.arrays else find_typical_state(serving)
+        if isinstance(state, NetworkState):  # a packing in files
+            points = find_packing_points(state.network, path, spectrum.points)
+            operator = WaveOperator(state.network)
+            for polarisation in spectrum.polarisation:
+                find_polarisations(operator, points.q[0], polarisation, None)
 
 
 def _require_pulse(
@@ -214,7 +223,7 @@ def require_network(
     most: float = np.inf,
 ) -> None:
     """Raise GranphonError unless the networks of a case, repeated and cut, have what one ``key`` of
-    the ``settings`` asks for, such as the balls of "source" or the modes of "count".
+    the ``settings`` names, such as the balls of "source" or the modes of "count".
 
     Networks of equal balls at a typical force stand for those of packings. Networks of more than
     ``most`` balls are not looked at, nor are crystals whose states take long.
@@ -445,8 +454,8 @@ def _average_responses(
     name = RESPONSES[str(records[0]["response_quantity"])]
     mean = np.mean(amplitudes, axis=0)
     observables = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
-    is_alone = len(records) == 1
-    if is_alone:
+    is_single = len(records) == 1
+    if is_single:
         peaks = records[0]["response_peaks"]
     else:
         peaks = _list_peaks(find_peaks(np.array(settings.frequencies), mean))
@@ -459,22 +468,29 @@ def _average_responses(
     if np.any(is_peak):
         observables |= {f"peaks_{word}": table for word, table in tables.items()}
     if np.any(is_narrow):
-        n_narrow = int(np.max(np.sum(is_narrow, axis=1)))
-        lines = counted(n_narrow, "peak of the response is", "peaks of the response are")
-        mend = "give frequencies closer to each other"
-        if is_alone:
-            mend = "give a loss, such as a damping"
-        notes.append(
-            f"{lines} narrower than the step of the frequencies, and the height is not known:"
-            f" {mend}"
-        )
+        notes.append(_note_narrow_peaks(is_narrow, is_single=is_single))
     if np.any(is_peak[0]) and not np.any(is_narrow[0]):
         highest = np.nanargmax(tables[name][0])
         for word, table in tables.items():
             observables[f"peak_{word}"] = np.array(table[0, highest])
-    if not is_alone:
+    if not is_single:
         observables[f"{name}_error"] = np.asarray(standard_error(amplitudes, axis=0))
     return observables, notes
+
+
+def _note_narrow_peaks(is_narrow: Array, *, is_single: bool) -> str:
+    """Return a note on peaks of a response that are narrower than the step of the frequencies.
+
+    ``is_narrow`` (receivers, n) marks these peaks; the note counts those of the receiver that has
+    most. The peaks of a single network, ``is_single``, were solved for, so that closer frequencies
+    would not help.
+    """
+    n_narrow = int(np.max(np.sum(is_narrow, axis=1)))
+    lines = counted(n_narrow, "peak of the response is", "peaks of the response are")
+    mend = (
+        "give a loss, such as a damping" if is_single else "give frequencies closer to each other"
+    )
+    return f"{lines} narrower than the step of the frequencies, and the height is not known: {mend}"
 
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
@@ -649,7 +665,7 @@ class Passage(NamedTuple):
         peak_times, heights = motion.peaks()
         front_passages = motion.passages("front")
         peak_passages = motion.passages()
-        # at the ends of the motion the force may still have risen, or have fallen before
+        # a force that is greatest at an end of the motion may still rise, or may have fallen before
         peak_frames = np.argmax(motion.forces, axis=0)
         is_between_ends = (peak_frames > 0) & (peak_frames < len(motion.times) - 1)
         is_peak = np.isfinite(peak_passages) & is_between_ends
@@ -762,15 +778,14 @@ def average_motions(
         notes = [f"in {len(texts)} of {len(records)} samples, as in the first of them: {texts[0]}"]
     for name in NUMBERS:
         numbers = np.array([float(record[name]) for record in records])
-        known = numbers[np.isfinite(numbers)]
-        if known.size:
-            observables[name] = np.array(np.mean(known))
-        if known.size > 1 and name in _WITH_ERRORS:
-            observables[f"{name}_error"] = np.asarray(standard_error(known, axis=0))
-        if known.size < numbers.size:
-            samples = ""
-            if numbers.size > 1:
-                samples = f" in {numbers.size - known.size} of {numbers.size} samples"
+        known_numbers = numbers[np.isfinite(numbers)]
+        n_unknown = numbers.size - known_numbers.size
+        if known_numbers.size:
+            observables[name] = np.array(np.mean(known_numbers))
+        if known_numbers.size > 1 and name in _WITH_ERRORS:
+            observables[f"{name}_error"] = np.asarray(standard_error(known_numbers, axis=0))
+        if n_unknown:
+            samples = f" in {n_unknown} of {numbers.size} samples" if numbers.size > 1 else ""
             notes.append(
                 f"the {name.replace('_', ' ')} is not known{samples}: the wave is known to come to"
                 " fewer than three contacts, or their distances over the times at which it comes"
@@ -807,16 +822,16 @@ def write_contacts(
     settings: MotionSettings,
     errors: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write the table ``path`` of the contacts of a ``motion``, whose columns are those of
-    :func:`list_contact_columns`, each with a further column of its standard ``errors`` (n_c,), if
-    these are given by its name.
+    """Write the table ``path`` of the contacts of a ``motion``: the columns of
+    :func:`list_contact_columns`, and after these a column of standard errors (n_c,) for each column
+    whose name is among the ``errors``.
     """
     columns = list_contact_columns(motion, settings)
     headings = [Heading(name, unit) for name, unit, _ in columns]
-    of_columns = {heading.name: heading for heading in headings}
+    heading_of_name = {heading.name: heading for heading in headings}
     lists = [values.tolist() for _, _, values in columns]
     for name, values in (errors or {}).items():
-        headings.append(of_columns[name].of_error)
+        headings.append(heading_of_name[name].of_error)
         lists.append(values.tolist())
     rows = zip(*lists, strict=True)
     path.write_text(table_text(headings, rows), encoding="utf-8")
@@ -939,8 +954,8 @@ def _interpolate_densities(table: Array, points: Array) -> Array:
     (n_f,), Hz. The first row of the table is its n frequencies, Hz, and the others are its
     densities, 1/Hz.
 
-    A cubic spline interpolates; values below zero become zero, as do those above the last frequency
-    of the table.
+    A cubic spline interpolates. Densities that the spline puts below zero become zero, and so do
+    those above the last frequency of the table.
     """
     from scipy.interpolate import CubicSpline
 
@@ -1010,14 +1025,7 @@ def _average_spectra(
     }
     has_errors = len(records) > 1
     if has_errors:
-        peaks = lines[:, :, 0]
-        widths = lines[:, :, 1]
-        attenuations = find_attenuation(2.0 * np.pi * peaks / q, widths)
-        peak_error = standard_error(peaks, axis=0)
-        observables["line_frequency_error"] = peak_error
-        observables["line_width_error"] = standard_error(widths, axis=0)
-        observables["phase_velocity_error"] = 2.0 * np.pi * peak_error / q
-        observables["attenuation_error"] = standard_error(attenuations, axis=0)
+        observables |= _find_line_errors(q, lines)
     assert settings.spectrum is not None
     for number, name in enumerate(settings.spectrum.polarisation):
         crossing, why = _find_crossing(q, peak[number], width[number])
@@ -1029,6 +1037,25 @@ def _average_spectra(
             crossing_error = _jackknife(q, lines[:, number])
             observables[f"ioffe_regel_{name}_error"] = np.array(crossing_error)
     return observables, notes
+
+
+def _find_line_errors(q: Array, lines: Array) -> dict[str, Array]:
+    """Return the standard errors (polarisations, n) over samples of the lines of plane waves, by
+    name: of peaks, Hz, widths, Hz, phase velocities, m/s, and attenuations, 1/m.
+
+    ``q`` (n,) are wave numbers, 1/m, and ``lines`` (samples, polarisations, 3, n) the peak, Hz, the
+    width, Hz, and whether the line is resolved.
+    """
+    peaks = lines[:, :, 0]
+    widths = lines[:, :, 1]
+    attenuations = find_attenuation(2.0 * np.pi * peaks / q, widths)
+    peak_error = standard_error(peaks, axis=0)
+    return {
+        "line_frequency_error": peak_error,
+        "line_width_error": standard_error(widths, axis=0),
+        "phase_velocity_error": 2.0 * np.pi * peak_error / q,
+        "attenuation_error": standard_error(attenuations, axis=0),
+    }
 
 
 def _find_crossing(q: Array, peak: Array, width: Array) -> tuple[float | None, str]:
@@ -1059,11 +1086,11 @@ def _average_pulses(
     means = dict[str, Array]()
     for name in _PULSE:
         numbers = np.array([float(record[name]) for record in records])
-        known = numbers[np.isfinite(numbers)]
-        if known.size:
-            means[name] = np.array(np.mean(known))
-        if name == "pulse_velocity" and known.size > 1:
-            means["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
+        known_numbers = numbers[np.isfinite(numbers)]
+        if known_numbers.size:
+            means[name] = np.array(np.mean(known_numbers))
+        if name == "pulse_velocity" and known_numbers.size > 1:
+            means["pulse_velocity_error"] = np.asarray(standard_error(known_numbers, axis=0))
     texts = [str(record["pulse_echo"]) for record in records]
     notes = [text for text in dict.fromkeys(texts) if text]
     reasons = [str(record["pulse_note"]) for record in records]

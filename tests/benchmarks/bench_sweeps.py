@@ -46,7 +46,7 @@ class Nap:
 
     where = name
 
-    def done(self, part: dict[str, Any]) -> int:
+    def count_steps(self, part: dict[str, Any]) -> int:
         return 1
 
     def solve(self, begun: dict[str, Any] | None = None) -> dict[str, Any]:

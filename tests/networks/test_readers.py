@@ -540,6 +540,13 @@ def test_dumps_that_are_written_are_read_back(name, tmp_path):
     swapped = replace(network, cell=network.cell[[1, 0, 2]], shift=network.shift[:, [1, 0, 2]])
     with pytest.raises(InputError, match="along x"):
         swapped.write_dumps(*files)
+    # the only period is the second vector, and lies along x
+    repeats_along_x = ~np.any(network.shift[:, 1:], axis=1)
+    fields = {name: getattr(network, name)[repeats_along_x] for name in network.contact_fields}
+    fields["shift"] = fields["shift"][:, [1, 0, 2]]
+    chain = replace(network, cell=network.cell[[1, 0, 2]], pbc=(False, True, False), **fields)
+    with pytest.raises(InputError, match="along x"):
+        chain.write_dumps(*files)
 
 
 @pytest.mark.parametrize("which", [0, 1])

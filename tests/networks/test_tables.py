@@ -1,8 +1,10 @@
 """Networks from tables of balls and contacts, read and written, and files that are damaged."""
 
+import json
 import re
 import warnings
 from dataclasses import replace
+from urllib.parse import quote, unquote
 
 import ase
 import ase.io
@@ -226,6 +228,19 @@ def test_changes_of_a_frame_that_contradict_the_rest_are_told(which, pattern, in
             gp.ContactNetwork.from_table(*files, keep_rattlers=True)
     else:
         assert gp.ContactNetwork.from_table(*files, keep_rattlers=True) == network
+
+
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.parametrize("pbc", [[True, True], [[1], [1, 2]], [True] * 4, "x", 5])
+def test_a_pbc_of_another_shape_in_a_frame_is_refused(pbc, tmp_path):
+    files = tmp_path / "balls.extxyz", tmp_path / "contacts.extxyz"
+    network_of("packing").write_tables(*files)
+    text = re.sub(" granphon_sha256.*", "", files[0].read_text())
+    fields = re.search(r"granphon_network=(\S+)", text)[1]
+    changed = json.loads(unquote(fields)) | {"pbc": pbc}
+    files[0].write_text(text.replace(fields, quote(json.dumps(changed), safe="")))
+    with pytest.raises(InputError, match="pbc"):
+        gp.ContactNetwork.from_table(*files, keep_rattlers=True)
 
 
 def test_a_frame_of_another_program_is_refused(tmp_path):
@@ -890,7 +905,13 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
     )
     assert network.kinds == ("7", "3", "7")
     assert network.repeat((2,)).kinds == network.kinds * 2
-    assert network.select([2, 1]).kinds == ("7", "3")
+    part = network.select([2, 1])
+    assert part.kinds == ("7", "3")
+    assert [part.name_ball(ball) for ball in (0, 1)] == [2, 1]
+    with pytest.raises(InputError, match="ball"):
+        part.name_ball(2)
+    with pytest.raises(InputError, match=r"\(2, 3\)"):
+        part.find_farthest(np.zeros((3, 3)))
     assert gp.ContactNetwork.from_dict(network.to_dict()) == network
     assert (
         gp.ContactNetwork.from_table(
@@ -898,6 +919,17 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
         ).kinds
         is None
     )
+    for kinds, told in (
+        (["a", "b"], "different lengths"),
+        ([["a", "b", "c"]], r"\(1, 3\)"),
+        ([["a"], ["b", "c"]], "list of names"),
+    ):
+        with pytest.raises(InputError, match=told):
+            gp.ContactNetwork.from_table(balls | {"kind": kinds}, contacts, cell=[6.0])
+    with pytest.raises(InputError, match="no motions"):  # also of balls on springs
+        gp.ContactNetwork.from_table(
+            balls | {"on_site_x": [1.0] * 3}, contacts, cell=[6.0], friction=False, motions=["all"]
+        )
     for kinds, said in (
         (["7"], "kinds of the ContactNetwork .* shape"),
         (["7", "=1+1", "7"], "the name of a kind"),

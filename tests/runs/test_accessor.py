@@ -44,6 +44,16 @@ def test_exponents_are_those_of_the_law(swept):
     np.testing.assert_allclose(over.sel(medium="ala"), 0.5, rtol=1e-10)
 
 
+def test_exponents_over_a_variable_of_fewer_dimensions():
+    """Pressures have no direction, and velocities have: each direction has the exponent 1/6."""
+    data = gp.sweep(PACKING, force=[1.0, 3.0, 10.0, 40.0], direction=[(1, 0), (0, 1)])
+    exponents = data.granphon.exponent(over="pressure")
+    assert exponents.dims == ("load", "medium", "direction")
+    np.testing.assert_allclose(exponents, 1.0 / 6.0, rtol=1e-12)
+    with pytest.raises(InputError, match="medium"):
+        data.granphon.exponent("force", over="pressure")
+
+
 def test_it_draws_fits_and_knows_its_packing(swept, tmp_path):
     assert swept.granphon.packing == PACKING
     assert swept.granphon.plot(variable="bulk").axes[0].get_ylabel() == "Bulk modulus (GPa)"

@@ -407,7 +407,7 @@ def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monk
     def count(scene):
         """Products with a vector times balls."""
         waves = next(work for *_, work in scene.plan.parts if "waves" in "".join(work.parts))
-        return sum(number for number, *_ in waves.units)
+        return sum(units.number for units in waves.units)
 
     # spectra and pulses, at two loads and in two samples
     assert count(scene) > 3.0 * count(few)
