@@ -34,13 +34,13 @@ P = TypeVar("P", bound=Place)
 class Trail(Generic[P]):
     """What is remembered of the places on the way.
 
-    ``keeps_nearest`` says whether the place nearest to rest is kept; otherwise the last one is, as
-    if it were the nearest.
+    ``keeps_nearest`` says whether the place with the least residual is kept; otherwise the last
+    place is.
 
     Attributes
     ----------
     best : least residual of all places; infinite at first.
-    stalled : number of places since one had less than half of the least residual before it.
+    stalled : number of places since a place had at most half of the least residual before it.
     nearest : the place that is kept; None at first.
     """
 
@@ -73,7 +73,7 @@ class Descent(ABC, Generic[P]):
     tolerance : residual at which balls are at rest.
     required : residual with which a way that comes no nearer may end.
     trail : what the way has passed.
-    steps, iterations : numbers of steps of Newton's method, and of iterations in them.
+    steps, iterations : numbers of steps of Newton's method, and of iterations in these steps.
     """
 
     def __init__(self, options: RestOptions, tolerance: float, required: float) -> None:
@@ -94,12 +94,13 @@ class Descent(ABC, Generic[P]):
         """Return the place at which the way begins: that of ``start``, if there is one."""
 
     def run(self, start: Rest | None) -> Rest:
-        """Return the state at rest to which the way leads from a ``start``, or from where
-        :meth:`begin` says; raise the error of :meth:`_explain_failure` if it does not lead to rest,
-        or that of a step that finds the reason before.
+        """Return the state at rest to which the way leads from where it begins (:meth:`begin`, with
+        the ``start``); raise the error of :meth:`_explain_failure` if the way does not lead to
+        rest, or the error of a step that finds the reason before.
 
-        Steps and iterations are counted, and places added to the trail. At rest at a saddle of the
-        energy the way goes on downhill, with a new trail.
+        Steps and iterations are counted, and places added to the trail. From rest at a saddle of
+        the energy the way goes on downhill, with a new trail. After ``options.steps`` steps, or
+        where the way is stuck, the nearest place is at rest if it has the required residual.
         """
         place = self.begin(start)
         for _ in range(self.options.steps):
@@ -152,7 +153,8 @@ class Descent(ABC, Generic[P]):
     def _follow(self, way: Way[P], part: float | None = None) -> tuple[P, float]:
         """Return the place along the ``way`` of a step at which the energy hardly falls any more,
         and the length of the step, 1 for a whole step. There the slope is at most a ``part`` of
-        that at the start, by default ``options.slope``.
+        that at the start, by default ``options.slope``, unless ``options.slopes`` lengths find no
+        such place.
         """
         options = self.options
         return follow(way, options.slope if part is None else part, options.slopes)

@@ -24,8 +24,9 @@ def find_typical_force(problem: Problem) -> float:
     adhesion, which is zero where they do not adhere.
     """
     assembly = problem.assembly
-    laws = problem.assembly.laws
+    laws = assembly.laws
     stress = problem.load.stress
+    # of contacts that all have a force of one
     virial = assembly.n_contacts * assembly.mean_distance
     if problem.load.mean_force is not None:
         return problem.load.mean_force
@@ -35,17 +36,19 @@ def find_typical_force(problem: Problem) -> float:
             return pressing * assembly.measure / virial
         if np.any(stress) and np.any(np.isinf(laws.tension)):  # bonds pull as well
             return float(np.linalg.norm(stress)) * assembly.measure / virial
-    sizes = np.abs(problem.load.force[: problem.n_ball_unknowns])
-    on_balls = float(np.sum(sizes)) / max(assembly.n_contacts**0.5, 1.0)
+    on_balls = np.abs(problem.load.force[: problem.n_ball_unknowns])
     on_walls = np.abs(problem.load.force[problem.n_ball_unknowns :]) / assembly.wall_balls
-    largest = max(on_balls, float(np.max(sizes, initial=0.0)), float(np.max(on_walls, initial=0.0)))
-    return largest or float(np.max(laws.adhesion))
+    # as if the sum of all forces, as of a weight, were borne by about as many contacts as a layer
+    # of a square array has
+    in_layer = float(np.sum(on_balls)) / max(assembly.n_contacts**0.5, 1.0)
+    largest_of_each = (float(np.max(forces, initial=0.0)) for forces in (on_balls, on_walls))
+    return max(in_layer, *largest_of_each) or float(np.max(laws.adhesion))
 
 
 def _find_bearing(problem: Problem) -> tuple[bool, str]:
     """Return whether contacts can bear the load, and, if not, a sentence on the pressure from all
-    sides with which they could; an empty text if there is no such pressure. A load that is not
-    proven to be more than they can bear counts as borne.
+    sides with which the contacts could; an empty text if there is no such pressure. A load counts
+    as borne unless it is proven to be too much.
 
     A linear programme seeks forces of contacts that balance the load, none with more tension than
     its contact bears. A second one seeks the least pressure that makes such forces possible.
@@ -68,11 +71,14 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
         bounds += [(0.0, None)] * (columns.shape[1] - len(least))
         return linprog(cost, A_eq=columns, b_eq=right, bounds=bounds, method="highs")
 
-    # 2: there are no such forces; other numbers: they are found, or the search has failed
+    # status 2: there are no such forces; another status: such forces are found, or the search has
+    # failed
     if search(press, np.zeros(press.shape[1])).status != 2:
         return True, ""
     if not len(problem.unit_strains):
         return False, ""
+    # a pressure from all sides, times the measure of the cell, takes these from the forces of the
+    # load
     sides = np.zeros(problem.size)
     sides[problem.n_displacements :] = (
         problem.find_work(np.eye(assembly.periods)) / assembly.measure
@@ -83,7 +89,8 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     if not answer.success:
         return False, ""
     pressure = answer.x[-1] * size / assembly.measure
-    # without forces of contacts the pressure only takes the load off, and more of it is needed
+    # where contacts have no force but rounding, the pressure only takes the load off, and more
+    # pressure is needed
     presses = np.max(np.abs(answer.x[:-1])) > 1e-9 * answer.x[-1]
     word = "of" if presses else "above"
     unit = _UNITS[assembly.periods]
@@ -98,41 +105,59 @@ def explain(
 ) -> InputError | ConvergenceError:
     """Return the error of a load that the assembly has not come to rest under.
 
-    It is an InputError if contacts cannot bear the load, if all are open or bear nothing
-    (``opened``), if a law does not reach the forces, or if stiffnesses or forces differ too much;
-    else a ConvergenceError. ``residual`` is the largest force left on a ball, over the mean force;
-    None if it is not known.
+    The first reason that holds is named, by an InputError: contacts cannot bear the load, all are
+    open or bear nothing (``opened``), a law does not reach the forces, or stiffnesses or forces
+    differ too much. If none holds, a ConvergenceError says the ``residual``, the largest force left
+    on a ball, over the mean force; None if it is not known.
+    """
+    words = problem.load.words
+    error = _explain_unborne(problem, options)
+    if error is None and opened:
+        why = "The balls do not touch, or too few do to hold each other"
+        what = f"contacts are open or bear nothing under {words}"
+        error = InputError(what, why, "Press the balls")
+    error = error or _explain_laws(problem, options)
+    if error is not None:
+        return error
+    left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
+    return ConvergenceError(f"the crystal has not come to rest under {words}", left)
+
+
+def _explain_unborne(problem: Problem, options: RestOptions) -> InputError | None:
+    """Return the error of a load that contacts cannot bear; None of a load that may be borne.
+
+    A load without forces is borne by any contacts. Loads of more than ``options.most_explained``
+    contacts are not looked into, which would take too much time.
     """
     assembly = problem.assembly
-    laws = assembly.laws
-    words = problem.load.words
-    # a load without forces is borne by any contacts; long lists would take too much time
-    if assembly.n_contacts <= options.most_explained and np.any(problem.force):
-        is_borne, mend = _find_bearing(problem)
-        if not is_borne:
-            why = (
-                "Contacts only push along the lines of their centres, and no such forces add up"
-                " to it"
-            )
-            if laws.adhere:
-                why = (
-                    "No forces along the lines of the centres, up to the tension that contacts"
-                    " bear, add up to it"
-                )
-            mend = mend or "Press the crystal from the sides too, or give another load"
-            return InputError(
-                f"the crystal cannot bear {words}", *(problem.load.lift or (why, mend))
-            )
-    if opened:
-        why = "The balls do not touch, or too few do to hold each other"
-        return InputError(
-            f"contacts are open or bear nothing under {words}", why, "Press the balls"
+    if assembly.n_contacts > options.most_explained or not np.any(problem.force):
+        return None
+    is_borne, mend = _find_bearing(problem)
+    if is_borne:
+        return None
+    why = "Contacts only push along the lines of their centres, and no such forces add up to it"
+    if assembly.laws.adhere:
+        why = (
+            "No forces along the lines of the centres, up to the tension that contacts bear, add"
+            " up to it"
         )
+    mend = mend or "Press the crystal from the sides too, or give another load"
+    what = f"the crystal cannot bear {problem.load.words}"
+    return InputError(what, *(problem.load.lift or (why, mend)))
+
+
+def _explain_laws(problem: Problem, options: RestOptions) -> InputError | None:
+    """Return the error of laws that have no overlap at a typical force of the load, or of
+    stiffnesses or forces of the load that differ by more than ``options`` allow; None if there is
+    no such reason.
+    """
+    laws = problem.assembly.laws
+    words = problem.load.words
     size = find_typical_force(problem)
     with np.errstate(all="ignore"):
-        reached = laws.overlap(np.full(laws.count, size))
-        stiffness = laws.stiffness(reached)
-    if not np.all(np.isfinite(reached)):
+        overlap = laws.overlap(np.full(laws.count, size))
+        stiffness = laws.stiffness(overlap)
+    if not np.all(np.isfinite(overlap)):
         why = f"They are about {size:.4g} N, and the law has no overlap at that force"
         mend = "Lower the load, or give a law whose force grows on"
         return InputError(f"a contact law does not reach the forces under {words}", why, mend)
@@ -152,5 +177,4 @@ def explain(
             )
             why = f"A factor of up to {most:g} can be told from rounding"
             return InputError(what, why, "Compare the units, or leave the smaller ones out")
-    left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
-    return ConvergenceError(f"the crystal has not come to rest under {words}", left)
+    return None

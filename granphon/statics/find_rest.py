@@ -3,9 +3,9 @@
 Rest is the minimum of the energy of all contacts less the work of the load
 (:mod:`granphon.statics.configuration`). One flow leads there (:mod:`granphon.statics.descent`),
 with two flags: whether contacts turn, and whether the cell may change its shape. Where an array of
-one law is pressed evenly and contacts do not turn, no contact is spelled out. A way begins at
-another rest where that leads round: in exact directions at rest on the lattice, at the least loads
-at rest under more.
+one law is pressed evenly and contacts do not turn, no contact is spelled out. Some ways begin at
+another rest, which is found first: in exact directions at rest on the lattice, and under the least
+loads of a grid at rest under more load.
 """
 
 from __future__ import annotations
@@ -47,10 +47,11 @@ def find_rest(
         displacements; "exact": contacts turn, the cell deforms, and the stress is Cauchy's.
     boundary : "stress": the cell takes the stress of the load; "isotropic": it keeps its shape and
         takes the pressure of the load. Neither matters to a cell whose strain is given.
-    start : a state near by. By default the search starts from linear springs, and in exact
+    start : a state near by; balls of a grid that do not differ need none, in the directions of the
+        lattice. By default the search starts from linear springs or from the sites, and in exact
         directions from rest on the lattice, which is then found first; steps on the way there count
         too.
-    options : the numbers of the search.
+    options : the numbers of the search; the defaults of :class:`RestOptions` if None.
 
     Raises
     ------
@@ -70,31 +71,46 @@ def find_rest(
     if not (is_pressed or find_typical_force(problem)):
         return _rest_without_load(problem)
     descent = _choose_descent(problem, numbers)
-    begin = start or _find_start(problem, descent, numbers)
-    try:
-        rest = descent.run(begin)
-    except ConvergenceError:
-        led = _lead_round(problem, begin, numbers) if problem.turns and begin else None
-        if led is None:
-            raise
-        rest = led
-    if begin is None or begin is start:
+    if start is not None:
+        return _descend(problem, descent, start, numbers)
+    first = _find_start(problem, descent, numbers)
+    rest = _descend(problem, descent, first, numbers)
+    if first is None:
         return rest
-    taken = (rest.steps + begin.steps, rest.iterations + begin.iterations)
-    return replace(rest, steps=taken[0], iterations=taken[1])
+    return replace(
+        rest, steps=rest.steps + first.steps, iterations=rest.iterations + first.iterations
+    )
+
+
+def _descend(
+    problem: Problem, descent: Descent[Any], start: Rest | None, options: RestOptions
+) -> Rest:
+    """Return the rest to which a ``descent`` leads from a ``start``, or in exact directions, where
+    the descent does not lead to rest, a detour.
+    """
+    try:
+        return descent.run(start)
+    except ConvergenceError:
+        if not problem.turns or start is None:
+            raise
+        rest = _make_detour(problem, start, options)
+        if rest is None:
+            raise
+        return rest
 
 
 def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -> Rest | None:
-    """Return the rest at which the way of a ``descent`` begins; None where it begins at the sites.
+    """Return the rest at which the way of a ``descent`` begins, which is found here; None where the
+    way begins at no other rest.
 
     In exact directions this is the rest on the lattice, and where a descent needs more load the
-    rest under the largest of the ``detours`` times the load. Either is found here.
+    rest under the largest of the ``detours`` times the load.
     """
     assembly = problem.assembly
     if problem.turns:
         on_lattice = Problem(assembly, problem.load, "lattice", problem.boundary)
-        # a rough rest of an array on the lattice serves, as that in exact directions is farther
-        # off, but where loose balls depend on it
+        # a rough rest of an array on the lattice serves, as rest in exact directions is farther
+        # from it than its error, but where loose balls depend on the start
         is_rough = bool(assembly.grid)
         if _is_even_grid(on_lattice):
             is_rough = not GridProblem(on_lattice).needs_fine_start(options)
@@ -108,10 +124,11 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
     return find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, numbers)
 
 
-def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:
+def _make_detour(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:
     """Return the rest in exact directions that is found from ``start`` by a detour: first to rest
     under more load, by each factor of ``detours`` in turn, and from there back to the load of the
-    problem. None if no detour leads to rest. Loose balls at low loads may bar the straight way.
+    problem. None if no detour leads to rest, or the load cannot be raised. Loose balls at low loads
+    may bar the straight way.
     """
     for factor in options.detours:
         heavier = _press_more(problem, start, factor)
@@ -119,8 +136,8 @@ def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | N
             return None
         pressed = Problem(problem.assembly, heavier, "exact", problem.boundary)
         try:
-            detour = TurningDescent(pressed, options).run(start)
-            return TurningDescent(problem, options).run(detour)
+            pressed_rest = TurningDescent(pressed, options).run(start)
+            return TurningDescent(problem, options).run(pressed_rest)
         except ConvergenceError:
             continue
     return None
@@ -129,18 +146,18 @@ def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | N
 def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | None:
     """Return a load about ``factor`` times that of a problem; None of forces on balls.
 
-    A given strain presses more from all sides: by the strain that raises the force of contacts, as
-    large as their mean at ``rest``, by the factor.
+    To a given strain a strain that presses from all sides is added. With that, contacts whose force
+    is the size of the forces at ``rest`` would have ``factor`` times this force.
     """
     load = problem.load
     assembly = problem.assembly
     if np.any(load.force) or not load.is_given:
         return load.scale(factor)
     laws = assembly.laws
-    place = problem.start_at(find_unknowns(problem, rest))
-    forces = np.full(laws.count, place.force_size)
-    more = float(np.mean(laws.overlap(factor * forces) - laws.overlap(forces)))
-    pressing = more / assembly.mean_distance * np.eye(assembly.periods)
+    configuration = problem.start_at(find_unknowns(problem, rest))
+    forces = np.full(laws.count, configuration.force_size)
+    change = float(np.mean(laws.overlap(factor * forces) - laws.overlap(forces)))
+    pressing = change / assembly.mean_distance * np.eye(assembly.periods)
     return replace(load, strain=load.strain - pressing)
 
 
@@ -167,8 +184,9 @@ def _rest_without_load(problem: Problem) -> Rest:
 
 
 def _is_even_grid(problem: Problem) -> bool:
-    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly: then
-    no list of contacts need be made.
+    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly: by a
+    strain, by a stress with a pressure, or by a mean force of contacts of one length, and without
+    forces on balls. Then no list of contacts need be made.
     """
     assembly = problem.assembly
     load = problem.load

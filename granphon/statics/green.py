@@ -96,7 +96,7 @@ def _find_table(
     for low in range(0, counts[0], step):
         waves = [np.arange(count) for count in counts]
         waves[0] = waves[0][low : low + step]
-        phases = _list_phases(shape, waves)
+        phases = list_phases(shape, waves)
         matrix = np.zeros((*phases[0].shape, fields, fields), float if is_real else complex)
         for i, j, cells, direction in zip(first, second, shift.tolist(), normal, strict=True):
             angle = sum(count * phase for count, phase in zip(cells, phases, strict=True))
@@ -123,7 +123,7 @@ def _find_table(
     return flat
 
 
-def _list_phases(shape: tuple[int, ...], waves: list[Any]) -> list[Any]:
+def list_phases(shape: tuple[int, ...], waves: list[Any]) -> list[Any]:
     """Return, for each axis of a grid of the ``shape``, the phases, rad, of waves from one cell to
     the next along the axis. ``waves`` are the indices (w,) of the waves along each axis; each array
     of phases has the shape of the waves along all axes.

@@ -5,9 +5,10 @@ inverse, the Green's function of the lattice, is a product in Fourier space. It 
 across the array. Each ball alone, before and after, takes account of contacts that differ. Some ten
 iterations for all right sides at once then take less time than factors.
 
-The method stands once, in :class:`GridIteration`. What it asks is an object of a class below it:
-the forces against motions, and about the motions under forces. Here these are those of the tangent
-of a list that is spelled out (:class:`TangentIteration`).
+The method stands once, in :class:`GridIteration`. A class below it brings the operator, which
+makes the forces against motions, and the preconditioner, which finds about the motions under
+forces. Here these are those of the tangent of a list that is spelled out
+(:class:`TangentIteration`).
 
 Motions and forces are arrays (f, k, cells) here, of f motions of the balls of a cell and k right
 sides: loops and Fourier transforms go through cells that follow each other in memory. The blocks of
@@ -36,7 +37,7 @@ from granphon.contacts.grid_product import (
     leave,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
-from granphon.statics.green import multiply_waves
+from granphon.statics.green import list_phases, multiply_waves
 from granphon.statics.options import GridOptions
 
 Values = NDArray[Any]
@@ -47,11 +48,11 @@ class GridSolution(NamedTuple):
 
     Attributes
     ----------
-    motions, remaining : (n, m, k) motions, and the forces that they leave.
+    motions, remaining : (n, m, k) motions, and the forces that the motions leave.
     has_arrived : whether the error has fallen as far as it should.
     way_down : (n, m) a motion along which the curvature of the energy is below zero; None if none
         was met.
-    iterations : their number.
+    iterations : number of iterations, in sum over right sides that are solved one after the other.
     """
 
     motions: Array
@@ -70,8 +71,8 @@ class GridIteration(ABC):
     Attributes
     ----------
     level : mean stiffness of contacts, to which rounding refers.
-    solves_together : whether all right sides are solved for together: they share transforms. Those
-        of a large grid are solved for one after the other, for the sake of memory.
+    solves_together : whether all right sides are solved for together, and share transforms. Those
+        of a large grid are solved for one after the other, which takes less memory.
     """
 
     level: float
@@ -102,17 +103,17 @@ class GridIteration(ABC):
     @abstractmethod
     def find_way_down(self, search: Array | None) -> Array | None:
         """Return a motion (n, m) along which the curvature of the energy is below zero: the
-        direction of a ``search`` (f, cells), along which it seems to be, or, if that is None, a
-        motion of a single ball. None if the energy has no such curvature: what seems to be one is
-        rounding.
+        direction of a ``search`` (f, cells) along which the curvature seems to be below zero, or,
+        if that is None, a motion of a single ball. None if the energy has no curvature below zero,
+        so that what seems to be one is rounding.
         """
 
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
-        """Return the motions under ``forces`` (n, m, k), of k right sides.
+        """Return the motions under ``forces`` (n, m, k), of k >= 1 right sides.
 
         The error of motions in the norm of the energy, which the preconditioner estimates, is to
-        fall by ``reduction`` within ``most`` iterations, in sum over the right sides that are
-        solved together. Forces below ``noise``, over the mean stiffness, are rounding.
+        fall to the part ``reduction`` within ``most`` iterations, in sum over the right sides that
+        are solved together. Forces below ``noise``, over the mean stiffness, are rounding.
         """
         sides = forces.shape[-1]
         if self.solves_together or sides == 1:
@@ -136,10 +137,10 @@ class GridIteration(ABC):
         """Return the motions under ``forces`` (n, m, k), whose k right sides share each transform;
         the arguments are those of :meth:`solve`.
 
-        Iterations end early where they meet a motion along which the curvature of the energy is
-        below zero, of a single ball or a direction of the search, or that nothing resists. If the
-        energy has no such curvature, what is then left is rounding, or costs nothing, and the
-        motions have arrived.
+        Iterations end early at a motion along which the curvature of the energy is below zero, of a
+        single ball or a direction of the search, or that nothing resists. If :meth:`find_way_down`
+        then says that the energy has no curvature below zero, the forces that are left are
+        rounding, or along motions that cost nothing, and the motions have arrived.
         """
         remaining = self.lay_forces(forces)
         motions = np.zeros_like(remaining)
@@ -148,36 +149,36 @@ class GridIteration(ABC):
         curvatures = np.empty_like(products)
         least = noise**2 * self.level * remaining.size
         aim = math.inf
-        arrived = False
+        has_arrived = False
         way_down = None
         for count in range(most + 1):
-            better = self.find_motions(remaining)
-            last = products
-            products, least_product, total = multiply_columns(remaining, better)
+            preconditioned = self.find_motions(remaining)
+            last_products = products
+            products, least_product, total = multiply_columns(remaining, preconditioned)
             if least_product < 0.0:
                 # blocks of single balls are not positive: some ball falls by itself
                 way_down = self.find_way_down(None)
-                arrived = way_down is None
+                has_arrived = way_down is None
                 break
             aim = reduction**2 * total if count == 0 else aim
-            arrived = total <= max(aim, least)
-            if arrived or count == most:
+            has_arrived = total <= max(aim, least)
+            if has_arrived or count == most:
                 break
-            _set_direction(products, last, better, way)
+            _set_direction(products, last_products, preconditioned, way)
             change = np.empty_like(way)
             self.multiply(way, change)
             curvatures, lowest, _ = multiply_columns(way, change)
             if lowest < 0.0 or not np.any(curvatures):
                 falling = self.find_way_down(way[:, int(np.argmin(curvatures))])
-                arrived = falling is None
+                has_arrived = falling is None
                 way_down = falling if lowest < 0.0 else None
                 break
             _step_along(products, curvatures, way, change, motions, remaining)
-            del better, change  # the preconditioner needs the memory
+            del preconditioned, change  # the preconditioner needs the memory
         return GridSolution(
             motions=self.list_motions(motions),
             remaining=self.list_forces(remaining),
-            has_arrived=arrived,
+            has_arrived=has_arrived,
             way_down=way_down,
             iterations=count,
         )
@@ -196,8 +197,9 @@ class TangentIteration(GridIteration):
     ----------
     tangent : of the list, symmetric.
     even : whether Green's function is that of contacts that are all alike, which is the same for
-        all loads and steps, and not that of contacts of each kind that have their mean stiffness.
-    earlier : an even iteration on the same grid, whose Green's function serves.
+        all loads and steps, and not that of contacts that have the mean stiffness of their kind.
+    earlier : an even iteration on the same grid, whose Green's function serves; ``even`` is then
+        not asked for.
     options : numbers of the iterations.
     """
 
@@ -216,14 +218,18 @@ class TangentIteration(GridIteration):
         self._n_motions = len(contacts.axes)
         self.level = float(np.mean(contacts.normal_stiffness)) or 1.0
         self._softness = np.float32(1.0 / self.level)
+        if earlier:
+            product = earlier._product
+            green = earlier._green
+        else:
+            product = GridProduct.of(contacts.i, contacts.j, self._cells)
+            green = _find_green(contacts, self.level, even, numbers)
         blocks = tangent.blocks
-        self._product: GridProduct = (
-            earlier._product if earlier else GridProduct.of(contacts.i, contacts.j, self._cells)
-        )._replace(diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward)
-        self._coarse = self._product.round()
-        self._green: NDArray[Any] = (
-            earlier._green if earlier else _find_green(contacts, self.level, even, numbers)
+        self._product: GridProduct = product._replace(
+            diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward
         )
+        self._coarse = self._product.round()
+        self._green: NDArray[Any] = green
         self._alone = np.empty_like(self._coarse.diagonal)
         holding = numbers.holding * self.level
         invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
@@ -271,7 +277,7 @@ class TangentIteration(GridIteration):
 
     def _apply_green(self, forces: Values) -> Values:
         """Return the motions (f, k, cells) that Green's function makes of forces (f, k, cells)."""
-        from scipy import fft  # imported here: media that are not simulated do not need it
+        from scipy import fft  # imported here: media that are not simulated do not need SciPy
 
         axes = tuple(range(2, 2 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
@@ -293,15 +299,17 @@ class TangentIteration(GridIteration):
 
 
 def lay(values: Array, cells: int) -> Array:
-    """Return an array (n, m, k) of the balls of so many ``cells`` in the order (f, k, cells), in an
-    array of its own.
+    """Return ``values`` (n, m, k) of the balls of an array of ``cells`` cells in the order
+    (f, k, cells), in an array of their own.
     """
     by_cell = values.reshape(-1, cells, *values.shape[1:]).transpose(0, 2, 3, 1)
     return np.array(by_cell, order="C").reshape(-1, values.shape[-1], cells)
 
 
 def list_balls(fields: Array, n_motions: int) -> Array:
-    """Return an array (f, k, cells) in the order (n, m, k) of balls with ``n_motions`` each."""
+    """Return ``fields`` (f, k, cells) in the order (n, m, k) of balls with m = ``n_motions``
+    motions each.
+    """
     by_ball = fields.reshape(-1, n_motions, *fields.shape[1:])
     return by_ball.transpose(0, 3, 1, 2).reshape(-1, n_motions, fields.shape[1])
 
@@ -314,7 +322,9 @@ def _find_green(
     balls of a cell.
 
     If ``even`` is true, all contacts have the normal stiffness one and no other, along the
-    directions of the first contact of each kind. Inverses of small grids are kept.
+    directions of the first contact of each kind. Inverses of grids with at most
+    ``options.kept_even`` balls, or ``options.kept`` if ``even`` is false, are kept for further
+    calls.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -329,8 +339,8 @@ def _find_green(
 
     if even:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
-        none = (0.0,) * kinds
-        springs = (none, none, (1.0,) * kinds, none, none, none)
+        zeros = (0.0,) * kinds
+        springs = (zeros, zeros, (1.0,) * kinds, zeros, zeros, zeros)
     else:
         directions = np.array(average(contacts.normal))
         springs = (
@@ -367,18 +377,51 @@ def _find_equal_green(
     """Return the inverses (f, f, waves) in Fourier space of the tangent of contacts of these kinds
     on a grid of the ``shape``, in single precision.
 
-    ``ends_i`` and ``ends_j`` are the ball of the cell, and the cell, of either end of a contact of
-    each kind; ``normal`` are its directions, flattened; ``each`` are, for each kind, the two arms
-    and the stiffnesses along the normal, by shear, torsion and bending; ``holding`` is that of
-    :class:`GridOptions`. All arguments are hashable, as inverses are kept.
+    ``ends_i`` and ``ends_j`` are the ball of the cell, and the number of the cell, at either end of
+    one contact of each kind; ``normal`` are the directions of the kinds, flattened; ``each`` are,
+    for each kind, the two arms and the stiffnesses along the normal, by shear, torsion and bending;
+    ``holding`` is that of :class:`GridOptions`. All arguments are hashable, as inverses are kept.
     """
     kinds = len(ends_i)
     m = motions.count
-    arm_i, arm_j, stiffness, shear, torsion, bending = (np.array(values) for values in each)
     directions = np.array(normal).reshape(kinds, 3)
-    # the kinds alone, each between two balls of its own
+    pairs = _find_pair_blocks(motions, directions, each, len(shape))
+    phases = list_phases(shape, [*map(np.arange, shape[:-1]), np.arange(shape[-1] // 2 + 1)])
+    fields = m * (1 + max(ball for ball, _ in ends_i + ends_j))
+    matrix = np.zeros((*phases[0].shape, fields, fields), complex)
+    for pair, (i, start), (j, end) in zip(pairs, ends_i, ends_j, strict=True):
+        # from the cell of ball i to that of ball j, along each axis
+        cells = np.subtract(np.unravel_index(end, shape), np.unravel_index(start, shape))
+        angle = sum(count * phase for count, phase in zip(cells, phases, strict=True))
+        ahead = np.exp(1j * angle)[..., None, None]
+        at_i = slice(m * i, m * (i + 1))
+        at_j = slice(m * j, m * (j + 1))
+        matrix[..., at_i, at_i] += pair[:m, :m]
+        matrix[..., at_i, at_j] += ahead * pair[:m, m:]
+        matrix[..., at_j, at_i] += np.conj(ahead) * pair[m:, :m]
+        matrix[..., at_j, at_j] += pair[m:, m:]
+    level = float(np.mean(np.diagonal(pairs, axis1=1, axis2=2).ravel()))
+    matrix += holding * level * np.eye(fields)
+    # nothing resists translations of the whole
+    matrix[(0,) * len(shape)] += level * np.eye(fields)
+    inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
+    table = np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
+    table.flags.writeable = False
+    return table
+
+
+def _find_pair_blocks(
+    motions: Motions, directions: Array, springs: tuple[tuple[float, ...], ...], dimension: int
+) -> Array:
+    """Return the tangent (kinds, 2 m, 2 m) of each kind of contact between two balls of its own,
+    with the m motions of ball i before those of ball j. Contacts have ``directions`` (kinds, 3) and
+    the arms and stiffnesses ``springs`` that are the ``each`` of :func:`_find_equal_green`.
+    """
+    kinds = len(directions)
+    m = motions.count
+    arm_i, arm_j, stiffness, shear, torsion, bending = (np.array(values) for values in springs)
     balls = 2 * np.arange(kinds)
-    equal = ContactList(
+    contacts = ContactList(
         n_balls=2 * kinds,
         motions=motions,
         i=balls,
@@ -393,44 +436,18 @@ def _find_equal_green(
         bending_stiffness=bending,
         normal_force=np.zeros(kinds),
         measure=1.0,
-        dimension=len(shape),
+        dimension=dimension,
     )
-    pairs = find_tangent(equal, np.zeros((0, 3, 3))).matrix.toarray()
-    waves = (*shape[:-1], shape[-1] // 2 + 1)
-    ticks = np.meshgrid(
-        *(
-            2.0 * np.pi / length * np.arange(count)
-            for length, count in zip(shape, waves, strict=True)
-        ),
-        indexing="ij",
-    )
-    fields = m * (1 + max(ball for ball, _ in ends_i + ends_j))
-    matrix = np.zeros((*waves, fields, fields), complex)
-    for kind, ((i, start), (j, end)) in enumerate(zip(ends_i, ends_j, strict=True)):
-        first = slice(2 * m * kind, 2 * m * kind + m)
-        second = slice(2 * m * kind + m, 2 * m * (kind + 1))
-        steps = np.subtract(np.unravel_index(end, shape), np.unravel_index(start, shape))
-        angle = sum(step * tick for step, tick in zip(steps, ticks, strict=True))
-        ahead = np.exp(1j * angle)[..., None, None]
-        at_i = slice(m * i, m * (i + 1))
-        at_j = slice(m * j, m * (j + 1))
-        matrix[..., at_i, at_i] += pairs[first, first]
-        matrix[..., at_i, at_j] += ahead * pairs[first, second]
-        matrix[..., at_j, at_i] += np.conj(ahead) * pairs[second, first]
-        matrix[..., at_j, at_j] += pairs[second, second]
-    level = float(np.mean(np.diagonal(pairs)))
-    matrix += holding * level * np.eye(fields)
-    matrix[(0,) * len(waves)] += level * np.eye(fields)
-    inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
-    table = np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
-    table.flags.writeable = False
-    return table
+    matrix = find_tangent(contacts, np.zeros((0, 3, 3))).matrix.toarray()
+    # the blocks on the diagonal: different kinds have no ball in common
+    blocks = matrix.reshape(kinds, 2 * m, kinds, 2 * m)
+    return np.asarray(blocks[np.arange(kinds), :, np.arange(kinds)])
 
 
 @compiled
 def multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
-    """Return, for two arrays (f, k, cells), the sum (k,) of the products of their entries for each
-    right side, the least of these sums, and their sum.
+    """Return, for two arrays (f, k, cells), the sums (k,) of the products of their entries for each
+    right side, the least of these sums (inf for none), and the sum over all right sides.
     """
     sums = np.zeros(one.shape[1])
     for field in range(len(one)):
@@ -452,8 +469,9 @@ def multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
 @compiled
 def _set_direction(products: Array, last: Array, preconditioned: Values, direction: Values) -> None:
     """Set the search ``direction`` (f, k, cells) of conjugate gradients to the ``preconditioned``
-    residual plus the direction before, times ``products`` (k,) over ``last`` (k,), the products of
-    the step before. Where a last product is zero, as at first, the direction before does not count.
+    residual (f, k, cells) plus the direction before times ``products`` over ``last``, the products
+    (k,) of residual and preconditioned residual of this step and of the one before. Where a last
+    product is zero, as at first, the direction before does not count.
     """
     for field in range(len(direction)):
         for k in range(direction.shape[1]):

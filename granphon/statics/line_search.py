@@ -34,20 +34,22 @@ class Way(Protocol[P]):
 
 
 def follow(way: Way[P], part: float, most: int) -> tuple[P, float]:
-    """Return the place along a ``way`` at which the energy hardly falls any more, and its length;
-    see :func:`find_length`.
+    """Return the place along a ``way`` at which the energy hardly falls any more, and the length to
+    that place; ``part`` and ``most`` are those of :func:`find_length`.
     """
-    tried: list[P] = []
+    last: list[P] = []  # the place that has been tried last, alone
 
     def measure(length: float) -> tuple[float, Callable[[], float]]:
-        """Return the slope at a ``length`` and what finds its derivative, and keep the place."""
-        tried.clear()  # a large place is not kept beside the next one
+        """Return the slope at a ``length`` and a function that finds the derivative of the slope,
+        and keep the place as the last one.
+        """
+        last.clear()  # a large place is not kept beside the next one
         place = way.go(length)
-        tried.append(place)
+        last.append(place)
         return way.find_slope(place), lambda: way.find_rise(place)
 
     length = find_length(measure, way.fall, part, most, way.longest)
-    return tried[0], length
+    return last[0], length
 
 
 def find_length(
@@ -58,12 +60,15 @@ def find_length(
     longest: float = math.inf,
 ) -> float:
     """Return the length of a step at which the slope of the energy has at most a ``part`` of its
-    ``first`` size, or else the last length that is tried, of which there are at most ``most``.
+    ``first`` size, or else the last length that is tried: the ``longest``, if the energy still
+    falls there, or that of the trial number ``most`` >= 1.
 
-    ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
-    Lengths up to the ``longest`` are tried by Newton's method in one dimension, within brackets.
+    ``measure`` returns the slope at a length, below zero at first, and a function that finds the
+    derivative of the slope, zero where that is not known. Lengths are tried from 1, or from the
+    ``longest`` if that is less, by Newton's method in one dimension, within brackets.
     """
-    # the slope is below zero at low, and above zero at high, if there is such a length
+    # the slope is below zero at low; it is above zero at high, which is infinite until there is
+    # such a length
     low = 0.0
     high = math.inf
     length = tried = min(1.0, longest)

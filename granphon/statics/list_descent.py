@@ -28,13 +28,12 @@ from granphon.statics.rest import Rest, find_unknowns
 class ListDescent(Descent[Configuration]):
     """What the ways of lists to rest have in common: the equations of steps, and the state at rest.
 
-    ``iterates`` says whether iterations find steps even where matrices can be factorised.
-
     Attributes
     ----------
     problem : the balls under their load.
     is_factored : whether there are so few balls that matrices can be factorised.
-    iterates : whether iterations find the steps.
+    iterates : whether iterations find the steps: where the caller wants it, and always where
+        matrices cannot be factorised. The tolerance is then at least that of iterations.
     """
 
     def __init__(self, problem: Problem, options: RestOptions, iterates: bool) -> None:
@@ -58,8 +57,9 @@ class ListDescent(Descent[Configuration]):
         return IteratedEquations(self.problem, self.options)
 
     def _finish(self, place: Configuration) -> Rest:
-        """Return the state of a configuration at rest, without the light contacts of balls that
-        differ: their force may be a residual only, and their stiffness would hold a ball.
+        """Return the state of a configuration at rest. Light contacts of balls that differ are
+        opened in it, where no contact adheres: their force may be a residual only, and their
+        stiffness would hold a ball.
         """
         assembly = self.problem.assembly
         laws = assembly.laws
@@ -74,8 +74,14 @@ class ListDescent(Descent[Configuration]):
 
 
 class LatticeWay:
-    """The configurations along a step of contacts that keep their directions, a
+    """The configurations along a ``step`` (size,) of contacts that keep their directions, a
     :class:`~granphon.statics.line_search.Way`.
+
+    Attributes
+    ----------
+    fall : fall of the energy per length at the start, J.
+    longest : the greatest length: infinite, or, where contacts adhere, a part of the length at
+        which the first contact would be torn.
     """
 
     def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
@@ -83,16 +89,14 @@ class LatticeWay:
         self._step = step
         #: (n_c,) what contacts lose of their overlaps along the whole step, m
         self._loss = start.problem.measure_losses(step)
-        #: fall of the energy per length at the start, J
         self.fall = float(start.pull @ step)
         self.longest = math.inf
         laws = start.problem.assembly.laws
         if laws.adhere:
-            # no contact may be torn: at most a part of the length at which the first is
             parting = self._loss > 0.0
-            room = (start.overlap - laws.least)[parting] / self._loss[parting]
-            part = options.untorn * float(np.min(room, initial=math.inf))
-            self.longest = max(part, options.shortest)
+            torn = (start.overlap - laws.least)[parting] / self._loss[parting]
+            longest = options.untorn * float(np.min(torn, initial=math.inf))
+            self.longest = max(longest, options.shortest)
 
     def go(self, length: float) -> Configuration:
         """Return the configuration at a length."""
@@ -102,8 +106,8 @@ class LatticeWay:
     def find_slope(self, place: Configuration) -> float:
         """Return the derivative of the energy by the length at a ``place`` of the way, J.
 
-        The slope is infinite where all contacts have opened, so that no step goes there: a load
-        that is small against the forces at the start would let it.
+        The slope is infinite where all contacts have opened, so that no step goes there: under a
+        load that is small against the forces at the start the energy falls that far.
         """
         before = self._start.force
         if not np.any(place.force) and np.any(before):
@@ -116,17 +120,21 @@ class LatticeWay:
 
 
 class LatticeDescent(ListDescent):
-    """The way to rest in the directions of the lattice."""
+    """The way to rest in the directions of the lattice.
+
+    Attributes
+    ----------
+    kept_inverse : the inverse of the equations of an earlier step, by factors; None as long as
+        iterations that are preconditioned by single balls have ended in time.
+    largest_size : largest size of the forces of contacts on the way, N.
+    """
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         assembly = problem.assembly
         fewest = options.fewest_iterated[assembly.dimension]
         super().__init__(problem, options, assembly.n_balls >= fewest)
-        #: the inverse of the equations of an earlier step, once iterations that are preconditioned
-        #: by single balls have not ended
         self.kept_inverse: Map | None = None
-        #: largest mean force of the way, N
-        self.largest_mean = 0.0
+        self.largest_size = 0.0
 
     def begin(self, start: Rest | None) -> Configuration:
         """Return the configuration from which the way begins: that of ``start``, if there is one;
@@ -144,7 +152,8 @@ class LatticeDescent(ListDescent):
 
     def _take_up(self, start: Rest) -> Configuration:
         """Return the configuration at the displacements of a ``start``, with the overlaps of the
-        start; where the strain of the cell has to be another one, by its difference smaller.
+        start, less what a change of the strain takes from them: a given strain may differ from that
+        of the start, and a strain that is no unknown is left out.
         """
         problem = self.problem
         x = find_unknowns(problem, start)
@@ -159,8 +168,10 @@ class LatticeDescent(ListDescent):
 
     def _relax_springs(self, untouched: Configuration) -> Configuration:
         """Return the configuration at rest of linear springs in place of the contacts, with the
-        overlap and the stiffness that contacts have at a typical force; ``untouched`` is the
-        configuration on the sites. Raises the error of a load that gives no typical force.
+        overlap and the stiffness that contacts have at a typical force, or, where a law does not
+        reach it, at half of that force, and so on; ``untouched`` is the configuration on the sites.
+        Raises the error of :func:`~granphon.statics.explanation.explain` under a load that gives no
+        typical force.
         """
         problem = self.problem
         laws = problem.assembly.laws
@@ -169,12 +180,14 @@ class LatticeDescent(ListDescent):
             raise explain(problem, self.options)
         forces = np.full(problem.assembly.n_contacts, force)
         with np.errstate(all="ignore"):
-            reached = laws.overlap(forces)
-            while not np.all(np.isfinite(reached)) and forces[0] > 1e-300:
-                forces = 0.5 * forces  # a law may have a largest force
-                reached = laws.overlap(forces)
-        stiffness = laws.stiffness(reached)
-        forces = forces + stiffness * (untouched.overlap - reached)
+            overlap = laws.overlap(forces)
+            # a law may have a largest force; below 1e-300 doubles lose their digits
+            while not np.all(np.isfinite(overlap)) and forces[0] > 1e-300:
+                forces = 0.5 * forces
+                overlap = laws.overlap(forces)
+        stiffness = laws.stiffness(overlap)
+        # of the springs on the sites
+        forces = forces + stiffness * (untouched.overlap - overlap)
         pull = problem.force + problem.collect_forces(untouched.normal, forces)
         step = self._solve(untouched, stiffness, pull, self.options.reduction)
         return untouched.move(step, untouched.overlap - problem.measure_losses(step))
@@ -188,11 +201,11 @@ class LatticeDescent(ListDescent):
         have opened, or, where a strain alone presses, have lost nearly all of their force.
         """
         problem = self.problem
-        mean = place.force_size
-        self.largest_mean = max(self.largest_mean, mean)
+        size = place.force_size
+        self.largest_size = max(self.largest_size, size)
         # under a strain alone balls may move aside until none is pressed
-        is_relaxed = mean < self.options.required * self.largest_mean
-        if not mean or (is_relaxed and not problem.load.acts):
+        is_relaxed = size < self.options.required * self.largest_size
+        if not size or (is_relaxed and not problem.load.acts):
             raise explain(problem, self.options, opened=True)
         return place
 
@@ -202,8 +215,10 @@ class LatticeDescent(ListDescent):
         """Return the step (size,) of springs of a ``stiffness`` (n_c,), N/m, under forces ``pull``
         (size,), N; iterations end where the part ``reduction`` of the forces is left.
 
-        Iterations are preconditioned by single balls. Where they do not end in time, factors solve
-        the equations and are kept, and precondition the iterations of later steps.
+        Iterations are preconditioned by single balls. Where iterations do not end in time, factors
+        solve the equations and are kept (:attr:`kept_inverse`), and precondition the iterations of
+        later steps, until these too do not end in time. Too many balls for factors are left where
+        ``options.most_iterations`` have led.
         """
         equations = self.equations
         options = self.options
@@ -226,14 +241,15 @@ class LatticeDescent(ListDescent):
         """Return the configuration after a step of Newton's method, of a length at which the slope
         of the energy is small.
 
-        Raises the error of a load that cannot be borne if the energy falls without end.
+        Raises the error of :func:`~granphon.statics.explanation.explain` if the energy still falls
+        at the last length that is tried.
         """
         problem = self.problem
         options = self.options
         residual = place.residual
         stiffness = place.stiffness
         closed = stiffness[stiffness > 0.0]
-        # if no contact has a stiffness, though some carry a force, as where they break, an estimate
+        # an estimate, for contacts that carry a force without a stiffness, as where they break
         added = place.force_size / problem.length
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
@@ -241,7 +257,7 @@ class LatticeDescent(ListDescent):
         reduction = max(options.rough * min(1.0, residual**0.5), options.reduction)
         step = self._solve(place, stiffness + added, place.pull, reduction)
         way = LatticeWay(place, step, options)
-        if way.fall <= 0.0:  # the rounding of a state at rest
+        if way.fall <= 0.0:  # by rounding, near rest
             return way.go(min(1.0, way.longest))
         part = 1.0 if residual < options.near else options.slope
         ahead, length = self._follow(way, part)
@@ -250,7 +266,9 @@ class LatticeDescent(ListDescent):
         return ahead
 
     def _finish(self, place: Configuration) -> Rest:
-        """Return the state at rest, in which overlaps that are rounding are zero."""
+        """Return the state at rest, in which overlaps that are rounding are zero, but for contacts
+        that bear tension, and for all where some contacts adhere and none is a bond.
+        """
         rest = super()._finish(place)
         laws = self.problem.assembly.laws
         if laws.adhere and not np.any(np.isinf(laws.tension)):
@@ -271,19 +289,19 @@ class LatticeDescent(ListDescent):
         contact = int(np.argmin(place.overlap - laws.least))
         force = place.force[contact]
         if force < 0.0:
-            problem = f"the crystal has not come to rest under {self.problem.load.words}"
+            what = f"the crystal has not come to rest under {self.problem.load.words}"
             why = (
                 f"Contact {contact} is the nearest to breaking: it pulls with {-force:.6g} N, and"
                 f" bears up to {laws.tension[contact]:.6g} N"
             )
-            return ConvergenceError(problem, why, "Press the crystal more")
+            return ConvergenceError(what, why, "Press the crystal more")
         if force == 0.0 and np.any(np.isinf(laws.tension)):
             return self._explain_unloaded(place, contact)
         return error
 
     def _explain_unloaded(self, place: Configuration, contact: int) -> InputError:
-        """Return the error of a ``contact`` that only pushes, and has no force as springs to the
-        ground or bonds bear the load.
+        """Return the error of a ``contact`` that only pushes, and has no force at ``place``, since
+        springs to the ground or bonds bear the load.
         """
         laws = self.problem.assembly.laws
         never_opens = np.isinf(laws.tension)

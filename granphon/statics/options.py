@@ -1,5 +1,5 @@
-"""The numbers of statics, of the search for rest, of what follows from it and of loading with
-friction, each with its reason, in one table.
+"""The numbers of statics, each with its reason: those of the search for rest, of responses and
+courses from rest, and of loading with friction, in a table each.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any
 
 
 def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
-    """Return a field of a dataclass whose default is a mapping from the number of axes along which
-    balls move, 1, 2 or 3, to the number ``line``, ``plane`` or ``space``.
+    """Return a field of a dataclass whose default is a read-only mapping from the number of axes
+    along which balls move, 1, 2 or 3, to the number ``line``, ``plane`` or ``space``.
     """
     numbers = MappingProxyType({1: line, 2: plane, 3: space})
     field_of_numbers: Mapping[int, Any] = field(default_factory=lambda: numbers)
@@ -35,10 +35,11 @@ class GridOptions:
     digits : decimals of the mean stiffnesses, over the mean of all, and of the mean directions of a
         kind of contact: Green's function need not be exact, and samples of a packing share one.
     kept : balls, at most, whose Green's function of mean stiffnesses is kept, and whose right sides
-        share transforms: beyond, memory counts.
-    kept_even : balls, at most, whose Green's function of equal contacts is kept: it serves all
-        samples and loads, and takes some 2 MB for 10^5 balls of a plane.
-    waves : number of waves at which matrices are inverted at a time.
+        share transforms: for more balls memory counts.
+    kept_even : balls, at most, whose Green's function of equal contacts is kept: the function
+        serves all samples and loads, and takes some 2 MB for 10^5 balls of a plane.
+    waves : number of waves at which matrices are inverted at a time: those of all waves of a large
+        array would take much memory.
     well_held : deformations that contacts resist over motions of balls, from which conjugate
         gradients take less time than factors, in a plane and in space, with slips and without.
         Balls are rigid from about one (Maxwell's count), near which iterations are many.
@@ -61,18 +62,19 @@ class InteriorOptions:
     ----------
     close : mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's
         method goes on from there.
-    balanced : largest force left on a ball, over the mean force, with which it then ends well.
-    speed : mu of a step is the mean of f s, times the factor by which it fell in the step before,
-        to this power: it falls the faster the better it goes.
+    balanced : largest force left on a ball, over the mean force, with which the method then ends
+        well.
+    speed : mu of a step is the mean of f s, times the factor by which that mean fell in the step
+        before, to this power: mu falls the faster the faster the mean follows.
     least_factor, largest_factor : factors by which mu is lowered in a step.
     too_far : mu is not lowered while the largest force left on a ball, over the mean force, is more
         than this many times the root of mu over the mean force to the power 5/3.
     kept : least part of its value that a step leaves of an f or s.
-    least_product, largest_product : product f s of a contact after a step, over mu: the smaller of
-        f^(2/3) and s is moved until it is between them.
+    least_product, largest_product : product f s of a contact after a step, over mu, at least and at
+        most: the smaller of f^(2/3) and s is changed where the product is not.
     accuracy : tolerance of linear equations, as a part of the factor by which mu is lowered.
-    least_error, largest_error : tolerance of linear equations, over their right side; it is the
-        least where mu is held.
+    least_error, largest_error : bounds of the tolerance of linear equations, over their right side;
+        the tolerance is the least where mu is held.
     width_nearby : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where
         the start is at rest under another load; on the sites of the lattice they are as large.
     """
@@ -106,14 +108,15 @@ class RestOptions:
     grid_tolerance : residual at rest on a grid in the directions of the lattice, where residuals
         are over the mean force or the standard deviation of forces if that is less: at high loads
         the effect of disorder is itself only a small part of the force.
-    required : residual that must be reached, and that a search that comes no nearer may end with.
-    of_all : whether the two, of contacts that turn, are over the mean force of all contacts, open
-        ones at the start of the search included, and not of those that are closed: the mean force
-        of an array is that of all.
+    required : residual with which a search that comes no nearer may end; with more, it has failed.
+    of_all : whether ``tolerance`` and ``required``, where contacts turn, are over the mean force of
+        all contacts, those that are open at the start of the search included, and not of closed
+        contacts alone: the mean force of an array is that of all contacts.
     steps : steps of Newton's method, at most: 160 bring 12^3 balls to rest at f* = 1e-4.
     slopes : slopes in a line search, at most.
     slope : slope of the energy along a step, over that at its start, at which a line search ends.
-    near : residual below which a whole step is taken if the slope falls at all: it is rounding.
+    near : residual below which a step ends where the slope is no more than at its start: smaller
+        slopes are rounding.
     added : stiffness that is added to all contacts, over their mean, at a residual of 1: open
         contacts have none.
     hold : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
@@ -132,7 +135,8 @@ class RestOptions:
     patience_of_iterations : iterations with the blocks of single balls, after which factors are
         found: of 64^2 balls 50 take as long.
     patience_of_factors : iterations with the factors of an earlier step, after which new ones are
-        found: a solution takes a tenth of the time of factors, and near rest 2 do.
+        found: a solution takes a tenth of the time of factors, and near rest 2 iterations are
+        enough.
     most_iterations : iterations in a step, at most, where matrices are not factorised: the search
         goes on from what they have found.
     patience_of_grid : iterations with Green's function of an array, after which factors are found;
@@ -148,8 +152,8 @@ class RestOptions:
         at most.
     too_far : force left on a ball after a step, over the mean, from which an array does not take
         the step. Loose balls that the step pushes into others are left with up to some forty.
-    carried : force, over the residual, up to which a contact carries nothing: its stiffness would
-        hold a ball.
+    carried : force of a contact, over the largest force left on a ball, up to which the contact
+        counts as open: its stiffness would hold a ball.
     patience : steps in exact directions without half of the residual, after which loose balls and
         all others are no longer moved in turn, and the steps of an array too are those along
         which the energy falls; where balls do not differ, as many end the search.

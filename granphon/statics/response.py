@@ -5,20 +5,20 @@ Under a unit strain E the forces B on balls are to vanish again once the balls h
 A u = -B, and the second derivative of the energy is S + B'u, with the matrices of
 :mod:`granphon.contacts.tangent`. A is factorised, with a weak spring to the ground at each motion:
 motions that cost nothing, of a ball that nothing holds, of balls that turn against each other like
-gears, of the whole, would otherwise have no bound. What the springs bear is then given to the balls
-again until it is nothing (iterative refinement), so that no spring is left in the result. The
-inertia of the factors says whether the balls are at a minimum.
+gears, of the whole, would otherwise have no bound. The forces that the springs bear are then given
+to the balls again until nothing is left of them (iterative refinement), so that no spring is left
+in the result. The inertia of the factors says whether the balls are at a minimum.
 
 Of a list that is a grid, conjugate gradients preconditioned in Fourier space take less time
-(:mod:`granphon.statics.grid_iteration`) but near the rigidity threshold, and of one that is too
-large for factors they take less memory. Of a grid that is not spelled out, they are the only way:
-it brings its product and its preconditioner as a
+(:mod:`granphon.statics.grid_iteration`) but near the rigidity threshold, and of a grid that is too
+large for factors conjugate gradients take less memory. Of a grid that is not spelled out, they are
+the only way: the grid brings its product and its preconditioner as a
 :class:`~granphon.statics.grid_iteration.GridIteration`.
 
-Where static forces act across normals A is not symmetric. The rest is W/d of its symmetric part:
-what the motions of that part leave of forces is solved for again, by the same factors or conjugate
-gradients. Where balls are held by little else than forces that turn, this comes no nearer, and
-GMRES does it.
+Where static forces act across normals, A is not symmetric. Its antisymmetric part is about W/d of
+the symmetric one: the forces that the motions of the symmetric part leave are solved for again, by
+the same factors or conjugate gradients. Where balls are held by little else than forces that turn,
+these rounds come no nearer, and GMRES solves the equations.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class LinearResponse(ABC):
     back : (n, m, s) B' transposed, forces on strains against unit motions.
     corner : (s, s) S, forces on strains against unit strains.
 
-    Motions and stiffnesses are found when they are asked for, and raise
-    :class:`~granphon.base.errors.ConvergenceError` if the balls are not at a minimum of the energy,
-    or if the equations are not solved.
+    Motions and stiffnesses are found when they are asked for.
+    :class:`~granphon.base.errors.ConvergenceError` is raised if the balls are not at a minimum of
+    the energy, or if the equations are not solved.
     """
 
     ahead: Array
@@ -63,8 +63,8 @@ class LinearResponse(ABC):
         self._options = options or ResponseOptions()
 
     def find_motions(self, forces: Array) -> Array:
-        """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
-        but for rounding.
+        """Return the motions (n, m, k) of balls under small ``forces`` (n, m, k) of k >= 1 right
+        sides; the sum of the forces of each, on all balls, is zero but for rounding.
         """
         motions, _remaining = self._solve(forces, for_motions=True)
         return motions
@@ -72,20 +72,21 @@ class LinearResponse(ABC):
     @property
     def motions(self) -> Array:
         """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
-        computed anew at each call.
+        found anew each time.
         """
         return self.find_motions(-self.ahead)
 
     @property
     def stiffness(self) -> Array:
         """(s, s) second derivatives of the energy by the strains, where balls move until they are
-        in balance again; computed anew at each call.
+        in balance again; found anew each time. Of a tangent that is not symmetric, the symmetric
+        part of the derivatives.
         """
-        motions, forces = self._solve(-self.ahead, for_motions=False)
-        found = self.corner + np.einsum("nmt,nms->ts", self.back, motions)
+        motions, remaining = self._solve(-self.ahead, for_motions=False)
+        stiffness = self.corner + np.einsum("nmt,nms->ts", self.back, motions)
         # the error of the motions then enters squared, if the tangent is symmetric
-        found -= np.einsum("nmt,nms->ts", motions, forces)
-        return np.asarray(0.5 * (found + found.T))
+        stiffness -= np.einsum("nmt,nms->ts", motions, remaining)
+        return np.asarray(0.5 * (stiffness + stiffness.T))
 
     @abstractmethod
     def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
@@ -101,7 +102,8 @@ class GridResponse(LinearResponse):
     Parameters
     ----------
     iteration : the grid's product and preconditioner.
-    ahead, corner : the forces against unit strains; without strains by default.
+    ahead, corner : the forces (n, m, s) on balls and (s, s) on strains against unit strains; by
+        default there are no strains, and :meth:`find_motions` alone is of use.
     options : the numbers of the response.
     """
 
@@ -120,20 +122,21 @@ class GridResponse(LinearResponse):
 
     @property
     def stiffness(self) -> Array:
-        """(s, s) as :attr:`LinearResponse.stiffness`, found one strain after the other, for the
-        sake of memory.
+        """(s, s) as :attr:`LinearResponse.stiffness`, found one strain after the other, which takes
+        less memory.
         """
-        found = self.corner.copy()
+        stiffness = self.corner.copy()
         motions: list[Array] = []
-        for strain in range(len(found)):
-            motion, left = self._solve(-self.ahead[..., strain, None], for_motions=False)
+        for strain in range(len(stiffness)):
+            motion, remaining = self._solve(-self.ahead[..., strain, None], for_motions=False)
             motions.append(motion)
-            for earlier, other in enumerate(motions):
+            for earlier, earlier_motion in enumerate(motions):
                 work = np.einsum("nm,nmk->", self.back[..., earlier], motion)
-                work -= np.einsum("nmk,nmk->", other, left)
-                found[earlier, strain] += work
-                found[strain, earlier] = found[earlier, strain]
-        return found
+                # the error of the motions then enters squared
+                work -= np.einsum("nmk,nmk->", earlier_motion, remaining)
+                stiffness[earlier, strain] += work
+                stiffness[strain, earlier] = stiffness[earlier, strain]
+        return stiffness
 
     def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
         """Return motions and remaining forces as :meth:`LinearResponse._solve` does, by conjugate
@@ -196,13 +199,14 @@ class ListResponse(LinearResponse):
         """Return the motions (n m, k) under forces ``right`` (n m, k), and the forces that these
         leave. The forces that the motions of one round leave are solved for in the next.
 
-        Rounds end where :meth:`_suffices` holds with ``borne``, where they come no nearer with any
-        of the :meth:`_list_solvers`, or at their largest number. Raises ConvergenceError if they
-        then leave more than the part ``options.left`` of the forces.
+        The :meth:`_list_solvers` are taken one after the other, each from motions of zero. The
+        rounds of a solver end where :meth:`_suffices` holds with ``borne``, and no further solver
+        is taken; where they come no nearer; or at their largest number. Raises ConvergenceError if
+        the last solver leaves more than the part ``options.left`` of the forces.
         """
         matrix = self._tangent.matrix
-        aim = 0.0 if self._symmetric else self._find_aim(right)
-        for solve in self._list_solvers(math.sqrt(borne), aim):
+        largest_norm = 0.0 if self._symmetric else self._find_largest_norm(right)
+        for solve in self._list_solvers(math.sqrt(borne), largest_norm):
             motions = np.zeros_like(right)
             remaining = right
             for count in range(self._options.rounds):
@@ -212,9 +216,8 @@ class ListResponse(LinearResponse):
                 better = motions + change
                 left = right - matrix @ better
                 # forces along motions that cost nothing, as balls not quite at rest leave, stay
-                if count and np.linalg.norm(left) > self._options.stalled * np.linalg.norm(
-                    remaining
-                ):
+                stalled_norm = self._options.stalled * float(np.linalg.norm(remaining))
+                if count and float(np.linalg.norm(left)) > stalled_norm:
                     break
                 motions = better
                 remaining = left
@@ -233,9 +236,9 @@ class ListResponse(LinearResponse):
         if self._symmetric:
             energy = abs(float(np.sum(motions * right)))
             return abs(float(np.sum(motions * remaining))) <= borne * energy
-        return float(np.linalg.norm(remaining)) <= self._find_aim(right)
+        return float(np.linalg.norm(remaining)) <= self._find_largest_norm(right)
 
-    def _find_aim(self, right: Array) -> float:
+    def _find_largest_norm(self, right: Array) -> float:
         """Return the largest norm of the forces that motions under forces ``right`` (n m, k) may
         leave where A is not symmetric.
         """
@@ -243,23 +246,26 @@ class ListResponse(LinearResponse):
         return max(relative, self._find_rounding(right.size))
 
     def _list_solvers(
-        self, reduction: float, aim: float
+        self, reduction: float, largest_norm: float
     ) -> Iterator[Callable[[Array], Array | None]]:
         """Yield functions that find about the motions (n m, k) under forces (n m, k), the fastest
-        first: each is for cases in which the rounds with those before come no nearer.
+        first: each is for cases in which the rounds with the functions before come no nearer.
 
-        They are conjugate gradients on a grid, factors, and GMRES for a tangent that is not
-        symmetric. Conjugate gradients return None where they do not lower the error by
-        ``reduction``, or, if that is less, do not lower the forces to the norm ``aim``.
+        The functions are conjugate gradients on a grid, factors, and GMRES for a tangent that is
+        not symmetric. Conjugate gradients lower the error to the part ``reduction``, or, where that
+        takes fewer iterations, until the forces left have about the ``largest_norm``; the function
+        returns None where they do not arrive.
         """
         if self._may_iterate:
 
             def iterate(right: Array) -> Array | None:
                 """Return the motions under forces ``right`` by conjugate gradients, or None."""
                 size = float(np.linalg.norm(right))
-                to_aim = self._options.below_aim * aim / size if size > aim else 0.0
-                found = self._iterate(right, max(reduction, to_aim))
-                return None if found is None else found[0]
+                to_norm = 0.0
+                if size > largest_norm:
+                    to_norm = self._options.below_aim * largest_norm / size
+                answer = self._iterate(right, max(reduction, to_norm))
+                return None if answer is None else answer[0]
 
             yield iterate
         if self._may_factorise:
@@ -305,9 +311,10 @@ class ListResponse(LinearResponse):
     def _iterate(self, right: Array, reduction: float) -> tuple[Array, Array] | None:
         """Return the motions (n m, k) that conjugate gradients find with the symmetric part of A
         under forces ``right`` (n m, k), and the forces that this part leaves; the error is lowered
-        by ``reduction``.
+        to the part ``reduction``.
 
-        None if they do not arrive and another way is left; ConvergenceError if there is none.
+        None if conjugate gradients do not arrive and another way is left; ConvergenceError if no
+        other way is left.
         """
         most = self._options.patience if self._may_factorise else self._options.most_iterations
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
@@ -332,29 +339,29 @@ class ListResponse(LinearResponse):
         all motions.
 
         The stiffness of a spring is ``spring`` times the mean stiffness of contacts, and the mean
-        stiffness itself at motions that no contact resists. One ball is held with the mean
-        stiffness too, against a drift of the whole.
+        stiffness itself at motions that no contact resists; against a rotation it is multiplied by
+        the square of the mean distance of balls. One ball is held against displacements with the
+        mean stiffness too: nothing else resists a drift of the whole.
         """
         contacts = self._contacts
         pattern = self._tangent.pattern
         diagonal = entries[pattern.diagonal].reshape(contacts.n_balls, -1)
-        # a spring against a rotation is a torque
-        turns = contacts.axes >= 3
-        unit = self._level * np.where(turns, float(np.mean(contacts.distance)) ** 2, 1.0)
-        held = np.where(diagonal == 0.0, 1.0, spring) * unit
-        # nothing resists a motion of the whole: one ball keeps its place
-        held[np.argmax(diagonal[:, 0])] += np.where(turns, 0.0, unit)
+        is_rotation = contacts.axes >= 3
+        unit = self._level * np.where(is_rotation, float(np.mean(contacts.distance)) ** 2, 1.0)
+        springs = np.where(diagonal == 0.0, 1.0, spring) * unit
+        springs[np.argmax(diagonal[:, 0])] += np.where(is_rotation, 0.0, unit)
         data = entries.copy()
-        data[pattern.diagonal] += held.ravel()
+        data[pattern.diagonal] += springs.ravel()
         return pattern.make_matrix(data)
 
     @cached_property
     def _factors_with_springs(self) -> tuple[float, Factors]:
         """The stiffness of springs to the ground, over the mean of contacts, and the factors of the
-        symmetric part of A with these springs, which are raised as long as the matrix is singular.
+        symmetric part of A with these springs: the weakest of the options with which that matrix is
+        not singular.
 
-        ConvergenceError if it is singular with the strongest springs, or if the factors of an A
-        that is symmetric show that the balls are at no minimum.
+        ConvergenceError if the matrix is singular with the strongest springs, or if the factors of
+        an A that is symmetric show that the balls are at no minimum.
         """
         for spring in self._options.springs:
             matrix = self._make_held_matrix(self._symmetric_tangent.data, spring)
@@ -403,16 +410,15 @@ class ListResponse(LinearResponse):
         return motions
 
     def _find_rounding(self, size: int) -> float:
-        """Return the norm, N/m, of ``size`` forces under a unit strain that are nothing but
-        rounding: where balls hardly differ, the forces of the contacts of a ball cancel to
-        rounding.
+        """Return the norm of ``size`` forces under a unit strain that are nothing but rounding:
+        where balls hardly differ, the forces of the contacts of a ball cancel to rounding.
         """
         return self._options.noise * self._level * math.sqrt(size)
 
 
 def find_elastic_tensor(contacts: ContactList, options: ResponseOptions | None = None) -> Array:
-    """Return the (s, s) elastic tensor of balls at rest in a cell, in Voigt order, in the unit of
-    stiffness over that of length to the power p - 2.
+    """Return the (s, s) elastic tensor of balls at rest in a cell with p periods, in Voigt order,
+    in the unit of stiffness over that of length to the power p - 2.
 
     Under a small uniform strain each ball moves and turns until it is in balance again; the energy
     that the contacts then store is the elastic energy. With static forces it is the change of the
@@ -426,13 +432,11 @@ def find_elastic_tensor(contacts: ContactList, options: ResponseOptions | None =
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
-def explain_failure(stable: bool) -> ConvergenceError:
-    """Return the error of a response that is not found; ``stable`` says whether the balls may be at
-    a minimum of the energy, and the error says so if they are not.
+def explain_failure(may_be_stable: bool) -> ConvergenceError:
+    """Return the error of a response that is not found; ``may_be_stable`` says whether the balls
+    may be at a minimum of the energy, and the error says so if they are not.
     """
-    why = (
-        ""
-        if stable
-        else "The forces push balls aside more than the contacts hold them: it is not stable"
-    )
+    why = ""
+    if not may_be_stable:
+        why = "The forces push balls aside more than the contacts hold them: it is not stable"
     return ConvergenceError("the linear response of the sample is not found", why, "Raise the load")

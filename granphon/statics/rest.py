@@ -26,7 +26,8 @@ class Rest:
     turned_normal : (n_c, d) unit vectors of contacts that have turned; None where they keep the
         directions of the sites.
     residual : the largest force left, as on a ball, over the mean force of contacts.
-    steps, iterations : numbers of steps of Newton's method for all, and of iterations in them.
+    steps, iterations : numbers of steps of Newton's method for all balls, and of iterations in
+        these steps.
     """
 
     displacement: Array
@@ -48,7 +49,7 @@ class Rest:
 
     @classmethod
     def of(cls, configuration: Configuration) -> Self:
-        """Return the state of a ``configuration`` that is at rest."""
+        """Return the state of a ``configuration`` that is at rest, without steps and iterations."""
         problem = configuration.problem
         assembly = problem.assembly
         x = configuration.x
@@ -64,7 +65,9 @@ class Rest:
         )
 
     def scale(self, factor: float) -> Rest:
-        """Return the state with all displacements, strains and overlaps times a ``factor``."""
+        """Return the state with all displacements, strains and overlaps times a ``factor``. Normals
+        and the residual stay: for contacts that have turned this is no state at rest.
+        """
         return replace(
             self,
             displacement=factor * self.displacement,
@@ -75,11 +78,12 @@ class Rest:
 
 
 def find_unknowns(problem: Problem, rest: Rest) -> Array:
-    """Return the unknowns (size,) of a state of ``rest``; its strain, less the given strain of the
-    load, is projected on the strains that are unknowns of the problem.
+    """Return the unknowns (size,), m, of a state of ``rest``; its strain, less the given strain of
+    the load, is projected on the strains that are unknowns of the problem.
     """
     p = problem.assembly.periods
     units = problem.unit_strains[:, :p, :p]
-    free = rest.strain - problem.load.strain
-    strains = np.einsum("sab,ab->s", units, free) / np.einsum("sab,sab->s", units, units)
+    strain = rest.strain - problem.load.strain
+    # the units are at right angles to each other
+    strains = np.einsum("sab,ab->s", units, strain) / np.einsum("sab,sab->s", units, units)
     return np.concatenate([rest.displacement.ravel(), rest.wall_motion, strains])

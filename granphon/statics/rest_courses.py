@@ -11,7 +11,8 @@ unknowns that stay, in which nothing is solved. What a solution leaves of dR/dp 
 (iterative refinement), so that the derivative does not depend on the accuracy of the equations.
 
 A contact that is open at rest stays open. Steps of differences are short against the overlap of
-each contact over its derivative: near its opening the stiffness of a contact goes as a root.
+each contact over its derivative: where a contact is about to open, its stiffness goes as the root
+of the overlap.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from granphon.statics.newton import Equations, GridEquations, IteratedEquations,
 from granphon.statics.options import CourseOptions, ResponseOptions, RestOptions
 from granphon.statics.rest import Rest, find_unknowns
 
-#: the problem of a rest where the parameter is larger by a relative step
+#: function that returns the problem of a rest whose parameter is larger by a relative step
 Change = Callable[[float], Problem]
 
 
@@ -42,7 +43,7 @@ class RestCourse:
 
     Attributes
     ----------
-    follower : of the rest.
+    follower : the follower of the rest.
     change : function that returns the problem at a relative step of the parameter.
     slope : (size,) derivative of the unknowns by the step, m.
     """
@@ -57,17 +58,18 @@ class RestCourse:
 
     @cached_property
     def step(self) -> float:
-        """The step of differences along the course: so short that the overlap of no closed contact
-        changes by more than the part ``numbers.part`` of itself, within the bounds of the options.
+        """The relative step of differences along the course: so short that the overlap of no closed
+        contact beyond that at which it opens changes by more than the part ``numbers.part``, within
+        the bounds of the options.
         """
         numbers = self.follower.numbers
         trial = numbers.least_step
-        change = (self.place(trial).overlap - self.place(-trial).overlap) / (2.0 * trial)
+        slope = (self.place(trial).overlap - self.place(-trial).overlap) / (2.0 * trial)
         rest = self.follower.configuration
         laws = rest.problem.assembly.laws
         room = np.where(np.isfinite(laws.least), rest.overlap - laws.least, math.inf)
-        closing = self.follower.is_closed & (change != 0.0)
-        shortest = np.min(np.abs(room[closing] / change[closing]), initial=math.inf)
+        changes = self.follower.is_closed & (slope != 0.0)
+        shortest = np.min(np.abs(room[changes] / slope[changes]), initial=math.inf)
         return min(numbers.step, max(numbers.least_step, numbers.part * float(shortest)))
 
 
@@ -77,22 +79,29 @@ class RestFollower:
     Parameters
     ----------
     problem : the balls under their load.
-    rest : their rest.
+    rest : the rest of the balls under that load.
+
+    Attributes
+    ----------
+    problem : that which is given.
+    numbers : the options of courses.
+    configuration : the configuration at rest, with the overlaps of the rest.
+    is_closed : (n_c,) whether each contact carries load, or resists one.
     """
 
     def __init__(self, problem: Problem, rest: Rest) -> None:
         self.problem = problem
         self.numbers = CourseOptions()
         self._rest = rest
-        self._unknowns = find_unknowns(problem, rest)
-        self._measured = problem.start_at(self._unknowns).overlap
-        self.configuration = problem.start_at(self._unknowns, rest.overlap)
-        #: (n_c,) whether each contact carries load, or resists one
+        unknowns = find_unknowns(problem, rest)
+        #: (n_c,) overlaps that follow from the unknowns at rest, m
+        self._measured = problem.start_at(unknowns).overlap
+        self.configuration = problem.start_at(unknowns, rest.overlap)
         self.is_closed = (self.configuration.stiffness != 0.0) | (self.configuration.force != 0.0)
 
     def place(self, problem: Problem, change: Array) -> Configuration:
         """Return the configuration of a changed ``problem``, whose unknowns differ from those at
-        rest by the ``change`` (size,).
+        rest by the ``change`` (size,), m. Contacts that are open at rest stay open, but for bonds.
         """
         unknowns = find_unknowns(problem, self._rest) + change
         measured = problem.start_at(unknowns).overlap
@@ -104,8 +113,8 @@ class RestFollower:
 
     def follow(self, change: Change, slope: Array | None = None) -> RestCourse:
         """Return the course of the rest with the parameter of ``change``; ConvergenceError if the
-        derivative is not found. A ``slope`` (size,) that is nearly right is where the rounds of
-        refinement begin.
+        derivative is not found. The rounds of refinement begin at a ``slope`` (size,), m, that is
+        nearly right, or at zero.
         """
         problem = self.problem
         numbers = self.numbers
@@ -124,7 +133,8 @@ class RestFollower:
             norm = float(np.linalg.norm(left * problem.weights))
             stalls = norm > refinement.stalled * before and norm <= numbers.required * size
             if norm <= max(RestOptions().required * size, rounding / course.step) or stalls:
-                return course if norm <= before else earlier  # a last round may do harm
+                # the last round may have left more than the one before
+                return course if norm <= before else earlier
             before = norm
             earlier = course
             course = replace(course, slope=course.slope + self._solve(left))
@@ -143,7 +153,9 @@ class RestFollower:
 
     @cached_property
     def _solve(self) -> Map:
-        """The map from forces (size,) to the unknowns that take these away, or nearly so."""
+        """The map from forces (size,), N, to the changes of the unknowns (size,), m, that take the
+        forces away, or most of them: by factors, or for too many balls by iterations.
+        """
         problem = self.problem
         options = RestOptions()
         configuration = self.configuration
@@ -154,7 +166,7 @@ class RestFollower:
             linear = Equations(problem, options).linearise(configuration, stiffness)
             invert = linear.invert(load_slope, find_mean_row(configuration, stiffness))
             return lambda pull: problem.remove_drift(invert(pull))
-        # what a round leaves is solved for in the next
+        # the forces that a round leaves are solved for in the next
         reduction = options.reduction
         most = options.most_iterations
         if assembly.grid:
@@ -177,7 +189,7 @@ class PressureFollower:
 
     Parameters
     ----------
-    follower : of the rest at its pressure.
+    follower : the follower of the rest at its pressure.
     pose : function that returns the problem at a relative step of the pressure.
     measure : function that returns the measure of a configuration.
     """
@@ -208,7 +220,9 @@ class PressureFollower:
 
     @cached_property
     def _under_pressure(self) -> tuple[RestCourse, float]:
-        """The course of the rest with its pressure, and the derivative of the measure."""
+        """The course of the rest with its pressure, and the derivative of the measure by the
+        relative step of the pressure.
+        """
         course = self._follower.follow(self._pose)
         return course, self._find_slope(course)
 
@@ -218,9 +232,9 @@ class PressureFollower:
 
 
 def find_pressure(pose: Callable[[float], Problem], rest: Rest) -> float:
-    """Return the pressure under which ``rest`` is in balance, in the sense of least squares. The
-    function ``pose`` returns the problem at a pressure, of which the forces of the load are a
-    linear function.
+    """Return the pressure under which ``rest`` is in balance, in the sense of least squares, in the
+    unit of the argument of ``pose``. That function returns the problem at a pressure, of which the
+    forces of the load are a linear function.
     """
     pulls = []
     for pressure in (0.0, 1.0):

@@ -45,9 +45,9 @@ _STAY = "Leave finite_overlap out: contacts then keep the directions of the site
 
 
 class TurningWay:
-    """The configurations along a step of contacts that turn, at most a whole step; a
+    """The configurations along a ``step`` (size,) of contacts that turn, at most a whole step; a
     :class:`~granphon.statics.line_search.Way` along which the energy falls by ``fall``, J per
-    length, at the start.
+    length, at the ``start``.
 
     A length at which the configuration is not possible is too long.
     """
@@ -70,8 +70,8 @@ class TurningWay:
         return -float(place.pull @ self._step) if place.is_sound else math.inf
 
     def find_rise(self, place: Configuration) -> float:
-        """Return zero, not known: with contacts that turn the derivative of the slope takes more
-        time than it saves.
+        """Return zero, which stands for a derivative that is not known: of contacts that turn the
+        derivative of the slope takes more time than it saves.
         """
         return 0.0
 
@@ -92,21 +92,27 @@ class Factored(NamedTuple):
 
 
 class TurningDescent(ListDescent):
-    """The way to rest in exact directions, from rest on the lattice."""
+    """The way to rest in exact directions, from rest on the lattice.
+
+    Attributes
+    ----------
+    loose : (n,) which balls are led to rest before all others.
+    """
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         assembly = problem.assembly
         super().__init__(problem, options, bool(assembly.grid))
-        #: (n,) the balls that are led to rest before all others
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
         #: whether loose balls and all balls together move in turn
-        self._in_turn = True
-        #: residual below which they do so again, once they do not
+        self._move_in_turn = True
+        #: residual below which loose balls and all balls together move in turn again, after they
+        #: have not
         self._residual_of_turns = options.last
-        #: part of the contacts that are closed at the start, where tolerances are of all contacts
-        self._closed = 1.0
+        #: part of the contacts that are closed at the start, where tolerances are over the mean
+        #: force of all contacts; otherwise 1
+        self._closed_part = 1.0
         #: whether the last step has led down the energy, by more than rounding
-        self._falls = False
+        self._has_fallen = False
         #: the factors of an array near rest; None before
         self._factored: Factored | None = None
 
@@ -120,35 +126,39 @@ class TurningDescent(ListDescent):
         that are loose: of balls that differ, those with no more contacts of a force above
         ``options.light`` of the mean than axes.
 
-        Tolerances that are of all contacts are lowered to those of closed ones. That the crystal
-        stands without friction is tested once, and remembered by the assembly.
-        Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
-        nothing.
+        Tolerances over the mean force of all contacts are lowered to those over the mean force of
+        closed ones. Whether the crystal stands without friction is tested once where matrices can
+        be factorised; that it does is remembered by the assembly. Raises
+        :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost nothing.
         """
         assembly = self.problem.assembly
         assert start is not None
         configuration = self.problem.start_at(find_unknowns(self.problem, start))
         if self.options.of_all:
-            self._closed = float(np.mean(configuration.force > 0.0))
-            self.tolerance *= self._closed
-            self.required *= self._closed
+            self._closed_part = float(np.mean(configuration.force > 0.0))
+            self.tolerance *= self._closed_part
+            self.required *= self._closed_part
         if not assembly.differs:
             return configuration
         n_strains = len(self.problem.unit_strains)
-        is_known = not self.is_factored or n_strains in assembly.standing
-        if not is_known and has_soft_motions(self.equations):
-            words = self.problem.load.words
-            what = f"balls that differ do not come to rest in the true geometry under {words}"
-            why = (
-                "The crystal does not stand without friction: motions in which no contact is"
-                " pressed cost no energy"
-            )
-            mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
-            raise MechanismError(what, why, mend)
-        assembly.standing.add(n_strains)
+        if self.is_factored and n_strains not in assembly.standing:
+            if has_soft_motions(self.equations):
+                raise self._explain_mechanism()
+            assembly.standing.add(n_strains)
         heavy = configuration.force > self.options.light * configuration.force_size
         self.loose = assembly.count_contacts(heavy) <= assembly.dimension
         return configuration
+
+    def _explain_mechanism(self) -> MechanismError:
+        """Return the error of balls that differ, some of whose motions cost no energy."""
+        words = self.problem.load.words
+        what = f"balls that differ do not come to rest in the true geometry under {words}"
+        why = (
+            "The crystal does not stand without friction: motions in which no contact is pressed"
+            " cost no energy"
+        )
+        mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
+        return MechanismError(what, why, mend)
 
     def _is_stuck(self, place: Configuration) -> bool:
         """Return whether neither the residual falls any longer nor the energy, or the configuration
@@ -159,58 +169,61 @@ class TurningDescent(ListDescent):
         """
         options = self.options
         patience = options.stalled if self.problem.assembly.differs else options.patience
-        has_stalled = self.trail.stalled > patience and not self._falls
+        has_stalled = self.trail.stalled > patience and not self._has_fallen
         return has_stalled or not place.is_sound
 
     def _prepare(self, place: Configuration) -> Configuration:
-        """Return the configuration in which loose balls have come to rest between the others; that
-        of ``place`` if loose balls do not move in turn, see :meth:`_take_turns`, or there are none.
+        """Return the configuration in which loose balls have come to rest between the others;
+        ``place`` itself if loose balls do not move in turn, see :meth:`_take_turns`, if there are
+        none, or if the configuration is not possible.
 
-        The force that may be left on loose balls is a part of that left on the others, over the
-        mean, or of the spread of radii if that is less.
+        The force that may be left on loose balls, over the size of the forces of contacts, is the
+        part ``options.light`` of that left on the other balls, or of the largest offset of contacts
+        over the mean distance of balls if that is less, but not less than rest asks of them.
         """
         options = self.options
         loose = self.loose
         assembly = self.problem.assembly
         if assembly.differs:
             self._take_turns(place)
-        if not (self._in_turn and np.any(loose) and place.is_sound):
+        if not (self._move_in_turn and np.any(loose) and place.is_sound):
             return place
         spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = place.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / place.force_size
-        tolerance = self._closed * options.tolerance
-        finest = min(tolerance, max(options.finer * tolerance, options.rounding))
-        least = max(finest, options.light * min(spread, left))
-        return lead_loose_balls(place, loose, least, options)
+        at_rest = self._closed_part * options.tolerance
+        least = min(at_rest, max(options.finer * at_rest, options.rounding))
+        tolerance = max(least, options.light * min(spread, left))
+        return lead_loose_balls(place, loose, tolerance, options)
 
     def _take_turns(self, place: Configuration) -> None:
-        """Decide anew whether loose balls and all balls together move in turn, and set
-        ``_in_turn``: no longer where they throw each other about, so that the residual does not
-        fall, but again near rest, where loose balls may have a long way from a saddle.
+        """Decide anew whether loose balls and all balls together move in turn: no longer where
+        moves in turn throw balls about, so that the residual does not fall, but again near rest,
+        where loose balls may have a long way from a saddle.
 
         A change begins a new trail: a small residual of the moves before may have been met far from
         rest, and is not to be compared with.
         """
-        if self._in_turn:
+        if self._move_in_turn:
             changes = self.trail.stalled > self.options.patience
             if changes:
-                # they move in turn again only nearer to rest than they have come by now
+                # in turn again only nearer to rest than moves in turn have led
                 nearer = 0.5 * self.trail.best
                 self._residual_of_turns = min(self._residual_of_turns, nearer)
         else:
             changes = place.residual <= self._residual_of_turns
         if changes:
-            self._in_turn = not self._in_turn
+            self._move_in_turn = not self._move_in_turn
             self.trail = Trail()
 
     def _leave_saddle(self, place: Configuration) -> Configuration | None:
         """Return a configuration of less energy if ``place``, which is at rest, is a saddle; None
         at a minimum, and for balls that do not differ.
 
-        Of a grid that is well held iterations probe the curvature; elsewhere factors tell, those of
-        the last step if the stiffnesses have hardly changed since. Balls that are too many for
-        factors and no grid are not tested.
+        Of a grid that is well held iterations probe the curvature. Elsewhere, and where iterations
+        do not arrive, factors tell, those of the last step if the stiffnesses have hardly changed
+        since. Balls that are too many for factors count as at a minimum where iterations do not
+        tell otherwise.
         """
         if not self.problem.assembly.differs:
             return None
@@ -230,27 +243,29 @@ class TurningDescent(ListDescent):
 
     def _advance(self, place: Configuration) -> Configuration:
         """Return the configuration after a step of all balls. Of balls that differ, those on which
-        the step leaves much force then become loose as well, unless they are many.
+        the step leaves much force then become :attr:`loose` as well, unless they are many.
         """
-        self._falls = False
-        # whole steps that push loose balls into others may go round in circles
-        if self.problem.assembly.grid and self._in_turn:
+        self._has_fallen = False
+        # whole steps that push loose balls into others may go round in circles if loose balls do
+        # not move in turn
+        if self.problem.assembly.grid and self._move_in_turn:
             ahead = self._advance_on_grid(place)
         else:
             ahead = self._advance_by_energy(place)
         if self.problem.assembly.differs:
             options = self.options
-            size = options.failed * place.residual * ahead.force_size
-            size = max(size, options.worst * float(np.max(ahead.force_on_balls)))
-            shaken = ahead.force_on_balls > size
+            than_before = options.failed * place.residual * ahead.force_size
+            than_worst = options.worst * float(np.max(ahead.force_on_balls))
+            shaken = ahead.force_on_balls > max(than_before, than_worst)
             if np.mean(shaken) <= options.most_shaken:
                 self.loose = self.loose | shaken
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a whole step of Newton's method; if the energy of balls
-        that differ does not fall along that step, after a shorter one of
-        :meth:`_find_leaning_step`.
+        that differ does not fall along that step, after a step of :meth:`_find_leaning_step`, of
+        which the length is searched. Whether the energy of balls that differ has fallen by more
+        than rounding is noted.
         """
         pull = configuration.pull
         step = self._find_step(configuration)
@@ -264,7 +279,7 @@ class TurningDescent(ListDescent):
             ahead = self._go_along(configuration, self._find_leaning_step(configuration))
         work = 0.5 * float((pull + ahead.pull) @ (ahead.x - configuration.x))
         stored = float(np.abs(configuration.force) @ np.abs(configuration.overlap))
-        self._falls = work > self.options.fallen * stored
+        self._has_fallen = work > self.options.fallen * stored
         return ahead
 
     def _go_along(self, configuration: Configuration, step: Array) -> Configuration:
@@ -287,8 +302,8 @@ class TurningDescent(ListDescent):
         ahead = configuration.move(configuration.x + step)
         work = float(configuration.pull @ step)
         length = 1.0
-        # away from a saddle a step with the other sign is as long as the way so far: go on while
-        # the energy falls faster
+        # away from a saddle, where -f/r has the other sign, a step is only as long as the way so
+        # far: the step is lengthened while the energy falls faster
         while ahead.is_sound and float(ahead.pull @ step) > work and length < options.longest:
             work = float(ahead.pull @ step)
             length *= 2.0
@@ -299,16 +314,16 @@ class TurningDescent(ListDescent):
             ahead = farther
         if ahead.is_sound and ahead.residual <= options.too_far:
             return ahead
-        # with the true sign, a step along which there is hardly any curvature has no end
+        # with the true sign of -f/r, a step along which there is hardly any curvature has no end
         return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
 
     def _find_last_step(self, configuration: Configuration) -> Array | None:
-        """Return the step (size,) of Newton's method of an array by factors, where it is near rest
-        and factors are to tell whether that is a minimum; None elsewhere, and where the
-        configuration is a saddle.
+        """Return the step (size,) of Newton's method of an array by factors, where the array is
+        near rest and factors are to tell whether that is a minimum; None elsewhere, and where the
+        curvature of the energy is below zero.
 
-        The factors are kept: they serve further steps as long as the stiffnesses hardly change and
-        each step leaves less than a tenth of the residual, and :meth:`_leave_saddle`.
+        The factors are kept: further steps take them as long as the stiffnesses hardly change and
+        each step leaves less than a tenth of the residual, and so does :meth:`_leave_saddle`.
         """
         options = self.options
         residual = configuration.residual
@@ -335,7 +350,7 @@ class TurningDescent(ListDescent):
 
     def _is_well_held(self, configuration: Configuration) -> bool:
         """Return whether iterations are to be preferred to factors: so many contacts are closed
-        that they take less time, or there are too many balls for factors.
+        that iterations take less time, or there are too many balls for factors.
         """
         assembly = self.problem.assembly
         closed = int(np.count_nonzero(configuration.stiffness))
@@ -344,8 +359,8 @@ class TurningDescent(ListDescent):
 
     @property
     def _patience_of_grid(self) -> int:
-        """Number of iterations, at most, for a step of a grid: after them a grid is factorised, if
-        it can be.
+        """Number of iterations, at most, for a step of a grid; then factors find the step, unless
+        there are too many balls for factors.
         """
         options = self.options
         if not self.is_factored:
@@ -354,8 +369,9 @@ class TurningDescent(ListDescent):
 
     def _find_grid_step(self, configuration: Configuration, turnings: tuple[float, ...]) -> Array:
         """Return a step (size,) of an array by iterations, with -f/r times the first of
-        ``turnings`` with which these meet no curvature below zero; by factors, with -f/r times -1,
-        if that is true of none, or if iterations do not arrive.
+        ``turnings`` with which iterations meet no curvature below zero. If they do with each, or do
+        not arrive, factors find the step, with -f/r times -1; of too many balls for factors, the
+        step is that of the iterations that do not arrive.
         """
         options = self.options
         residual = configuration.residual
@@ -433,7 +449,7 @@ class TurningDescent(ListDescent):
                 what = f"balls that differ have lost all contact under {words}"
                 return ConvergenceError(what, mend=f"{_STAY}; or press the balls more")
             what = f"balls that differ have not come to rest in the true geometry under {words}"
-            # a trail without places is one that the way has begun anew, and left at once
+            # the trail has no place where it has just begun anew
             best = min(self.trail.best, place.residual)
             left = ""
             if math.isfinite(best):

@@ -26,6 +26,8 @@ from granphon.statics.krylov import conjugate_gradients
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, IteratedEquations, find_strongest_push
 from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest
+from granphon.statics.turning_descent import TurningDescent
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -141,6 +143,17 @@ def test_factors_and_iterations_come_to_the_same_rest(lattice, shape, pressure):
     assert_allclose(forces[1], forces[0], rtol=0.0, atol=limit)
     assert_allclose(forces[2], forces[0], rtol=0.0, atol=limit)
     assert np.any(forces[0] == 0.0)
+
+
+def test_that_a_crystal_stands_is_noted_only_where_it_is_tested():
+    assembly = make_sample()._assembly
+    problem = Problem(assembly, press(assembly, 1e3), "exact", "stress")
+    start = Rest.of(problem.start_at(np.zeros(problem.size)))
+    none = dict.fromkeys((1, 2, 3), 0)
+    TurningDescent(problem, RestOptions(most_factorised=none)).begin(start)
+    assert assembly.standing == set()
+    TurningDescent(problem, RestOptions()).begin(start)
+    assert assembly.standing == {len(problem.unit_strains)}
 
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
