@@ -139,8 +139,8 @@ class ExactPlace:
 
     @property
     def direction(self) -> Array:
-        """(contacts, 3) unit vectors of contacts on the lattice; made anew at each call, as it would
-        take much memory if it were kept.
+        """(contacts, 3) unit vectors of contacts on the lattice; made anew at each call, as the
+        array takes much memory.
         """
         grid = find_lattice_grid(self.stencils.shape, self.stencils.lattice)
         return np.repeat(grid.normal, grid.n_cells, axis=0)
