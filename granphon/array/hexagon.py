@@ -417,7 +417,7 @@ def _find_deviations(
         if packing.spread is None:
             return np.zeros(count)
         drawn = packing.spread.sample(count, int(seed or 0))
-        return drawn - np.mean(drawn)
+        return np.asarray(drawn - np.mean(drawn))
     values = finite_array("diameters", diameters, "m", "above zero")
     if values.shape != (count,):
         raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")
@@ -428,4 +428,4 @@ def _find_deviations(
             f"the mean of the diameters is {mean:.9g} m, that of the packing {d:.9g} m",
             mend="Shift the diameters, or make a Packing of this mean diameter",
         )
-    return values - np.mean(values)
+    return np.asarray(values - np.mean(values))
