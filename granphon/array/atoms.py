@@ -83,8 +83,8 @@ def count_coordinates(packing: Packing) -> int:
 
 
 def _shapes(coordinates: int) -> dict[str, tuple[int, ...]]:
-    """Return the shape of one ball's entry in each array of :data:`ARRAYS`, for balls of which so
-    many ``coordinates`` count.
+    """Return the shape of the entry of one ball in each array of :data:`ARRAYS`, for balls of which
+    so many ``coordinates`` count.
     """
     if coordinates == 3:  # balls that move in space turn about three axes
         return ARRAYS | {"rotations": (3,)}
@@ -92,8 +92,8 @@ def _shapes(coordinates: int) -> dict[str, tuple[int, ...]]:
 
 
 def has_masses(balls: Atoms) -> bool:
-    """Whether every ball has its own mass, different from the one in ASE's table for the element of
-    its symbol.
+    """Return whether every ball has a mass that differs from the one in ASE's table for the element
+    of its symbol.
     """
     from ase.data import atomic_masses
 
@@ -101,7 +101,7 @@ def has_masses(balls: Atoms) -> bool:
 
 
 def has_sampled(balls: Atoms) -> bool:
-    """Whether any ball belongs to a simulated sample."""
+    """Return whether any ball belongs to a simulated sample; balls without a kind do not."""
     return bool(np.any(balls.arrays.get(_KIND, LATTICE) == SAMPLE))
 
 
@@ -114,22 +114,24 @@ def take_arrays(
 ) -> None:
     """Put scales and arrays on Atoms, in place; ``coordinates`` is from :func:`count_coordinates`.
 
-    An array of ``given`` comes first, then the array that the Atoms have, then the array of balls
-    at rest on the lattice sites. Missing masses become (1 + deviation)^3, as for balls of one
-    material, and missing radii (1 + deviation)/2. The scales also go into ``info``.
+    An array of ``given`` comes first, then the array that the Atoms have, of whatever shape, then
+    the array of balls at rest on the lattice sites, which are of the ``kind`` and in the ``units``.
+    Missing masses become (1 + deviation)^3, as for balls of one material, and missing radii
+    (1 + deviation)/2. The scales also go into ``info``.
     """
-    new = {name: np.zeros((len(balls), *shape)) for name, shape in _shapes(coordinates).items()}
-    new |= {
+    shapes = _shapes(coordinates)
+    arrays = {name: np.zeros((len(balls), *shape)) for name, shape in shapes.items()}
+    arrays |= {
         _SCALES: np.tile(_take_logarithms(units), (len(balls), 1)),
         _KIND: np.full(len(balls), kind),
     }
-    new |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
-    new |= given or {}
+    arrays |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
+    arrays |= given or {}
     if not has_masses(balls):
-        new.setdefault("masses", (1.0 + new["diameter_deviations"]) ** 3)
+        arrays.setdefault("masses", (1.0 + arrays["diameter_deviations"]) ** 3)
     if "radius" not in balls.arrays:
-        new.setdefault("radius", 0.5 * (1.0 + new["diameter_deviations"]))
-    for name, values in new.items():
+        arrays.setdefault("radius", 0.5 * (1.0 + arrays["diameter_deviations"]))
+    for name, values in arrays.items():
         balls.set_array(name, None)  # drop an old array that may have another shape or type
         balls.set_array(name, values)
     balls.info.update(units.to_info())
@@ -138,8 +140,9 @@ def take_arrays(
 def adopt(
     atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coordinates: int = 2
 ) -> Atoms:
-    """Return a copy of Atoms with the arrays and masses that they lack: those of ``like``, or else
-    those of balls at rest on the lattice sites.
+    """Return a copy of ``atoms`` with the arrays and masses that they lack: those of ``like``, or
+    else those of balls at rest on the lattice sites; see :func:`take_arrays`, also for ``kind`` and
+    ``coordinates``.
 
     Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if
     the scales in ``info`` are not those of ``units``.
@@ -166,10 +169,12 @@ def adopt(
 
 
 def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int = 2) -> Kind:
-    """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
+    """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`; without any
+    ball, that of a lattice with or without ``finite_overlap``.
 
     Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls
-    belong to another state, or to a state whose balls have another number of ``coordinates``.
+    belong to another state, to a state with another ``finite_overlap`` or another number of
+    ``coordinates``, or to several.
     """
     missing = [name for name in ARRAYS if not balls.has(name)]
     if not has_masses(balls):
@@ -202,12 +207,15 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
 
 
 def require_lying(balls: Atoms, periods: int) -> None:
-    """Raise :class:`InputError` unless the cell lies and repeats along x alone (one period), or in
-    the xy plane (two).
+    """Raise :class:`InputError` unless the lattice vectors of the cell lie along x and the cell
+    repeats along no other axis (one of the ``periods``), or the same in the xy plane (two). With
+    three, any cell is accepted.
     """
     if periods == 3:
         return
-    where, layer = (("line", "one row along x"), ("plane", "one layer in x and y"))[periods - 1]
+    where, layer = ("line", "one row along x")
+    if periods == 2:
+        where, layer = ("plane", "one layer in x and y")
     if np.any(np.abs(np.asarray(balls.cell)[:periods, periods:]) > _TILT):
         raise InputError(f"the cell is tilted out of the {where}", f"The array is {layer}")
     if np.any(balls.pbc[periods:]):

@@ -46,8 +46,9 @@ class Springs(NamedTuple):
 def select_resisted(
     lattice: Lattice, shear: ArrayLike, torsion: ArrayLike, bending: float
 ) -> Motions:
-    """Return the motions of balls on a lattice that contacts resist, if their stiffnesses against
-    slip, twist and roll are ``shear``, ``torsion`` and ``bending``; zeros resist nothing.
+    """Return the motions of balls on a ``lattice``, without the rotations that nothing resists:
+    ``shear``, ``torsion`` and ``bending`` are the stiffnesses against slip, twist and roll, in any
+    unit, of which only whether they are zero counts.
     """
     return select_motions(shear, torsion, bending, default_motions(lattice.periods))
 
@@ -55,8 +56,9 @@ def select_resisted(
 def list_on_lattice(
     shape: tuple[int, ...], lattice: Lattice, motions: Motions, springs: Springs
 ) -> ContactList:
-    """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells, in the directions of the
-    lattice and without static forces.
+    """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells of a ``lattice``, in the
+    directions of the lattice and without static forces; balls have the ``motions``, and contacts
+    the ``springs``.
     """
     grid = find_grid(shape, lattice)
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
@@ -108,10 +110,11 @@ def list_in_true_directions(
     grid = find_grid(shape, lattice)
     eps = place.ratio
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
-    none = np.zeros((0, 3))
-    tangential = none
+    # an empty array stands for no tangential forces
+    tangential = origin = np.zeros((0, 3))
     if shears is not None and np.any(shears):
-        tangential = -eps * shears
+        tangential = -eps * shears  # of ball i on ball j
+        origin = grid.normal  # from which tangents, and these forces, are carried
     return ContactList(
         n_balls=lattice.n_balls * cells,
         motions=motions,
@@ -128,7 +131,7 @@ def list_in_true_directions(
         normal_force=eps * np.ravel(forces),
         leaning=np.ravel(leaning) if np.any(leaning) else np.zeros(0, bool),
         tangential_force=tangential,
-        origin=grid.normal if tangential.size else none,
+        origin=origin,
         measure=float(lattice.measure) * cells * (1.0 - eps * place.overlap) ** p,
         dimension=p,
         grid=shape,
@@ -136,8 +139,8 @@ def list_in_true_directions(
 
 
 class _Grid(NamedTuple):
-    """What lists of the arrays of one shape share; see
-    :class:`~granphon.contacts.contact_list.ContactList`.
+    """The part of a :class:`~granphon.contacts.contact_list.ContactList` that arrays of one shape
+    share: numbers of balls (contacts,), vectors and normals (contacts, 3), arms (contacts,) in d.
     """
 
     i: NDArray[np.int64]
@@ -154,8 +157,9 @@ def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
 
     The contacts of the last 8 arrays of at most ``_KEPT_BALLS`` balls are kept for further calls.
     """
-    small = math.prod(shape) * lattice.n_balls <= _KEPT_BALLS
-    return _keep_grid(shape, lattice) if small else _keep_grid.__wrapped__(shape, lattice)
+    if math.prod(shape) * lattice.n_balls <= _KEPT_BALLS:
+        return _keep_grid(shape, lattice)
+    return _keep_grid.__wrapped__(shape, lattice)  # without the cache
 
 
 @lru_cache(maxsize=8)

@@ -102,14 +102,14 @@ class ExactPlace:
         self.strain = strain
         self.overlap = overlap
         means = stencils.average_pairs(deviations)
-        first = stencils.by_ball(deviations)
-        ends = np.stack([first[i] for i, _ in stencils.ends])
-        self.uneven = 0.5 * ratio * (means - ends)
+        self.uneven = find_unevenness(stencils, deviations, ratio)
         p = stencils.lattice.dimension
         grid = find_lattice_grid(stencils.shape, stencils.lattice)
         # vectors at touch are those of the evenly compressed cell: losses of overlap are then h - y
         # without a subtraction of y, which would lose digits
         spacing = 1.0 - ratio * overlap
+        # where contacts keep their directions, displacements are not scaled: loops measure losses
+        # of overlap in W, for which the length of contacts does not matter
         unit = ratio or 1.0
         is_flat = np.full(means.size, not ratio)
         vector = np.repeat(spacing * grid.vector, grid.n_cells, axis=0)
@@ -121,25 +121,33 @@ class ExactPlace:
         loss = np.empty(means.size)
         self.vector = np.empty((means.size, 3))
         distance = np.empty(means.size)
-        motion = (displacement, strained)
         self.normal = np.empty((means.size, 3))
-        places = (self.vector, distance, self.normal)
-        measure_turned(*grid.ends, vector, is_flat, *motion, loss, *places)
+        measure_turned(
+            *grid.ends,
+            vector,
+            is_flat,
+            displacement,
+            strained,
+            loss,
+            self.vector,
+            distance,
+            self.normal,
+        )
         self.size = distance.reshape(means.shape)
         self.differences = means - loss.reshape(means.shape) / unit
         self.overlaps = overlap + self.differences
 
     @property
     def direction(self) -> Array:
-        """(contacts, 3) unit vectors of contacts on the lattice. They are made anew at each call,
-        because they would take much memory.
+        """(contacts, 3) unit vectors of contacts on the lattice; made anew at each call, as the
+        array takes much memory.
         """
         grid = find_lattice_grid(self.stencils.shape, self.stencils.lattice)
         return np.repeat(grid.normal, grid.n_cells, axis=0)
 
     @property
     def boundary(self) -> float:
-        """Size of the cell's boundary, over that with y = 0."""
+        """Size of the boundary of the cell, over that at y = 0."""
         return shrink_boundary(self.ratio, self.overlap, len(self.stencils.shape))
 
     def press(self, forces: Array) -> float:
@@ -181,6 +189,18 @@ class ExactPlace:
         return bend.reshape(self.size.shape), push
 
 
+def find_unevenness(stencils: Stencils, deviations: Array, ratio: float) -> Array:
+    """Return (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i of each
+    contact, over the mean diameter, eps (x_j - x_i)/4.
+
+    ``deviations`` (L1, ..., Lp) or (n, L1, ..., Lp) are x of the balls, and ``ratio`` is eps = W/d.
+    """
+    by_ball = stencils.by_ball(deviations)
+    of_balls_i = np.stack([by_ball[i] for i, _ in stencils.ends])
+    # (x_i + x_j)/2 - x_i is half of the difference
+    return np.asarray(0.5 * ratio * (stencils.average_pairs(deviations) - of_balls_i))
+
+
 def list_displacements(stencils: Stencils, balls: Array) -> Array:
     """Return displacements (n, p) of balls along the axes of space, from those ``balls`` (n p, L1,
     ..., Lp) in the coordinates of the stencils.
@@ -190,8 +210,8 @@ def list_displacements(stencils: Stencils, balls: Array) -> Array:
 
 
 def shrink_boundary(ratio: float, overlap: float, periods: int) -> float:
-    """Return the size of a cell's boundary at an ``overlap`` y, over that at y = 0: (1 - eps y)^(p
-    - 1), with the ``ratio`` eps.
+    """Return the size of the boundary of a cell with so many ``periods`` p at an ``overlap`` y,
+    over that at y = 0: (1 - eps y)^(p - 1), with the ``ratio`` eps = W/d.
     """
     return (1.0 - ratio * overlap) ** (periods - 1)
 
@@ -203,7 +223,7 @@ class Loaded(Protocol):
 
     @property
     def boundary(self) -> float:
-        """Size of the cell's boundary, over that with y = 0."""
+        """Size of the boundary of the cell, over that at y = 0."""
 
     @property
     def press(self) -> Callable[..., float]:
@@ -213,19 +233,22 @@ class Loaded(Protocol):
 
 
 def find_boundary_force(place: Loaded, *forces: Array) -> float:
-    """Return the mean contact force f* that has the same pressure in a cell that keeps its size.
+    """Return the mean contact force f* that has, in a cell that keeps its size, the pressure of the
+    ``forces`` in the configuration ``place``.
 
     ``forces`` are the normal forces of contacts, (n_c, L1, ..., Lp), and, with friction, the
     tangential ones, (n_s, n_c, L1, ..., Lp).
     """
+    # where the cell has sheared, the work of an even strain is not that along the lattice
     if isinstance(place, ExactPlace) and place.strain is not None:
         return place.press_sheared(*forces)
     return place.press(*forces) / place.boundary
 
 
 def find_lack(load: ReducedLoad, place: Loaded, *forces: Array) -> float:
-    """Return by how much the mean contact force is less than a ``load`` prescribes, in c W^(3/2);
-    zero if the load is an overlap.
+    """Return by how much the mean contact force is less than a ``load`` prescribes, or, if the load
+    is on the boundary, the force per contact that does its work, in c W^(3/2); zero if the load is
+    an overlap.
 
     ``forces`` are those of :func:`find_boundary_force`.
     """

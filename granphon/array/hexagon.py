@@ -59,7 +59,7 @@ class PressedHexagon(Result):
     normal : (n_c, 2) unit vectors from ball i to ball j.
     ball, wall : (n_w,) ball and wall of the contacts with walls.
     forces, wall_forces : (n_c,), (n_w,) contact forces, N.
-    wall_coefficient : of Hertz's law of a ball against a wall, N/m^(3/2).
+    wall_coefficient : coefficient of Hertz's law of a ball against a wall, N/m^(3/2).
     residual : largest force left on a ball or a wall, divided by the mean contact force.
     """
 
@@ -107,12 +107,12 @@ class PressedHexagon(Result):
     @property
     def contact_radius(self) -> float:
         """Ratio of the radius of the largest contact, of two balls or of a ball and a wall, to the
-        radius of a ball.
+        radius of the mean ball.
         """
         d = self.packing.diameter
         law = self.packing.law
         at_wall = HertzLaw(self.wall_coefficient).overlap(self.wall_forces)
-        # a wall has the curvature of half a ball
+        # a contact with a flat wall is as large as one of two balls with twice the overlap
         overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)
         return float(contact_radius_ratio(np.max(overlaps), d))
 
@@ -135,34 +135,36 @@ class PressedHexagon(Result):
         Contacts with walls resist slip as those between balls do if the packing has friction.
         """
         packing = self.packing
-        d = self.packing.diameter
-        law = self.packing.law
+        d = packing.diameter
+        law = packing.law
         count = len(self.sites)
         live = self.forces > 0.0
-        leant = self.wall_forces > 0.0
-        distance = d * ((self.balls_per_side - 1) * math.sqrt(0.75) + 0.5) + self.retreats
-        places = np.zeros((count + 6, 3))
-        places[:count, :2] = self.positions
-        places[count:, :2] = distance[:, None] * _NORMALS
-        normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
-        normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
-        of_balls = hertz.stiffness_under(law.coefficient**2 * self.forces[live])
-        of_walls = hertz.stiffness_under(self.wall_coefficient**2 * self.wall_forces[leant])
-        stiffness = np.concatenate([of_balls, of_walls])
+        live_at_walls = self.wall_forces > 0.0
+        # of the walls from the centre: that of the outermost row, and the radius of a ball
+        distance = d * (_find_outermost_row(self.balls_per_side) + 0.5) + self.retreats
+        positions = np.zeros((count + 6, 3))
+        positions[:count, :2] = self.positions
+        positions[count:, :2] = distance[:, None] * _NORMALS
+        wall = self.wall[live_at_walls]
+        normal = np.zeros((int(np.sum(live)) + len(wall), 3))
+        normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[wall]])
+        between_balls = hertz.stiffness_under(law.coefficient**2 * self.forces[live])
+        at_walls = hertz.stiffness_under(self.wall_coefficient**2 * self.wall_forces[live_at_walls])
+        stiffness = np.concatenate([between_balls, at_walls])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
         half = np.full(len(normal), 0.5 * d)
         return ContactNetwork(
             cell=np.zeros((3, 3)),
             pbc=(False, False, False),
-            positions=places,
+            positions=positions,
             radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)),
             masses=masses,
             inertias=masses * (GYRATION * d) ** 2,
-            i=np.append(self.i[live], self.ball[leant]),
-            j=np.append(self.j[live], count + self.wall[leant]),
+            i=np.append(self.i[live], self.ball[live_at_walls]),
+            j=np.append(self.j[live], count + wall),
             shift=np.zeros((len(normal), 3), int),
             normal=normal,
-            normal_force=np.append(self.forces[live], self.wall_forces[leant]),
+            normal_force=np.append(self.forces[live], self.wall_forces[live_at_walls]),
             normal_stiffness=stiffness,
             shear_stiffness=packing.mindlin_ratio * stiffness,
             torsion_stiffness=0.0 * stiffness,
@@ -184,12 +186,13 @@ class Hexagon:
     seed : random seed of the diameters.
     diameters : (3n(n - 1) + 1,) diameters, m, in place of random ones, in the order of
         :attr:`sites`.
-    wall_material : material of the walls; None for rigid ones.
+    wall_material : material of the walls; None for rigid walls.
 
     Raises
     ------
     InputError : no packing, or no material of the walls; another lattice or other motions; a number
-        out of range; diameters of another shape, or whose mean is not the packing's diameter.
+        out of range; more balls than memory holds; diameters of another shape, or whose mean is not
+        the packing's diameter.
     """
 
     def __init__(
@@ -218,15 +221,14 @@ class Hexagon:
         require_memory(
             f"hexagons of {n_balls:,} balls", _BALL_BYTES * n_balls, "Give fewer balls_per_side"
         )
-        # cells of a rhombus, less those of its two acute corners
+        # cells (p, q) of a rhombus, less those of its two acute corners
         steps = np.arange(1 - n, n)
         cells = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
         self._cells = cells[np.abs(cells[:, 0] - cells[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
-        drawn = _draw_diameters(packing, len(self.sites), diameters, self.seed)
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
-        self.deviations = read_only(drawn - np.mean(drawn))
+        self.deviations = read_only(_find_deviations(packing, n_balls, diameters, self.seed))
         modulus_ratio = 0.0  # contact modulus of the balls over that of the walls
         if wall_material is not None:
             modulus_ratio = packing.material.contact_modulus / wall_material.contact_modulus
@@ -244,6 +246,7 @@ class Hexagon:
         """Numbers (n_c,) of the balls i and j of the contacts between balls, and the normals (n_c,
         2).
         """
+        # the number of the ball in each cell (p, q) of the lattice
         number = {cell: ball for ball, cell in enumerate(map(tuple, self._cells.tolist()))}
         table = TRIANGULAR.contacts
         contacts = [
@@ -258,10 +261,9 @@ class Hexagon:
     @cached_property
     def _leaning(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Numbers (n_w,) of the ball and of the wall of the contacts with walls."""
-        # rows of balls along a wall are (3/4)^(1/2) apart: the outermost row leans on the wall
         distances = self.sites @ _NORMALS.T / self.packing.diameter
-        outermost = (self.balls_per_side - 1) * math.sqrt(0.75)
-        ball, wall = np.nonzero(distances > outermost - 0.1)
+        # a tenth of a diameter is far above rounding, and far below the distance to the next row
+        ball, wall = np.nonzero(distances > _find_outermost_row(self.balls_per_side) - 0.1)
         return ball, wall
 
     @property
@@ -286,7 +288,7 @@ class Hexagon:
         n_contacts = n_pairs + len(ball)
         half = 0.5 * self.packing.diameter
         vector = np.zeros((n_contacts, 3))
-        vector[:n_pairs, :2] = self.packing.diameter * normal[:, :2]
+        vector[:n_pairs, :2] = self.packing.diameter * normal
         vector[n_pairs:, :2] = half * _NORMALS[wall]
         contacts = np.arange(n_contacts)
         between_balls = (self.packing.law, contacts[:n_pairs])
@@ -354,8 +356,8 @@ class Hexagon:
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
         """Raise :class:`InputError` if a force ``between`` two balls, N, presses them together by
-        their diameter, or a force ``at_wall``, N, presses a ball into its wall by the ball's
-        radius; the message states the ``side_force``, N.
+        their diameter, or a force ``at_wall``, N, presses a ball into its wall by the radius of the
+        ball; the message states the ``side_force``, N.
         """
         packing = self.packing
         load = f"side_force = {side_force:g} N"
@@ -370,8 +372,10 @@ class Hexagon:
             raise InputError(problem, "Its centre would be beyond the wall", "Lower the load")
 
     def at_force(self, force: float) -> PressedHexagon:
-        """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see
-        :meth:`at_side_force`.
+        """Press each wall with F = n 3^1/2 f, where f is the contact ``force``, N, and return the
+        balls at rest; see :meth:`at_side_force`, also for what is raised.
+
+        f is the :attr:`~PressedHexagon.nominal_force`, not quite the mean force of the contacts.
         """
         return self.at_side_force(
             positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side
@@ -392,18 +396,28 @@ def _require_triangular(packing: Packing) -> None:
         )
 
 
-def _draw_diameters(
+def _find_outermost_row(balls_per_side: int) -> float:
+    """Return the distance of the outermost row of balls along a wall from the centre, in diameters:
+    rows are (3/4)^(1/2) apart.
+    """
+    return (balls_per_side - 1) * math.sqrt(0.75)
+
+
+def _find_deviations(
     packing: Packing, count: int, diameters: ArrayLike | None, seed: int | None
 ) -> Array:
-    """Return the ``diameters`` (count,), m, if they are given, or else ``count`` deviations from
-    the mean diameter, m, drawn with the ``seed``; the caller subtracts the mean of either.
+    """Return deviations (count,) from the mean diameter, m, of mean zero: those of the
+    ``diameters``, m, if they are given, or else of ``count`` balls of the packing, drawn with the
+    ``seed``.
 
-    Raises InputError if the diameters have another shape, or another mean than the packing.
+    Raises InputError if the diameters are not finite and above zero, or have another shape, or
+    another mean than the packing.
     """
     if diameters is None:
         if packing.spread is None:
             return np.zeros(count)
-        return packing.spread.sample(count, int(seed or 0))
+        drawn = packing.spread.sample(count, int(seed or 0))
+        return np.asarray(drawn - np.mean(drawn))
     values = finite_array("diameters", diameters, "m", "above zero")
     if values.shape != (count,):
         raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")
@@ -411,6 +425,7 @@ def _draw_diameters(
     mean = float(np.mean(values))
     if abs(mean - d) > 1e-9 * d:
         raise InputError(
-            f"the mean of the diameters is {mean:.9g} m, that of the packing {d:.9g} m"
+            f"the mean of the diameters is {mean:.9g} m, that of the packing {d:.9g} m",
+            mend="Shift the diameters, or make a Packing of this mean diameter",
         )
-    return values
+    return np.asarray(values - np.mean(values))

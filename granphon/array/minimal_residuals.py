@@ -3,7 +3,7 @@
 from the right.
 
 Steps of Newton's method need few digits and few iterations: vectors are in single precision, and an
-iteration costs little beside its product. They are projected on each other in compiled loops:
+iteration costs little beside its product. Vectors are projected on each other in compiled loops:
 threads of BLAS would wait for each other, and their number changes the last digit.
 """
 
@@ -26,11 +26,11 @@ Single = NDArray[Any]
 Map = Callable[[Single, Single], None]
 #: elements of vectors that are multiplied at a time: a power of two
 _LENGTH = 1024
-#: part of a vector's length that is left by the projection on those before it, below which it is
-#: projected once more
+#: part of the length of a vector that the subtraction of its parts along those before leaves, below
+#: which it is projected once more: one of the seven digits is then lost
 _CANCELLED = 0.1
-#: part of a vector's length that is nothing but rounding: if no more is left, the vector lies in
-#: the space of those before it
+#: part of the length of a vector that is nothing but rounding: if no more is left, the vector lies
+#: in the space of those before it
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
@@ -41,8 +41,10 @@ def solve_by_minimal_residuals(
     there are ``most_iterations`` at most.
 
     ``apply`` and ``precondition`` set their second array to the product of A, or of the
-    preconditioner, with the first; both arrays are flat, in single precision. The tolerance is not
-    reached if ``right`` has a part that no product with A contains: this part adds nothing to x.
+    preconditioner, with the first; both arrays are flat, in single precision. ``right`` is (size,),
+    and so is x; x is zero, without an iteration, if ``right`` is zero. The tolerance is not reached
+    after so many iterations, or if ``right`` has a part that no product with A contains: the
+    iteration then ends early, and this part adds nothing to x.
     """
     size = math.sqrt(dot(right, right))
     iterations = 0
@@ -71,7 +73,8 @@ def _cycle(
     """Return the number of iterations of one cycle, ``length`` at most, the norm of the residual
     after the cycle, and the change of the solution (size,).
 
-    The cycle ends early once the norm is ``reduction`` or less.
+    The cycle ends early once the norm is ``reduction`` or less, or if Krylov space does not grow.
+    The ``residual`` is (size,), not zero.
 
     Arnoldi's relation A W = V H has the preconditioned vectors W, the orthonormal basis V of Krylov
     space, and H, zero below its first subdiagonal. Givens rotations make H triangular, column by
@@ -118,13 +121,13 @@ def _cycle(
 
 def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]:
     """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
-    size). Return the parts (n,), and the length of what remains; zero if that is nothing but
-    rounding.
+    size). Return the list of the n parts, and the length of what remains, zero if that is nothing
+    but rounding. The size is a multiple of :data:`_LENGTH`.
     """
     parts, length = _project(basis, vector)
     whole = math.hypot(*parts, length)
     last_length = whole
-    # where much has gone, rounding has left parts along the basis: they are taken off once more
+    # where much has gone, rounding has left parts along the basis, which are subtracted once more
     while _ROUNDING * whole < length < _CANCELLED * last_length:
         last_length = length
         more_parts, length = _project(basis, vector)
@@ -140,42 +143,42 @@ def _solve_triangle(columns: list[list[float]], right: list[float]) -> list[floa
     solution = [0.0] * count
     for row in reversed(range(count)):
         later = range(row + 1, count)
-        known = sum(columns[column][row] * solution[column] for column in later)
-        solution[row] = (right[row] - known) / columns[row][row]
+        of_later = sum(columns[column][row] * solution[column] for column in later)
+        solution[row] = (right[row] - of_later) / columns[row][row]
     return solution
 
 
-def _project(old: Single, new: Single) -> tuple[list[float], float]:
-    """Subtract from a vector ``new`` (size,), in place, its parts along the vectors ``old`` (n,
-    size). Return the n parts, and the length of what remains.
+def _project(basis: Single, vector: Single) -> tuple[list[float], float]:
+    """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
+    size), once. Return the list of the n parts, and the length of what remains.
     """
-    parts = np.empty(len(old), np.float32)
-    square = _take_off(old, new, parts)
+    parts = np.empty(len(basis), np.float32)
+    square = _subtract_parts(basis, vector, parts)
     return parts.tolist(), math.sqrt(square)
 
 
 @compiled
-def _take_off(old: Single, new: Single, parts: Single) -> float:
-    """Subtract from a vector ``new`` (size,), in place, its parts along the vectors ``old`` (n,
+def _subtract_parts(basis: Single, vector: Single, parts: Single) -> float:
+    """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
     size). Set ``parts`` (n,) to them, and return the square of the length of what remains.
     """
     products = np.empty(_LENGTH, np.float32)
-    for row in range(len(old)):
+    for row in range(len(basis)):
         total = 0.0
-        for start in range(0, len(new), _LENGTH):
+        for start in range(0, len(vector), _LENGTH):
             total += _multiply(
-                old[row, start : start + _LENGTH], new[start : start + _LENGTH], products
+                basis[row, start : start + _LENGTH], vector[start : start + _LENGTH], products
             )
         parts[row] = total
     square = 0.0
-    for start in range(0, len(new), _LENGTH):
-        remaining = new[start : start + _LENGTH]
-        for row in range(len(old)):
+    for start in range(0, len(vector), _LENGTH):
+        piece = vector[start : start + _LENGTH]
+        for row in range(len(basis)):
             part = parts[row]
-            along = old[row, start : start + _LENGTH]
+            along = basis[row, start : start + _LENGTH]
             for place in range(_LENGTH):
-                remaining[place] -= part * along[place]
-        square += _multiply(remaining, remaining, products)
+                piece[place] -= part * along[place]
+        square += _multiply(piece, piece, products)
     return square
 
 
@@ -198,7 +201,7 @@ def _multiply(first: Single, second: Single, products: Single) -> float:
 
 @compiled
 def _combine(weights: Single, vectors: Single) -> Single:
-    """Return the sum of vectors (n, size) times their weights."""
+    """Return the sum (size,) of ``vectors`` (n, size) times their ``weights`` (n,)."""
     total = np.zeros(vectors.shape[1], np.float32)
     for row in range(len(vectors)):
         weight = weights[row]

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,69 +26,82 @@ from granphon.base.arrays import Array, Index
 from granphon.dynamics.factors import factorise
 from granphon.statics.options import LoadingOptions
 
-#: function of a force and an array of motions that writes the motions under the force of some balls
-#: into the array
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: function of a force and an array of motions that sets the motions of balls, all or some, in the
+#: array to those under the force
 Put = Callable[[Array, Array], None]
 
 
 class Patches:
-    """Table of the contacts of each ball, from which patches are cut; ``options`` are the numbers
-    of the loading.
+    """Patches of weakly held balls of an array, found by the forces that are left on balls, and
+    their inverses.
+
+    The array is that of the ``stencils``; ``options`` are the numbers of the loading.
     """
 
     def __init__(self, stencils: Stencils, options: LoadingOptions | None = None) -> None:
         self.stencils = stencils
         self._options = options or LoadingOptions()
-        self._fields = stencils.motions.count
-        self._cells = math.prod(stencils.shape)
-        self._balls = stencils.n_balls * self._cells
-        most = self._options.most_in_patch[len(stencils.shape)]  # contacts
-        self._largest = most * stencils.n_balls // stencils.n_contacts
+        self._n_motions = stencils.motions.count  # of a ball
+        self._n_cells = math.prod(stencils.shape)
+        self._n_balls = stencils.n_balls * self._n_cells
+        most_contacts = self._options.most_in_patch[len(stencils.shape)]
+        #: balls of a patch, at most
+        self._most_balls = most_contacts * stencils.n_balls // stencils.n_contacts
 
     @cached_property
     def _ends(self) -> Index:
-        """(2, contacts) numbers of ball j and of ball i of each contact."""
-        i, j = (self._cells * ball[:, None] for ball in np.transpose(self.stencils.ends))
-        far = number_cells(self.stencils.shape, self.stencils.shifts)
-        return np.array([j + far, i + np.arange(self._cells)]).reshape(2, -1)
+        """(2, contacts) numbers of ball j and of ball i of each contact; ball b of cell c has the
+        number b cells + c.
+        """
+        i, j = np.transpose(self.stencils.ends)[..., None]  # (contacts of a cell, 1)
+        cells_of_i = np.arange(self._n_cells)
+        cells_of_j = number_cells(self.stencils.shape, self.stencils.shifts)
+        balls_j = self._n_cells * j + cells_of_j
+        balls_i = self._n_cells * i + cells_of_i
+        return np.array([balls_j, balls_i]).reshape(2, -1)
 
     @cached_property
     def _by_ball(self) -> tuple[Index, Index]:
         """``contacts``, the contacts of one ball after the other, and ``starts`` (balls + 1,):
         those of ball b are ``contacts[starts[b] : starts[b + 1]]``.
         """
+        # places in the flat table of ends, sorted by the number of the ball
         order = np.argsort(self._ends, axis=None, kind="stable")
         contacts = order % self._ends.shape[1]
         balls = self._ends.ravel()[order]
-        return contacts, np.searchsorted(balls, np.arange(self._balls + 1))
+        return contacts, np.searchsorted(balls, np.arange(self._n_balls + 1))
 
     def find_worst(self, forces: Array) -> Index:
         """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
         act, and of their neighbours.
 
-        The balls are as few as bear all but the part ``options.forcing`` of the sum of the squares
-        of all forces, and no more than a patch may hold.
+        The balls with the largest forces are as few as bear all but the part ``options.forcing`` of
+        the sum of the squares of all forces; they and their neighbours are about as many as a patch
+        may hold, at most.
         """
-        by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
-        squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
-        near = 1 + self._ends.size // self._balls  # a ball and its neighbours
-        most = min(max(1, self._largest // near), self._balls)
+        by_ball = forces.reshape(self.stencils.n_balls, self._n_motions, self._n_cells)
+        squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()  # of each ball, over motions
+        n_near = 1 + self._ends.size // self._n_balls  # a ball and its neighbours
+        most = min(max(1, self._most_balls // n_near), self._n_balls)
         worst = np.argsort(-squares, kind="stable")[:most]
         sums = np.cumsum(squares[worst])
-        held = min((1.0 - self._options.forcing) * float(np.sum(squares)), sums[-1])
-        worst = worst[: int(np.searchsorted(sums, held)) + 1]
+        goal = min((1.0 - self._options.forcing) * float(np.sum(squares)), sums[-1])
+        worst = worst[: int(np.searchsorted(sums, goal)) + 1]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
     def join(self, balls: Index, added: Index) -> Index:
         """Return the numbers of the ``balls`` of a patch and of the balls ``added`` to it, sorted.
 
-        A patch of half of the balls becomes that of all balls, if the array is small enough. If the
-        patch would be too large, nothing is added.
+        A patch of more than half of the balls becomes that of all balls, if a patch may hold them.
+        If the patch would be too large, nothing is added.
         """
         joined = np.union1d(balls, added)
-        if 2 * joined.size > self._balls and self._balls <= self._largest:
-            return np.arange(self._balls)
-        return joined if joined.size <= self._largest else balls
+        if 2 * joined.size > self._n_balls and self._n_balls <= self._most_balls:
+            return np.arange(self._n_balls)
+        return joined if joined.size <= self._most_balls else balls
 
     def _find_contacts(self, balls: Index) -> Index:
         """Return the numbers of all contacts of the ``balls``, sorted, each once."""
@@ -99,46 +113,22 @@ class Patches:
         return np.unique(contacts[offsets + np.arange(offsets.size)])
 
     def invert(self, balls: Index, tangent: PressedTangent) -> Put | None:
-        """Return a function ``put(force, motion)`` that writes the motions of the ``balls`` of a
-        patch under a force, while all other balls are held, into ``motion``; None if the matrix of
-        the patch has no inverse.
+        """Return a function ``put(force, motion)`` that sets the motions of the ``balls`` of a
+        patch, in ``motion``, to those under a force while all other balls are held; None if the
+        matrix of the patch has no inverse.
 
         The matrix is the part of the ``tangent``, whose mean stiffness is one, between the balls of
         the patch. Forces and motions are (fields, L1, ..., Lp).
         """
-        from scipy.sparse import eye_array  # imported here: most simulations do not need it
-
-        contacts = self._find_contacts(balls)
-        place = np.full(self._balls, -1)
-        place[balls] = np.arange(balls.size)
-        end, start = place[self._ends[:, contacts]]
-        inside = (start >= 0) & (end >= 0)
-        i = start[inside]
-        j = end[inside]
-        alone = np.arange(balls.size)
-        blocks = tangent.product
-        across = contacts[inside]
-        # the places of the blocks, (line, column), and the blocks (m, m, number)
-        parts = (
-            (alone, alone, tangent.diagonal[..., balls]),
-            (i, j, blocks.forward[..., across]),
-            (j, i, blocks.backward[..., across].swapaxes(0, 1)),
-        )
-        m = self._fields
-        motions = np.arange(m)[:, None]
-        entries = (
-            (m * line + motions[:, None], m * column + motions, values.astype(float))
-            for line, column, values in parts
-        )
-        size = m * balls.size
-        spring = OPTIONS.grid.holding
-        matrix = compose(entries, (size, size)) + spring * eye_array(size, format="csr")
+        matrix = self._cut_matrix(balls, tangent)
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # the matrix is singular to the last digit
             return None
-        index = balls // self._cells, slice(None), balls % self._cells
-        shape = self.stencils.n_balls, m, self._cells
+        m = self._n_motions
+        # an array (balls of a cell, motions, cells) has the motions of the balls at this index
+        shape = self.stencils.n_balls, m, self._n_cells
+        index = balls // self._n_cells, slice(None), balls % self._n_cells
 
         def put(force: Array, motion: Array) -> None:
             """Set the motions of the balls of the patch, in place, to those under a ``force``."""
@@ -146,3 +136,35 @@ class Patches:
             motion.reshape(shape)[index] = solution.reshape(balls.size, m)
 
         return put
+
+    def _cut_matrix(self, balls: Index, tangent: PressedTangent) -> csr_array[Any]:
+        """Return the part of the ``tangent`` between the ``balls`` of a patch, a sparse matrix of
+        the motions of one ball after the other, with weak springs to the ground.
+        """
+        from scipy.sparse import eye_array  # imported here: most simulations do not need it
+
+        contacts = self._find_contacts(balls)
+        in_patch = np.full(self._n_balls, -1)  # the number of each ball among those of the patch
+        in_patch[balls] = np.arange(balls.size)
+        ends_j, ends_i = in_patch[self._ends[:, contacts]]
+        is_inside = (ends_i >= 0) & (ends_j >= 0)
+        i = ends_i[is_inside]
+        j = ends_j[is_inside]
+        inside = contacts[is_inside]
+        alone = np.arange(balls.size)
+        product = tangent.product
+        # the places of the blocks, (line, column), and the blocks (m, m, number)
+        blocks = (
+            (alone, alone, tangent.diagonal[..., balls]),
+            (i, j, product.forward[..., inside]),
+            (j, i, product.backward[..., inside].swapaxes(0, 1)),
+        )
+        m = self._n_motions
+        motions = np.arange(m)[:, None]
+        entries = (
+            (m * line + motions[:, None], m * column + motions, values.astype(float))
+            for line, column, values in blocks
+        )
+        size = m * balls.size
+        springs = OPTIONS.grid.holding * eye_array(size, format="csr")
+        return compose(entries, (size, size)) + springs

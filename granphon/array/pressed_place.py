@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.contact_lists import find_grid
-from granphon.array.geometry import require_small, shrink_boundary
+from granphon.array.geometry import find_unevenness, require_small, shrink_boundary
 from granphon.array.stencils import Stencils
 from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
@@ -47,12 +47,10 @@ class PressedGeometry:
         self.stencils = stencils
         self.ratio = ratio
         means = stencils.average_pairs(deviations)
-        first = stencils.by_ball(deviations)
-        ends = np.stack([first[i] for i, _ in stencils.ends])
         lattice = stencils.lattice
         grid = find_grid(stencils.shape, lattice)
-        frames = contact_frames(lattice.contacts.normal[:, : lattice.periods])
-        tangents = np.stack(frames[1], axis=1)
+        _, tangent, _ = contact_frames(lattice.contacts.normal[:, : lattice.periods])
+        tangents = np.stack(tangent, axis=1)
         #: the list of the contacts
         self.contacts = RollingContacts(
             # copies: loops are compiled anew for read-only arrays, as those of the grid are
@@ -61,16 +59,17 @@ class PressedGeometry:
             normal=grid.normal.copy(),
             tangent=np.repeat(tangents, math.prod(stencils.shape), axis=0),
             offset=means.ravel(),
-            uneven=np.ravel(0.5 * ratio * (means - ends)),
+            uneven=np.ravel(find_unevenness(stencils, deviations, ratio)),
             ratio=float(ratio),
         )
         #: (p, p) matrix that takes the coordinates of displacements to the axes of space
         self.axes = np.ascontiguousarray(np.linalg.inv(stencils.basis), float)
+        #: (contacts,) distances of centres, over the diameter, where contacts keep their directions
         self._distance = np.ones(means.size)
 
     @cached_property
     def product(self) -> GridProduct:
-        """The contacts as loops that multiply tangents read them; its blocks are empty."""
+        """The contacts as loops that multiply tangents read them, with empty blocks."""
         return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
 
     def place(self, balls: Array, overlap: float) -> PressedPlace:
@@ -81,10 +80,11 @@ class PressedGeometry:
 
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
         """Return the overlaps (n_c, L1, ..., Lp) of contacts, and the slips (n_s, n_c, L1, ..., Lp)
-        with which a history begins at the motions ``balls`` and the ``overlap`` y.
+        with which a history begins at the motions ``balls`` (fields, L1, ..., Lp) and the
+        ``overlap`` y.
 
-        Slips are counted from the sites where contacts keep their directions, and from here where
-        contacts turn.
+        Where contacts keep their directions, slips are counted from the sites; where contacts turn,
+        slips are zero at these motions.
         """
         place = self.place(balls, overlap)
         return place.overlaps, place.find_slips(place, np.zeros(self.slip_shape))
@@ -96,8 +96,8 @@ class PressedGeometry:
         return (len(stencils.shape) - 1, stencils.n_contacts, *stencils.shape)
 
     def list_motions(self, balls: Array) -> tuple[Array, Array]:
-        """Return the displacements and the rotations (n, 3) of balls along the axes of space, from
-        their motions ``balls`` (fields, L1, ..., Lp).
+        """Return the displacements (n, 3), in W, and the rotations (n, 3), in W/d, of balls along
+        the axes of space, from their motions ``balls`` (fields, L1, ..., Lp).
         """
         fields = balls.reshape(self.stencils.n_balls, self.stencils.motions.count, -1)
         displacement, rotation = np.zeros((2, fields.shape[0] * fields.shape[2], 3))
@@ -124,17 +124,17 @@ class PressedGeometry:
         contacts = self.contacts
         displacement, rotation = self.list_motions(balls)
         overlaps = np.empty(contacts.offset.size)
-        count = len(self.stencils.shape) - 1
+        n_slips = len(self.stencils.shape) - 1
         if not self.ratio:
             frames = (contacts.normal, contacts.tangent, self._distance)
-            slid = np.empty((count, overlaps.size))
+            slid = np.empty((n_slips, overlaps.size))
             slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, slid)
             return Configuration(overlap, displacement, rotation, *frames), overlaps, slid
         normal, tangent = np.empty((2, overlaps.size, 3))
         distance = np.empty(overlaps.size)
         frames = (normal, tangent, distance)
-        motion = (displacement, rotation, overlap)
-        slips.measure_turned(contacts, *motion, count == 1, overlaps, *frames)
+        is_plane = n_slips == 1
+        slips.measure_turned(contacts, displacement, rotation, overlap, is_plane, overlaps, *frames)
         return Configuration(overlap, displacement, rotation, *frames), overlaps, None
 
 
@@ -160,10 +160,10 @@ class PressedPlace:
 
     def find_slips(self, before: PressedPlace, slips: Array) -> Array:
         """Return the slips (n_s, n_c, L1, ..., Lp) of contacts after a step from the configuration
-        ``before``, in which they are ``slips``.
+        ``before``, in which slips are ``slips``.
 
         Where contacts keep their directions, slips follow from the motions alone, and neither
-        argument matters.
+        argument is used.
         """
         if self._slips is not None:
             return self._slips
@@ -186,8 +186,8 @@ class PressedPlace:
         return force, torque
 
     def pull(self, forces: Array, shears: Array) -> Array:
-        """Return the forces of :meth:`push` in the coordinates of motions, (fields, L1, ...,
-        Lp).
+        """Return the forces and torques of :meth:`push` in the coordinates of motions, (fields, L1,
+        ..., Lp).
         """
         return self.geometry.collect_forces(*self.push(forces, shears))
 
@@ -201,13 +201,14 @@ class PressedPlace:
 
     @property
     def boundary(self) -> float:
-        """Size of the cell's boundary, over that with y = 0."""
+        """Size of the boundary of the cell, over that at y = 0."""
         return shrink_boundary(self.geometry.ratio, self.overlap, len(self.geometry.stencils.shape))
 
     def press(self, forces: Array, shears: Array) -> float:
         """Return the force per contact that does the work of the load as y grows: the mean of (f n
         - T).e over contacts, with the normal forces ``forces`` (n_c, L1, ..., Lp) and the
-        tangential ones ``shears`` (n_s, n_c, L1, ..., Lp).
+        tangential ones ``shears`` (n_s, n_c, L1, ..., Lp). Where contacts keep their directions it
+        is the mean of f.
         """
         if not self.geometry.ratio:
             return float(np.mean(forces))
@@ -231,8 +232,8 @@ class PressedPlace:
         of the sum of the normal forces, in a ``precision``.
 
         The changes follow from the ``tangent`` of the law of friction and, where contacts turn,
-        from the ``forces`` and ``shears`` that act. ``free`` says whether the overlap y is a motion
-        too.
+        from the normal ``forces`` (n_c, L1, ..., Lp) and the tangential ones ``shears`` (n_s, n_c,
+        L1, ..., Lp) that act. ``free`` says whether the overlap y is a motion too.
         """
         geometry = self.geometry
         stencils = geometry.stencils

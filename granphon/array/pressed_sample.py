@@ -51,6 +51,9 @@ class PressedEquilibrium(Equilibrium):
     """Sample at rest with the forces that loading with friction has left, in units of W and c
     W^(3/2).
 
+    Attributes that are not listed are those of :class:`~granphon.array.equilibrium.Equilibrium`;
+    the cell keeps its shape.
+
     Attributes
     ----------
     rotations : (n r, L1, ..., Lp) rotations about each of r axes, W over the diameter.
@@ -75,7 +78,8 @@ class PressedEquilibrium(Equilibrium):
 
     @classmethod
     def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils, ratio: float) -> Self:
-        """Return the ``pressed`` state of a history as an equilibrium.
+        """Return the ``pressed`` state of a history as an equilibrium; its ``conjugate`` is the
+        number of iterations of GMRES.
 
         ``deviations`` are those of the balls, ``stencils`` those of the history, with slips, and
         ``ratio`` is W/d in the true geometry, or else zero.
@@ -138,8 +142,8 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def boundary_force(self) -> float:
-        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its
-        size.
+        """Mean contact force f*, a reduced number, that has the same pressure in a cell that keeps
+        its size.
         """
         if not self.ratio:
             return self.force
@@ -152,8 +156,8 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def contacts(self) -> Contacts:
-        """State of the contacts. Slips are those of the balls' motions in the directions of the
-        lattice, in the true geometry too: only changes of slips count.
+        """State of the contacts. Slips are those by the motions of the balls in the directions of
+        the lattice, in the true geometry too: only changes of slips count.
         """
         stencils = self.sheared
         motion = stencils.spread(self.balls, self.rotations)
@@ -183,8 +187,8 @@ class PressedEquilibrium(Equilibrium):
         return self.law.stored(self.contacts)
 
     def shear_ratios(self, response: str) -> Array:
-        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of
-        :data:`~granphon.array.options.SHEAR_RESPONSES`.
+        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for a
+        ``response`` of :data:`~granphon.array.options.SHEAR_RESPONSES`.
 
         "partial_slip" is the stiffness of each contact as if its tangential force were about to
         grow, also where it has just become less.
@@ -220,10 +224,12 @@ class PressedEquilibrium(Equilibrium):
         """
         if not self.ratio:
             return super()._list_contacts(shear, torsion, bending)
-        forces = self.forces * (self.stiffnesses > 0.0)
+        carries = self.carries
         ratio = np.asarray(shear, float)
-        acting = self.pressed_place.turn(self.shears * (self.stiffnesses > 0.0))
-        return list_exact_contacts(self, forces, ratio, torsion, bending, shears=acting)
+        shears = self.pressed_place.turn(self.shears * carries)
+        return list_exact_contacts(
+            self, self.forces * carries, ratio, torsion, bending, shears=shears
+        )
 
 
 @result_class
@@ -246,13 +252,13 @@ class PressedSample(Sample):
     @property
     def rotations(self) -> Array:
         """(L1, ..., Lp) angles of the balls in a plane, rad; (L1, ..., Lp, 3) rotation vectors in
-        space.
+        space. With n > 1 balls in the cell, the axis n comes after Lp.
         """
-        cells = self.packing.structure.n_balls
-        shape = self.shape
-        by_ball = self.equilibrium.rotations.reshape(cells, -1, *shape).swapaxes(0, 1)
-        turns = self._order(by_ball if cells > 1 else by_ball[:, 0])
-        angles = self._units.width / self.packing.diameter * np.moveaxis(turns, 0, -1)
+        n_balls = self.packing.structure.n_balls
+        # (r, n, L1, ..., Lp), with r axes of rotation
+        by_axis = self.equilibrium.rotations.reshape(n_balls, -1, *self.shape).swapaxes(0, 1)
+        in_order = self._order(by_axis if n_balls > 1 else by_axis[:, 0])
+        angles = self._units.width / self.packing.diameter * np.moveaxis(in_order, 0, -1)
         return angles[..., 0] if angles.shape[-1] == 1 else angles
 
     @property
@@ -262,8 +268,8 @@ class PressedSample(Sample):
         """
         equilibrium = self.equilibrium
         p = self.packing.structure.periods
-        vectors = equilibrium.pressed_place.turn(equilibrium.shears)[:, :p]
-        by_kind = vectors.reshape(-1, *self.shape, vectors.shape[1])
+        on_balls_i = equilibrium.pressed_place.turn(equilibrium.shears)[:, :p]
+        by_kind = on_balls_i.reshape(-1, *self.shape, p)
         return np.asarray(-self._units.force * np.moveaxis(by_kind, 0, -2))
 
     @cached_property
@@ -293,9 +299,10 @@ class PressedSample(Sample):
         contacts that carry load.
 
         The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts
-        that slide have the ratio mu. Over all ratios the density integrates to one. Raises
+        that slide have the ratio mu. Over all ratios the density integrates to one, over the bins
+        to less if there are ratios above ``largest``. Raises
         :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
-        million, or ``largest`` not above zero.
+        million, or ``largest`` not above zero and finite.
         """
         contacts = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
@@ -308,7 +315,8 @@ class PressedSample(Sample):
         """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu
         f)``.
 
-        It is over the contacts that carry load; sliding contacts are in the last bin. Raises
+        The density is over the contacts that carry load; sliding contacts are in the last bin.
+        Raises
         :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole
         number from 1 to a million.
         """
@@ -317,7 +325,7 @@ class PressedSample(Sample):
         mu = equilibrium.friction_coefficient
         if not 0.0 < mu < math.inf:
             problem = f"there is no |T|/(mu f) where mu is {mu:g}"
-            why = "Coulomb's limit mu f is zero, or infinite"
+            why = f"Coulomb's limit mu f is {'zero' if mu == 0.0 else 'infinite'}"
             raise InputError(problem, why, "Use tangential_ratio_distribution, of |T|/f")
         mobilised = equilibrium.law.mobilise(contacts)[contacts.carried]
         return find_density(mobilised, bins, 0.0, 1.0)
@@ -367,39 +375,40 @@ class PressedSample(Sample):
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
         """Return df/d(delta), N/m, the change of the mean force with the overlap, of an elastic
-        ``tensor``, at a ``force``, N, and an ``overlap``, m.
+        ``tensor`` (with the units of :attr:`elastic_tensor`), at a ``force``, N, and an
+        ``overlap``, m.
 
-        It follows from the work of an even strain of the cell, in which only normal forces take
-        part. In the true geometry the tensor is the derivative of the stress, and the boundary on
-        which the stress acts shrinks, which the last line takes into account.
+        The stiffness follows from the work of an even strain of the cell, in which only normal
+        forces take part. In the true geometry the tensor is the derivative of the stress, and the
+        boundary on which the stress acts shrinks, which the last line takes into account.
         """
         structure = self.packing.structure
-        p = self.packing.structure.periods
-        even = (
-            float(np.sum(tensor[:p, :p]))
-            * self.packing.diameter
-            * structure.measure
-            / len(structure.contacts)
-        )
+        p = structure.periods
+        d = self.packing.diameter
+        of_even_strain = float(np.sum(tensor[:p, :p]))
+        stiffness = of_even_strain * d * structure.measure / len(structure.contacts)
         if not self.is_exact:
-            return even
-        spacing = self.packing.diameter - overlap
-        return even * (spacing / self.packing.diameter) ** (p - 2) - (p - 1) * force / spacing
+            return stiffness
+        spacing = d - overlap
+        return stiffness * (spacing / d) ** (p - 2) - (p - 1) * force / spacing
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
         """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as
         loading goes on from here.
 
-        Going back would be unloading, which is another state. The three steps of loading are
-        equally long, because the number of contacts that slide at the end of a step depends a
-        little on its length.
+        Going back would be unloading, which is another state. The loading takes three steps,
+        equally long in log f, because the number of contacts that slide at the end of a step
+        depends a little on its length; the tensors are those after the first and the third.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the loading finds no balance, or a
+        linear response is not found.
         """
         equilibrium = self.equilibrium
         stencils = equilibrium.sheared
         loads = [
-            ReducedLoad(force=equilibrium.force * math.exp(times * STEP))
-            for times in (1.0, 2.0, 3.0)
+            ReducedLoad(force=equilibrium.force * math.exp(steps * STEP))
+            for steps in (1.0, 2.0, 3.0)
         ]
         geometry = PressedGeometry(stencils, equilibrium.deviations, equilibrium.ratio)
         history = LoadingHistory(
@@ -420,14 +429,15 @@ class PressedSample(Sample):
             )
             for neighbour in beside
         ]
-        stencils.forget()
+        stencils.forget()  # Green's function is large, and the equilibrium keeps its stencils
         return read_only(tensors)
 
     def _find_elasticity(
         self, equilibrium: Equilibrium, torsion: Any, options: ResponseOptions | None
     ) -> Array:
         """Return the elastic tensor of an ``equilibrium`` in its own units, with the tangential
-        stiffness of :attr:`shear_response`.
+        stiffness of :attr:`shear_response`; other arguments are those of
+        :meth:`Sample._find_elasticity`.
         """
         assert isinstance(equilibrium, PressedEquilibrium)
         ratios = equilibrium.shear_ratios(self.shear_response)
@@ -447,10 +457,8 @@ class PressedSample(Sample):
         contacts = equilibrium.contacts
         stencils = self.equilibrium.stencils
         slides = contacts.carried & (equilibrium.law.mobilise(contacts) >= SLIDES)
-        turns = self.rotations
-        balls.set_array(
-            "rotations", turns.reshape(len(balls), *balls.arrays["rotations"].shape[1:])
-        )
+        shape = balls.arrays["rotations"].shape
+        balls.set_array("rotations", self.rotations.reshape(shape))
         tangential = self._order(stencils.average_around(contacts.tangential / equilibrium.force))
         balls.set_array("tangential_force", tangential.ravel())
         balls.set_array(
@@ -460,5 +468,7 @@ class PressedSample(Sample):
         return balls
 
     def respond(self, shear_response: str) -> Self:
-        """Return the same sample with another choice of the tangential stiffness under sound."""
+        """Return the same sample with another ``shear_response``, the choice of the tangential
+        stiffness under sound.
+        """
         return replace(self, shear_response=shear_response)

@@ -23,7 +23,7 @@ from granphon.array.equilibrium import (
     explain_no_load,
     explain_too_small,
 )
-from granphon.array.geometry import LOAD_TOLERANCE, require_small
+from granphon.array.geometry import LOAD_TOLERANCE, list_displacements, require_small
 from granphon.array.options import ReducedLoad
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
@@ -68,7 +68,8 @@ def bring_to_rest(
         spacing of the cell, and the force the mean normal force over all contacts.
     stencils : stencils of the array; by default those of the triangular lattice.
     start : equilibrium from which to begin, for example that of the same balls under a similar
-        load; in the true geometry by default that on the lattice under the same load.
+        load; by default balls begin on their sites, or, in the true geometry, at the equilibrium on
+        the lattice under the same load.
     tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. On the
         lattice it is over the rms difference of contact forces if that is less: at high loads the
         effect of disorder is itself only a small part of the force. In the true geometry it is
@@ -85,7 +86,7 @@ def bring_to_rest(
     ------
     InputError : the sample carries no load at this overlap; or no start is given, balls differ and
         the force is below f* = 1e-8; or the ratio is below zero or too large.
-    ConvergenceError : the tolerance is not reached; the message states the residual that is.
+    ConvergenceError : the tolerance is not reached; the message states the residual at the end.
     """
     stencils = stencils or Stencils(deviations.shape)
     require_small(ratio or 0.0)
@@ -97,15 +98,14 @@ def bring_to_rest(
     geometry: Geometry = "exact" if ratio else "lattice"
     options = _choose_options(tolerance or REST_TOLERANCE, ratio or 0.0, stencils.workers)
     assembly = assemble(deviations, stencils, scale)
-    applied = apply_load(
-        assembly,
-        load if ratio else load._replace(on_boundary=False),
-        scale,
-        LOAD_TOLERANCE / REST_TOLERANCE if ratio else _LOAD_PART,
-    )
+    if ratio:
+        applied = apply_load(assembly, load, scale, LOAD_TOLERANCE / REST_TOLERANCE)
+    else:  # the boundary keeps its size: a pressure is the mean force that stands for it
+        load = load._replace(on_boundary=False)
+        applied = apply_load(assembly, load, scale, _LOAD_PART)
     begin = None
     if start is not None:
-        overlap = start.overlap if load.overlap is None or not ratio else load.overlap
+        overlap = load.overlap if ratio and load.overlap is not None else start.overlap
         begin = take_up(assembly, start.balls, overlap, stencils, scale)
     try:
         rest = find_rest(assembly, applied, geometry, "isotropic", begin, options)
@@ -132,8 +132,8 @@ def bring_to_rest(
 
 
 def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions:
-    """Return the options of a search that ends at a ``tolerance`` over the mean force; see
-    :func:`bring_to_rest`.
+    """Return the options of a search that ends at the ``tolerance`` of :func:`bring_to_rest`, at a
+    ``ratio`` W/d, zero in the directions of the lattice, with so many ``workers``.
     """
     if not ratio:
         return RestOptions(grid_tolerance=tolerance, workers=workers)
@@ -176,23 +176,25 @@ def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
     stencils = state.stencils
     assembly = assemble(state.deviations, stencils, 1.0).spell_out()
     load = apply_load(assembly, ReducedLoad(overlap=state.overlap), 1.0, _LOAD_PART)
-    never = dict.fromkeys((1, 2, 3), assembly.n_balls + 1)
-    options = RestOptions(fewest_iterated=never)
+    # on a line, in a plane and in space, iterations would begin beyond the balls of the array
+    options = RestOptions(fewest_iterated=dict.fromkeys((1, 2, 3), assembly.n_balls + 1))
     rest = find_rest(assembly, load, "lattice", "isotropic", None, options)
-    found = replace(
+    twin = replace(
         state,
         balls=gather_balls(rest, stencils),
         residual=find_residual(rest),
         newton=rest.steps,
         conjugate=rest.iterations,
     )
-    return found.share(found.deviations, stencils)
+    return twin.share(twin.deviations, stencils)
 
 
 def find_tensor_by_factors(state: Equilibrium, shear: float) -> Array:
-    """Return the elastic tensor of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`,
-    with springs against slip of ``shear`` times the normal stiffness, found by factors of a list
-    that is no grid.
+    """Return the elastic tensor of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`
+    of the ``state``, with springs against slip of ``shear`` times the normal stiffness, found by
+    factors of a list that is no grid.
+
+    Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
     """
     return find_elastic_tensor(replace(state._list_contacts(shear), grid=()))
 
@@ -223,18 +225,19 @@ def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
 
 
 def find_residual(rest: Rest) -> float:
-    """Return the largest force left on a ball over the mean force of all contacts.
+    """Return the largest force left on a ball of a ``rest`` over the mean force of all contacts;
+    infinite if all contacts are open.
 
-    The residual of a ``rest`` is over the mean force of closed contacts, which is larger than that
-    of all by one over the part of contacts that are closed. Infinite if all are open.
+    The residual of the rest is over the mean force of closed contacts: that of all contacts, over
+    the share of contacts that are closed.
     """
     closed_share = float(np.mean(rest.overlap > 0.0))
     return rest.residual / closed_share if closed_share else math.inf
 
 
 def gather_balls(rest: Rest, stencils: Stencils) -> Array:
-    """Return the displacements (n p, L1, ..., Lp) of a ``rest`` in the coordinates of the stencils,
-    without their mean.
+    """Return the displacements (n p, L1, ..., Lp) of the balls of a ``rest`` in the coordinates of
+    the stencils, less their mean.
     """
     p = rest.displacement.shape[1]
     motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
@@ -248,13 +251,14 @@ def apply_load(
     not an overlap is met to ``cell_tolerance`` times the tolerance of forces.
     """
     p = assembly.dimension
-    no_force = np.broadcast_to(0.0, (assembly.n_balls * p,))
+    no_force = np.broadcast_to(0.0, (assembly.n_balls * p,))  # takes no memory
     strain = np.zeros((p, p))
     stress = None
     mean_force = None
     if load.overlap is not None:
         strain = -scale * load.overlap * np.eye(p)
     elif load.on_boundary:
+        # that of equal forces, in a cell that keeps its size
         virial = load.force * assembly.n_contacts * assembly.mean_distance
         stress = -virial / (p * assembly.measure) * np.eye(p)
     else:
@@ -275,11 +279,12 @@ def take_up(
 ) -> Rest:
     """Return the state from which a search begins, with the displacements ``balls`` (n p, L1, ...,
     Lp) in the coordinates of the stencils and the ``overlap`` y; contacts of the assembly have the
-    length 1/``scale``.
+    length 1/``scale``. The overlaps of contacts of the state are those on the sites, not those of
+    the displaced balls.
     """
     p = assembly.dimension
     return Rest(
-        displacement=stencils.displacements(balls).reshape(p, -1).T,
+        displacement=list_displacements(stencils, balls),
         wall_motion=np.zeros(0),
         strain=-scale * overlap * np.eye(p),
         overlap=assembly.offset,

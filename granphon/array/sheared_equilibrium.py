@@ -46,15 +46,17 @@ from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
 
+#: options of each search for rest, whose residuals are over the mean force of all contacts
 _OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE, of_all=True)
-#: pressures that are tried for a mean force or an overlap, at most
-_PRESSURES = 40
+#: pressures that are tried for a mean force or an overlap, at most: searches of 12 x 12 balls at
+#: f* from 1e-3 to 10, with W up to a tenth of d, took five or fewer
+_MOST_PRESSURES = 40
 
 
 def equilibrate_sheared(
     deviations: Array, load: ReducedLoad, ratio: float, stencils: Stencils
 ) -> Equilibrium:
-    """Find the equilibrium without friction of an array whose cell shears until its stress is
+    """Return the equilibrium without friction of an array whose cell shears until its stress is
     hydrostatic.
 
     Parameters
@@ -63,8 +65,10 @@ def equilibrate_sheared(
         that of a cell of the same size and an even spacing.
     ratio : W/d in the true geometry; zero in the directions of the lattice.
 
-    Raises errors as :func:`~granphon.array.rest.bring_to_rest` does, and
-    :class:`~granphon.base.errors.ConvergenceError` if no pressure is found for the load.
+    Raises
+    ------
+    InputError : the sample carries no load at this overlap or force.
+    ConvergenceError : a search does not come to rest, or no pressure is found for the load.
     """
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
         # a line cannot shear, and the stress of equal balls is hydrostatic already
@@ -87,9 +91,9 @@ def equilibrate_sheared(
     on_lattice = search.keep_size(load.overlap)
     if not ratio:
         return search.make_state(on_lattice)
-    force = float(np.mean(hertz.force_of(np.maximum(on_lattice.overlap, 0.0))))
+    force_on_lattice = float(np.mean(hertz.force_of(np.maximum(on_lattice.overlap, 0.0))))
     no_load = explain_no_load(load.overlap)
-    return search.find(force, lambda state: state.overlap, load.overlap, no_load)
+    return search.find(force_on_lattice, lambda state: state.overlap, load.overlap, no_load)
 
 
 class _PressureSearch:
@@ -110,9 +114,10 @@ class _PressureSearch:
         self._iterations = 0
 
     def keep_size(self, overlap: float) -> Rest:
-        """Return the rest in the directions of the lattice of a cell of the given ``overlap`` y,
-        which keeps its size, and keep it as the start of the next search. A rough rest serves as
-        the start of a search in true directions.
+        """Return the rest in the directions of the lattice of a cell of the ``overlap`` y, which
+        shears but keeps its size. Side effect: the rest is kept as the start of the next search.
+
+        Where the next search is one in true directions, the rest is a rough one.
 
         Raises :class:`~granphon.base.errors.InputError` if the sample carries no load there.
         """
@@ -127,8 +132,8 @@ class _PressureSearch:
         return self._keep(rest)
 
     def press(self, force: float) -> Equilibrium:
-        """Return the equilibrium under the pressure of a mean contact ``force`` f*, and keep it as
-        the start of the next search.
+        """Return the equilibrium under the pressure that stands for a mean contact ``force`` f*.
+        Side effect: the equilibrium is kept as the start of the next search.
         """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
@@ -144,15 +149,16 @@ class _PressureSearch:
     ) -> Equilibrium:
         """Return the equilibrium whose ``measure``, an overlap in W, is the ``goal``.
 
-        The search begins at the pressure ``guess``, given as f*. It is one by secants in the
-        overlap that equal balls have under a pressure, of which the measure is a nearly linear
-        function. Raises ``too_small`` where a pressure is so small that the sample carries no load,
-        and :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.
+        The search begins at the pressure ``guess``, given as f*. It goes by secants in the overlap
+        that equal balls have under a pressure, of which the measure is a nearly linear function.
+
+        Raises ``too_small`` where a pressure is so small that the sample carries no load, and
+        :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.
         """
         pressure = hertz.overlap_of(guess)  # as the overlap of equal balls
-        slope = 1.0
-        last: tuple[float, float] | None = None
-        for _ in range(_PRESSURES):
+        slope = 1.0  # of the pressure against the measure
+        last: tuple[float, float] | None = None  # pressure and lack
+        for _ in range(_MOST_PRESSURES):
             force = hertz.force_of(pressure)
             if force < THRESHOLD_FORCE:
                 raise too_small
@@ -161,17 +167,20 @@ class _PressureSearch:
             if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
                 return state
             if last is not None:
-                change = pressure - last[0]
-                gain = last[1] - lack
+                last_pressure, last_lack = last
+                change = pressure - last_pressure
+                gain = last_lack - lack
                 slope = change / gain if gain * change > 0.0 else slope
             last = (pressure, lack)
-            # no pressure below zero, nor far from those that are known
+            # above zero, and not far from the last pressure
             pressure = min(max(pressure + slope * lack, 0.5 * pressure), 2.0 * pressure)
         problem = "no pressure is found under which the sample has this load"
         raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
     def _keep(self, rest: Rest) -> Rest:
-        """Return a ``rest``, count its steps, and keep it as the start of the next search."""
+        """Return a ``rest`` unchanged, after its steps are counted and it is kept as the start of
+        the next search.
+        """
         self._last = rest
         self._steps += rest.steps
         self._iterations += rest.iterations

@@ -3,8 +3,8 @@ keep the directions of the lattice: no contact is spelled out.
 
 The product is that of shifts of whole arrays (:mod:`granphon.contacts.shift_product`), and the
 preconditioner the Green's function of the lattice with the blocks of single balls
-(:mod:`granphon.array.stencils`), or, where few contacts are stiff, their factors. They take less
-memory than a list of contacts, and of more balls than factors take less time.
+(:mod:`granphon.array.stencils`), or, where few contacts are stiff, the factors of these. Conjugate
+gradients take less memory than a list of contacts, and for large arrays less time than factors.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ class ShiftIteration(GridIteration):
     """Conjugate gradients with C^T K C of the ``stencils`` of an array; the diagonal of K is
     ``springs`` (rows, L1, ..., Lp), zero where balls are apart.
 
-    Fields (f, 1, cells) are in the coordinates of the stencils, and forces over the mean stiffness.
+    Fields (f, 1, cells) are motions or forces in the coordinates of the stencils, f of them in a
+    cell; forces are over the mean stiffness. In lists, (n, m, 1), the n balls have m motions each
+    along the axes of space.
 
     Attributes
     ----------
@@ -81,12 +83,16 @@ class ShiftIteration(GridIteration):
         return self._stencils.list_motions(self._shape(fields))[..., None]
 
     def multiply(self, motions: Array, forces: Array) -> None:
-        """Set ``forces`` to those against ``motions``, both (f, 1, cells)."""
+        """Set ``forces`` to C^T K C times ``motions``, over the mean stiffness, both (f, 1,
+        cells).
+        """
         against, _ = self._product(self._shape(motions))
         forces[:] = self._flatten(against)
 
     def find_motions(self, forces: Array) -> Values:
-        """Return about the motions under ``forces``, both (f, 1, cells), in single precision."""
+        """Return approximate motions under ``forces``, both (f, 1, cells): the preconditioner, in
+        single precision.
+        """
         return self._flatten(self._inverse(self._shape(forces).astype(np.float32)))
 
     def find_way_down(self, search: Array | None) -> None:

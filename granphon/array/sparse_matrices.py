@@ -1,4 +1,4 @@
-"""Sparse matrices of networks of contacts, from parts, and what their factors take."""
+"""Sparse matrices of networks of contacts, from parts, and the time and memory of their factors."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: largest number of motions of a matrix that is factorised, for balls on a line, in a plane, in
-#: space: its factors take 5 GB at most. SuperLU, which stands in for rslab and factorises matrices
-#: that are not symmetric, makes factors with ten times as many entries in space
+#: space, if the matrix is not symmetric: its factors take 5 GB at most. SuperLU, which factorises
+#: such matrices and stands in for rslab, makes factors with ten times as many entries in space
 LARGEST_UNSYMMETRIC = {1: 1_000_000, 2: 300_000, 3: 12_000}
+#: the same number, if the matrix is symmetric
 LARGEST_FACTORS = LARGEST_UNSYMMETRIC | ({3: 120_000} if find_spec("rslab") else {})
 #: c and p, by dimension: to make complex factors of n motions takes c n^p seconds for each motion
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (2.1e-8, 1.0)}
@@ -37,25 +38,26 @@ _LIBRARY_BYTES = 8e7
 def compose(
     parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tuple[int, int]
 ) -> csr_array[Any]:
-    """Return a sparse matrix (CSR) of a ``shape`` from parts (lines, columns, entries); the three
-    arrays of a part broadcast to one shape.
+    """Return a sparse matrix (CSR) of a ``shape`` from ``parts``, at least one, (lines, columns,
+    entries) each; the three arrays of a part broadcast to one shape.
 
     Entries at the same line and column add up: a ball that touches itself across the boundary has
     several. Entries whose sum is zero are not stored.
     """
     from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
-    flat = [[np.ravel(values) for values in np.broadcast_arrays(*triplet)] for triplet in parts]
-    lines, columns, entries = (np.concatenate(values) for values in zip(*flat, strict=True))
-    where = lines.astype(np.int32), columns.astype(np.int32)
-    matrix: csr_array[Any] = coo_array((entries, where), shape=shape).tocsr()
+    triplets = [[np.ravel(values) for values in np.broadcast_arrays(*part)] for part in parts]
+    lines, columns, entries = (np.concatenate(values) for values in zip(*triplets, strict=True))
+    places = lines.astype(np.int32), columns.astype(np.int32)
+    matrix: csr_array[Any] = coo_array((entries, places), shape=shape).tocsr()
     matrix.eliminate_zeros()
     return matrix
 
 
 def share_places(matrices: Iterable[Any]) -> list[Any]:
     """Return a list: first a sparse matrix (CSC) of zeros that stores an entry wherever one of the
-    square sparse ``matrices`` does; then, for each matrix, the array of its entries in this order.
+    square sparse ``matrices``, at least one, does; then, for each matrix, the array of its entries
+    in the order of that matrix, zeros where it stores none.
 
     Sums of the matrices are then sums of these arrays.
     """
@@ -63,19 +65,22 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
 
     triplets = [matrix.tocoo() for matrix in matrices]
     size = triplets[0].shape[0]
-    keys = [matrix.col.astype(np.int64) * size + matrix.row for matrix in triplets]
-    places = np.unique(np.concatenate(keys))
-    starts = np.searchsorted(places, np.arange(size + 1) * size)
-    every: Any = csc_array((np.zeros(places.size), places % size, starts), shape=(size, size))
-    positions = [np.searchsorted(places, key) for key in keys]
-    parts = zip(positions, triplets, strict=True)
-    entries = [np.bincount(position, matrix.data, places.size) for position, matrix in parts]
-    return [every, *entries]
+    # the place of an entry in a matrix that is read column by column
+    places = [matrix.col.astype(np.int64) * size + matrix.row for matrix in triplets]
+    stored = np.unique(np.concatenate(places))
+    starts = np.searchsorted(stored, np.arange(size + 1) * size)
+    shared: Any = csc_array((np.zeros(stored.size), stored % size, starts), shape=(size, size))
+    entries = []
+    for matrix, places_of_matrix in zip(triplets, places, strict=True):
+        numbers = np.searchsorted(stored, places_of_matrix)
+        entries.append(np.bincount(numbers, matrix.data, stored.size))
+    return [shared, *entries]
 
 
 def estimate_factors(motions: int, dimension: int, contacts: float) -> tuple[float, float]:
-    """Return the time, s, and bytes of the factors of a complex matrix of balls with a mean number
-    of ``contacts``; infinite if it is too large to be factorised.
+    """Return the time, s, and the memory, bytes, of the factors of a complex symmetric matrix of so
+    many ``motions`` of balls, with a mean number of ``contacts`` per ball, on a line, in a plane or
+    in space (``dimension``). Both are infinite if the matrix is too large to be factorised.
     """
     if motions > LARGEST_FACTORS[dimension]:
         return math.inf, math.inf

@@ -54,7 +54,7 @@ OUTSIDE = {
         """,
     "how exactly an array is at rest": """
         array.equilibrium.REST_TOLERANCE array.rest._LOAD_PART array.rest._OF_RATIO
-        array.rest.LEAST_TOLERANCE array.sheared_equilibrium._PRESSURES
+        array.rest.LEAST_TOLERANCE array.sheared_equilibrium._MOST_PRESSURES
         array.true_equilibrium._ASIDE
         """,
 }
