@@ -32,8 +32,9 @@ def join_balls(
 ) -> int:
     """Set ``group`` (n,) to the number of the group of each ball, and return the number of groups.
 
-    Balls i and j (n_c,) of each ``joining`` contact (n_c,) are in the same group. Contacts with
-    bodies from number n on, which are not balls, join nothing.
+    Balls ``i`` and ``j`` (n_c,) of each contact that is ``joining`` (n_c,) are in the same group; a
+    ball without such a contact is a group of its own. Contacts with bodies from number n on, which
+    are not balls, join nothing.
     """
     n = len(group)
     parents = np.arange(n)
@@ -333,13 +334,14 @@ def measure_slopes(
     work: Array,
     rise: Array,
 ) -> None:
-    """Add to ``work`` (groups,) the work of the forces of contacts over a unit length of each
-    group's step, and to ``rise`` (groups,) the rate at which that work falls with the length.
+    """Add to ``work`` (groups,) the work of the forces of contacts per unit of the length of each
+    group's step, and to ``rise`` (groups,) the rate at which ``work`` falls with the length.
 
     The step of a ball is its length times ``steps`` (n, d). Contacts (n_c,) have the numbers ``i``
     and ``j`` of their bodies, the ``current`` vectors (n_c, 3) from body to body of the length
     ``distance``, a ``force`` and a ``stiffness``; ``group`` (n,) numbers the group of each ball.
-    Bodies from number n on do not move. Changes of directions are left out of ``rise``.
+    Bodies from number n on do not move; two balls of a contact that acts are in one group. Changes
+    of directions are left out of ``rise``.
     """
     n, d = steps.shape
     for contact in range(len(i)):
@@ -385,12 +387,13 @@ def choose_lengths(
     exponent : of a contact's force as a function of its overlap. While a single contact closes on
         the way, the work is first - c (length - closing length)^exponent: the root of this
         function is the next trial.
-    slope : a group is done where its work is at most this part of ``first``.
+    slope : part of ``first``; a group is done where the magnitude of its work is at most this part.
     length : (groups,) present lengths, which are set to the next ones.
     low, high : (groups,) lengths between which the work passes zero, which are narrowed; ``high``
         is infinite until a trial has gone too far. No trial is longer than one.
-    is_done : (groups,) set where a group is done: also where its energy still falls at the end of a
-        step that never went too far.
+    is_done : (groups,) set to true where a group is done: also where its work is not below zero,
+        so that its energy still falls, and no trial of the group has gone too far. Groups that are
+        done before are left as they are.
     """
     all_done = True
     for group in range(len(work)):
@@ -411,9 +414,10 @@ def choose_lengths(
             # beyond the root, Newton's step would be too short: the root of the power instead
             fall = first[group] + change
             change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
-        near = trial - change / rise[group] if rise[group] > 0.0 else trial
-        # at least a tenth of the interval is cut off at either end
+        root = trial - change / rise[group] if rise[group] > 0.0 else trial
+        # at least a tenth of the interval is cut off at either end, so that trials come to its end
         end = min(high[group], 1.0)
         least = 0.9 * low[group] + 0.1 * end
-        length[group] = min(max(near, least), 0.1 * low[group] + 0.9 * end)
+        most = 0.1 * low[group] + 0.9 * end
+        length[group] = min(max(root, least), most)
     return all_done
