@@ -122,19 +122,19 @@ class Contacts:
     shears: Array
 
     @cached_property
-    def closed(self) -> Array:
+    def closed_overlaps(self) -> Array:
         """(n_c, L1, ..., Lp) overlaps, zero where balls are apart."""
         return np.maximum(self.overlaps, 0.0)
 
     @cached_property
     def roots(self) -> Array:
         """(n_c, L1, ..., Lp) square roots of the overlaps, zero where balls are apart."""
-        return np.sqrt(self.closed)
+        return np.sqrt(self.closed_overlaps)
 
     @cached_property
     def forces(self) -> Array:
         """(n_c, L1, ..., Lp) normal forces."""
-        return np.asarray(self.closed * self.roots)
+        return np.asarray(self.closed_overlaps * self.roots)
 
     def flatten(self) -> tuple[Array, Array, Array]:
         """Return the overlaps (contacts,), the slips and the tangential forces, (n_s, contacts)
@@ -357,7 +357,10 @@ class FrictionLaw:
             contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
         )
         return float(
-            np.mean(hertz.energy_of(contacts.forces, contacts.closed) + 0.5 * stiffness * slips**2)
+            np.mean(
+                hertz.energy_of(contacts.forces, contacts.closed_overlaps)
+                + 0.5 * stiffness * slips**2
+            )
         )
 
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
