@@ -89,21 +89,21 @@ def _order_balls(
 
 @compiled
 def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
-    """Return the sum of the products of ``count`` values from ``start`` on and as many from
-    ``other_start`` on.
+    """Return the sum of the products of ``count`` numbers of ``values`` from ``start`` on with as
+    many from ``other_start`` on.
     """
     # four sums, which do not wait for each other, take less time than one
     first = 0.0
     second = 0.0
     third = 0.0
     fourth = 0.0
-    quarter = count // 4 * 4
-    for entry in range(0, quarter, 4):
+    in_fours = count // 4 * 4
+    for entry in range(0, in_fours, 4):
         first += values[start + entry] * values[other_start + entry]
         second += values[start + entry + 1] * values[other_start + entry + 1]
         third += values[start + entry + 2] * values[other_start + entry + 2]
         fourth += values[start + entry + 3] * values[other_start + entry + 3]
-    for entry in range(quarter, count):
+    for entry in range(in_fours, count):
         first += values[start + entry] * values[other_start + entry]
     return first + second + third + fourth
 
@@ -118,8 +118,9 @@ def _list_neighbours(
     Neighbours are balls that share a closed contact, one whose stiffness ``along`` (n_c,) its
     normal is above zero. Bodies from number n on are no neighbours.
     """
-    # numbers of neighbours are counted two entries on, summed to starts one entry on, and each
-    # start ends at its own entry as neighbours are written
+    # how many neighbours ball b has is counted in starts[b + 2]; the sums over balls are the starts
+    # of ball b in starts[b + 1], each of which counts up, as neighbours are written, to the start
+    # of the next ball
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
         if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
@@ -187,8 +188,8 @@ def _lay_rows(
     for entry in range(len(order)):
         earliest = entry
         ball = order[entry]
-        for neighbour in range(starts[ball], starts[ball + 1]):
-            earliest = min(earliest, place[neighbours[neighbour]])
+        for index in range(starts[ball], starts[ball + 1]):
+            earliest = min(earliest, place[neighbours[index]])
         for axis in range(d):
             row = d * entry + axis
             first[row] = d * earliest
@@ -271,7 +272,7 @@ def _solve(
         diagonal[row] = pivot
     for row in range(size):
         solution[row] /= diagonal[row]
-    # L^-T of what D^-1 has left
+    # L^-T of D^-1 L^-1 of the right side
     for row in range(size - 1, -1, -1):
         for column in range(first[row], row):
             solution[column] -= values[row_starts[row] + column] * solution[row]
