@@ -87,12 +87,12 @@ class Assembly:
 
     @property
     def n_bodies(self) -> int:
-        """Number of balls and walls, and one more for all that is held."""
+        """Number n + k + 1 of balls and walls, and one more for all that is held."""
         return self.n_balls + self.n_walls + 1
 
     @property
     def periods(self) -> int:
-        """Number p of periods."""
+        """Number p of periods of the cell."""
         return len(self.cell)
 
     @cached_property
@@ -117,7 +117,7 @@ class Assembly:
 
     @cached_property
     def differs(self) -> bool:
-        """Whether balls differ from those that just touch on the sites."""
+        """Whether some balls overlap, or are apart, on the sites."""
         return bool(np.any(self.offset))
 
     @cached_property
@@ -132,7 +132,7 @@ class Assembly:
 
     @cached_property
     def is_between_balls(self) -> Flags:
-        """(n_c,) whether a contact is between two balls that move."""
+        """(n_c,) whether both bodies of each contact are balls that move."""
         return np.asarray(np.maximum(self.i, self.j) < self.n_balls)
 
     @cached_property

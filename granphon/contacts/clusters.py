@@ -32,8 +32,9 @@ def join_balls(
 ) -> int:
     """Set ``group`` (n,) to the number of the group of each ball, and return the number of groups.
 
-    Balls i and j (n_c,) of each ``joining`` contact (n_c,) are in the same group. Contacts with
-    bodies from number n on, which are not balls, join nothing.
+    Balls ``i`` and ``j`` (n_c,) of each contact that is ``joining`` (n_c,) are in the same group; a
+    ball without such a contact is a group of its own. Contacts with bodies from number n on, which
+    are not balls, join nothing.
     """
     n = len(group)
     parents = np.arange(n)
@@ -88,21 +89,21 @@ def _order_balls(
 
 @compiled
 def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
-    """Return the sum of the products of ``count`` values from ``start`` on and as many from
-    ``other_start`` on.
+    """Return the sum of the products of ``count`` numbers of ``values`` from ``start`` on with as
+    many from ``other_start`` on.
     """
     # four sums, which do not wait for each other, take less time than one
     first = 0.0
     second = 0.0
     third = 0.0
     fourth = 0.0
-    quarter = count // 4 * 4
-    for entry in range(0, quarter, 4):
+    in_fours = count // 4 * 4
+    for entry in range(0, in_fours, 4):
         first += values[start + entry] * values[other_start + entry]
         second += values[start + entry + 1] * values[other_start + entry + 1]
         third += values[start + entry + 2] * values[other_start + entry + 2]
         fourth += values[start + entry + 3] * values[other_start + entry + 3]
-    for entry in range(quarter, count):
+    for entry in range(in_fours, count):
         first += values[start + entry] * values[other_start + entry]
     return first + second + third + fourth
 
@@ -117,8 +118,9 @@ def _list_neighbours(
     Neighbours are balls that share a closed contact, one whose stiffness ``along`` (n_c,) its
     normal is above zero. Bodies from number n on are no neighbours.
     """
-    # numbers of neighbours are counted two entries on, summed to starts one entry on, and each
-    # start ends at its own entry as neighbours are written
+    # how many neighbours ball b has is counted in starts[b + 2]; the sums over balls are the starts
+    # of ball b in starts[b + 1], each of which counts up, as neighbours are written, to the start
+    # of the next ball
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
         if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
@@ -186,8 +188,8 @@ def _lay_rows(
     for entry in range(len(order)):
         earliest = entry
         ball = order[entry]
-        for neighbour in range(starts[ball], starts[ball + 1]):
-            earliest = min(earliest, place[neighbours[neighbour]])
+        for index in range(starts[ball], starts[ball + 1]):
+            earliest = min(earliest, place[neighbours[index]])
         for axis in range(d):
             row = d * entry + axis
             first[row] = d * earliest
@@ -270,7 +272,7 @@ def _solve(
         diagonal[row] = pivot
     for row in range(size):
         solution[row] /= diagonal[row]
-    # L^-T of what D^-1 has left
+    # L^-T of D^-1 L^-1 of the right side
     for row in range(size - 1, -1, -1):
         for column in range(first[row], row):
             solution[column] -= values[row_starts[row] + column] * solution[row]
@@ -333,13 +335,14 @@ def measure_slopes(
     work: Array,
     rise: Array,
 ) -> None:
-    """Add to ``work`` (groups,) the work of the forces of contacts over a unit length of each
-    group's step, and to ``rise`` (groups,) the rate at which that work falls with the length.
+    """Add to ``work`` (groups,) the work of the forces of contacts per unit of the length of each
+    group's step, and to ``rise`` (groups,) the rate at which ``work`` falls with the length.
 
     The step of a ball is its length times ``steps`` (n, d). Contacts (n_c,) have the numbers ``i``
     and ``j`` of their bodies, the ``current`` vectors (n_c, 3) from body to body of the length
     ``distance``, a ``force`` and a ``stiffness``; ``group`` (n,) numbers the group of each ball.
-    Bodies from number n on do not move. Changes of directions are left out of ``rise``.
+    Bodies from number n on do not move; two balls of a contact that acts are in one group. Changes
+    of directions are left out of ``rise``.
     """
     n, d = steps.shape
     for contact in range(len(i)):
@@ -385,12 +388,13 @@ def choose_lengths(
     exponent : of a contact's force as a function of its overlap. While a single contact closes on
         the way, the work is first - c (length - closing length)^exponent: the root of this
         function is the next trial.
-    slope : a group is done where its work is at most this part of ``first``.
+    slope : part of ``first``; a group is done where the magnitude of its work is at most this part.
     length : (groups,) present lengths, which are set to the next ones.
     low, high : (groups,) lengths between which the work passes zero, which are narrowed; ``high``
         is infinite until a trial has gone too far. No trial is longer than one.
-    is_done : (groups,) set where a group is done: also where its energy still falls at the end of a
-        step that never went too far.
+    is_done : (groups,) set to true where a group is done: also where its work is not below zero,
+        so that its energy still falls, and no trial of the group has gone too far. Groups that are
+        done before are left as they are.
     """
     all_done = True
     for group in range(len(work)):
@@ -411,9 +415,10 @@ def choose_lengths(
             # beyond the root, Newton's step would be too short: the root of the power instead
             fall = first[group] + change
             change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
-        near = trial - change / rise[group] if rise[group] > 0.0 else trial
-        # at least a tenth of the interval is cut off at either end
+        root = trial - change / rise[group] if rise[group] > 0.0 else trial
+        # at least a tenth of the interval is cut off at either end, so that trials come to its end
         end = min(high[group], 1.0)
         least = 0.9 * low[group] + 0.1 * end
-        length[group] = min(max(near, least), 0.1 * low[group] + 0.9 * end)
+        most = 0.1 * low[group] + 0.9 * end
+        length[group] = min(max(root, least), most)
     return all_done

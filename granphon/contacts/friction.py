@@ -11,12 +11,13 @@ Thornton, Cummins and Cleary (Powder Technology 233, 30 (2013)) and of ``mindlin
 LAMMPS: without it a cycle could give energy away. Coulomb's limit |T| <= mu f is met by return
 mapping: what is too much is lost by sliding along T. A contact that opens forgets T.
 
-In a step h and s change together along a straight line. While h rises, the law has the mean of k
-over the part of the line where the contact is closed, which is df/dh between its ends; while h
-falls it integrates exactly with k at the end. Steps of sliding and of sticking contacts are then of
-second order, and a contact that opens or closes within the step needs no case of its own.
+In a step h and s change together along a straight line. While h rises, the stiffness is eta times
+the mean of k over the part of the line where the contact is closed, which is the difference of f
+over that of h between the ends of the part; while h falls, eta times k at the end integrates the
+law exactly. Steps of sliding and of sticking contacts are then of second order, and a contact that
+opens or closes within the step needs no case of its own.
 
-Energy: a contact stores (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2
+A contact stores the energy (2/5) h_+^(5/2) + T^2/(2 eta k). It loses mu f |ds| by sliding, and T^2
 |dk|/(2 eta k^2) by the law: where k rises under a given T, and where T is rescaled, slip is not
 given back. Neither loss is ever below zero.
 
@@ -45,7 +46,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.contacts import sliding
 
-#: |T| over mu f, below one by no more than rounding, from which a contact slides
+#: |T| over mu f from which a contact counts as sliding: one, but for rounding
 SLIDES = 1.0 - 1e-9
 
 
@@ -77,8 +78,9 @@ class Configuration(NamedTuple):
 
     Attributes
     ----------
-    overlap : y, by which the load compresses the cell.
-    displacement, rotation : (n, 3) displacements and rotations of the balls.
+    overlap : y, by which the load compresses the cell, in units of W.
+    displacement, rotation : (n, 3) displacements of the balls, in units of W, and rotations, in
+        units of W over the diameter.
     normal, tangent : (n_c, 3) unit vectors of the contacts.
     distance : (n_c,) distances of the centres, over the diameter.
     """
@@ -105,7 +107,7 @@ class SlipTangent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """State of the contacts, as far as their future depends on it.
+    """State of n_c contacts of each of L1 x ... x Lp cells, as far as the law needs it.
 
     Attributes
     ----------
@@ -120,23 +122,23 @@ class Contacts:
     shears: Array
 
     @cached_property
-    def closed(self) -> Array:
+    def closed_overlaps(self) -> Array:
         """(n_c, L1, ..., Lp) overlaps, zero where balls are apart."""
         return np.maximum(self.overlaps, 0.0)
 
     @cached_property
     def roots(self) -> Array:
         """(n_c, L1, ..., Lp) square roots of the overlaps, zero where balls are apart."""
-        return np.sqrt(self.closed)
+        return np.sqrt(self.closed_overlaps)
 
     @cached_property
     def forces(self) -> Array:
         """(n_c, L1, ..., Lp) normal forces."""
-        return np.asarray(self.closed * self.roots)
+        return np.asarray(self.closed_overlaps * self.roots)
 
     def flatten(self) -> tuple[Array, Array, Array]:
-        """Return the overlaps (contacts,), the slips and the tangential forces (n_s, contacts) as
-        compiled loops read them, with all contacts along one axis.
+        """Return the overlaps (contacts,), the slips and the tangential forces, (n_s, contacts)
+        each, as compiled loops read them: the contacts of all cells are along one axis.
         """
         count = len(self.slips)
         return (
@@ -169,7 +171,7 @@ class Contacts:
     @property
     def carried(self) -> NDArray[np.bool_]:
         """(n_c, L1, ..., Lp) whether each contact counts as one that carries load: its normal force
-        is more than a part :data:`~granphon.balls.hertz.COUNTED_FORCE` of the mean.
+        is more than :data:`~granphon.balls.hertz.COUNTED_FORCE` times the mean over all contacts.
         """
         forces = self.forces
         return np.asarray(forces > hertz.COUNTED_FORCE * np.mean(forces))
@@ -209,7 +211,7 @@ class Tangent:
         against elongation, and eta times ``drag`` against slip.
         """
         stiffness = self.stiffness + added + drag
-        sliding = math.sqrt(1.0 - share) * self.sliding  # enters the tangent squared
+        sliding = math.sqrt(1.0 - share) * self.sliding  # q enters the tangent as q q
         factor = 1.0 / unit
         shear = factor * (self.shear + eta * added)
         drag = factor * (self.drag + eta * drag)
@@ -252,10 +254,11 @@ class Tangent:
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """Law of contacts whose stiffness against slip is ``mindlin_ratio`` eta times the normal one,
-    and whose friction coefficient is ``friction_coefficient`` mu.
+    """Law of contacts whose stiffness against slip is eta, ``mindlin_ratio``, times the normal one,
+    and whose friction coefficient is mu, ``friction_coefficient``.
 
-    mu may be zero: then there are no tangential forces; or infinite: then no contact slides.
+    If mu is zero, there are no tangential forces; if mu is infinite, as by default, no contact
+    slides.
     """
 
     mindlin_ratio: float
@@ -268,9 +271,9 @@ class FrictionLaw:
         L1, ..., Lp) and ``slips`` (n_s, n_c, L1, ..., Lp), and a function that returns the tangent
         there. The function computes the tangent once, at its first call.
 
-        With a ``guess`` of the overlaps, the stiffness against slip and Coulomb's limit are those
-        at the guess. The forces are then derivatives of a convex energy, and the tangent is
-        symmetric.
+        With a ``guess`` of the overlaps (n_c, L1, ..., Lp), the stiffness against slip and
+        Coulomb's limit are those at the guess. The forces are then derivatives of a convex energy,
+        and the tangent is symmetric.
         """
         contacts = Contacts(overlaps, slips, np.empty(slips.shape))
         held = overlaps if guess is None else guess
@@ -302,9 +305,10 @@ class FrictionLaw:
         return contacts, cache(linearise)
 
     def stick(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
-        """Return, for a step from the state ``before``, the tangential forces (n_s, ...) if no
-        contact slid, and the stiffness against slip and Coulomb's limit, as the ``overlaps`` (...)
-        give them. ``slips`` are (n_s, ...); other axes are those of the overlaps.
+        """Return three arrays of a step from the state ``before`` to ``overlaps`` (n_c, L1, ...,
+        Lp) and ``slips`` (n_s, n_c, L1, ..., Lp): the tangential forces at the end if no contact
+        slid in the step, with the shape of the slips; the stiffnesses against slip in the step, and
+        Coulomb's limits mu f at its end, with the shape of the overlaps.
         """
         sticking = FrictionLaw(self.mindlin_ratio)
         springs = np.empty(overlaps.shape)
@@ -341,8 +345,8 @@ class FrictionLaw:
         return np.minimum(ratios, self.friction_coefficient)
 
     def sliding_fraction(self, contacts: Contacts) -> float:
-        """Return the part of the contacts that carry load whose tangential force is at Coulomb's
-        limit.
+        """Return which part of the contacts that carry load (:attr:`Contacts.carried`) slides:
+        their tangential forces are at Coulomb's limit. At least one contact must carry load.
         """
         return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))
 
@@ -353,13 +357,16 @@ class FrictionLaw:
             contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
         )
         return float(
-            np.mean(hertz.energy_of(contacts.forces, contacts.closed) + 0.5 * stiffness * slips**2)
+            np.mean(
+                hertz.energy_of(contacts.forces, contacts.closed_overlaps)
+                + 0.5 * stiffness * slips**2
+            )
         )
 
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
-        """Return two energies that a contact loses in a step, means over contacts in units of c
-        W^(5/2): by sliding, and by the law of the tangential force. In the step overlaps and slips
-        change along a straight line.
+        """Return two energies that a contact loses in a step from the state ``before`` to the state
+        ``after``, means over contacts in units of c W^(5/2): by sliding, and by the law of the
+        tangential force. In the step overlaps and slips change along a straight line.
         """
         slips = by_contact(after.slips, len(after.slips))
         slid, loosened = sliding.sum_losses(
@@ -374,7 +381,7 @@ class FrictionLaw:
 
 def by_contact(values: Array, *rows: int) -> Array:
     """Return ``values`` of contacts as compiled loops read them: flat, (contacts,), or (rows,
-    contacts) if the number of ``rows`` is given.
+    contacts) if the number of ``rows`` is given. The result is a view where ``values`` allow it.
     """
     # of one layout, and writable: loops are compiled anew for any other
     return np.require(values, float, ["C", "W"]).reshape(*rows, -1)

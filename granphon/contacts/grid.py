@@ -37,7 +37,7 @@ class Runs(NamedTuple):
     ----------
     table : (runs, 4) the kind of each run, the cell where its first contact starts, the cell where
         its first contact ends, and the number of its contacts.
-    ends : (kinds, 2) numbers in the cell of the balls that each kind joins.
+    ends : (kinds, 2) numbers, within the cell, of the balls that each kind of contact joins.
     normal : (kinds, d) unit vectors, from ball i to ball j.
     """
 
@@ -72,8 +72,9 @@ class Grid:
 
     @classmethod
     def of(cls, table: ContactTable, shape: tuple[int, ...], n_balls: int) -> Self:
-        """Return the contacts of an array of cells of this ``shape``; each cell has the ``n_balls``
-        balls and the contacts of the ``table``.
+        """Return the contacts of an array of cells of this ``shape`` (L1, ..., Lp); each cell has
+        the ``n_balls`` balls and the contacts of the ``table``, whose vectors lie along the first p
+        axes.
         """
         p = len(shape)
         vector = np.zeros((len(table), 3))
@@ -109,7 +110,7 @@ class Grid:
 
     def scale(self, factor: float) -> Grid:
         """Return the contacts in another unit of length, in which every length has ``factor`` times
-        the number.
+        the number; ``factor`` is above zero.
         """
         scaled = replace(self, vector=factor * self.vector)
         # runs, normals and ends do not depend on the unit: both grids share them
@@ -134,7 +135,8 @@ class Grid:
         """Return the runs (runs, 4) of one ``kind`` of contacts; see :class:`Runs`."""
         *outer, inner = self.shape
         shift = self.shift[kind].tolist()
-        # cells follow each other in rows along the last period
+        # cells follow each other in rows along the last period; a contact that starts in a row ends
+        # in one of `end_rows`
         rows = np.arange(math.prod(outer))
         end_rows = rows
         if outer:
@@ -189,9 +191,9 @@ def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
     """Return the contacts of an array of ``shape`` cells of a lattice, kind by kind; lengths are
     over the diameter. The last 8 grids of at most ``_KEPT_CELLS`` balls are kept for further calls.
     """
-    small = math.prod(shape) * lattice.n_balls <= _KEPT_CELLS
-    find = _keep_lattice_grid if small else _keep_lattice_grid.__wrapped__
-    return find(shape, lattice)
+    if math.prod(shape) * lattice.n_balls > _KEPT_CELLS:
+        return Grid.of(lattice.contacts, shape, lattice.n_balls)
+    return _keep_lattice_grid(shape, lattice)
 
 
 @lru_cache(maxsize=8)

@@ -18,9 +18,9 @@ Values = NDArray[Any]
 #: number of contacts of a run that are worked on at a time, so that they stay in the processor's
 #: cache
 _CACHED = 512
-#: number of contacts of a grid up to which all tensions stay in the cache
+#: number of contacts of a grid up to which all tensions stay in the cache: 256 kB of them
 _SMALL = 2**15
-#: number of sums into which products are added in turn: they do not wait for each other
+#: number of sums into which products are added in turn: a sum need not wait for the one before it
 _LANES = 16
 
 
@@ -85,26 +85,55 @@ def resist(
 
     ``strained`` (kinds,) are the elongations e of contacts by strains of the cell, and the sums of
     the tensions of each kind are added to ``tensions`` (kinds,). If the cell is held, both are
-    (0,).
+    (0,). The sums depend in their last digits on how many contacts are worked on at a time.
     """
-    # where tensions stay in the cache, loops over whole runs that do one thing each take less time
     if stiffness.size <= _SMALL:
-        tension_of_all = np.empty_like(stiffness)
-        measure_losses(runs, motions, tension_of_all)
-        for kind in range(len(stiffness)):
-            pulling = tension_of_all[kind]
-            spring = stiffness[kind]
-            # a zero of the precision of the springs, so that no loop is in another one
-            elongation = strained[kind] if len(strained) else spring[0] - spring[0]
+        _resist_at_once(runs, stiffness, motions, strained, forces, tensions)
+    else:
+        _resist_by_parts(runs, stiffness, motions, strained, forces, tensions)
+
+
+@compiled
+def _resist_at_once(
+    runs: Runs,
+    stiffness: Values,
+    motions: Values,
+    strained: Values,
+    forces: Values,
+    tensions: Values,
+) -> None:
+    """Do what :func:`resist` does, where the tensions of all contacts stay in the cache: loops over
+    whole runs that do one thing each take less time there.
+    """
+    tension_of_all = np.empty_like(stiffness)
+    measure_losses(runs, motions, tension_of_all)
+    for kind in range(len(stiffness)):
+        tension = tension_of_all[kind]
+        spring = stiffness[kind]
+        # a zero of the precision of the springs, so that no loop is in another one
+        elongation = strained[kind] if len(strained) else spring[0] - spring[0]
+        for contact in range(len(spring)):
+            tension[contact] = spring[contact] * (tension[contact] + elongation)
+        if len(strained):
+            total = 0.0
             for contact in range(len(spring)):
-                pulling[contact] = spring[contact] * (pulling[contact] + elongation)
-            if len(strained):
-                total = 0.0
-                for contact in range(len(spring)):
-                    total += pulling[contact]
-                tensions[kind] += total
-        add_forces(runs, tension_of_all, forces)
-        return
+                total += tension[contact]
+            tensions[kind] += total
+    add_forces(runs, tension_of_all, forces)
+
+
+@compiled
+def _resist_by_parts(
+    runs: Runs,
+    stiffness: Values,
+    motions: Values,
+    strained: Values,
+    forces: Values,
+    tensions: Values,
+) -> None:
+    """Do what :func:`resist` does, for ``_CACHED`` contacts of a run at a time: their motions,
+    tensions and forces stay in the cache.
+    """
     d = runs.normal.shape[1]
     tension = np.empty(_CACHED, motions.dtype)
     for run in range(len(runs.table)):
@@ -150,7 +179,8 @@ def resist(
 @compiled
 def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
     """Add k nn of each contact, with its ``stiffness`` k (kinds, cells), to the ``blocks`` (d, d,
-    n) of both balls; only entries up to the diagonal are set.
+    n) of both balls; only entries up to the diagonal are set. A contact of a ball with its own
+    image adds nothing.
     """
     d = runs.normal.shape[1]
     cells = stiffness.shape[1]
@@ -161,7 +191,7 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
         count = runs.table[run, 3]
         first = runs.ends[kind, 0] * cells + start
         second = runs.ends[kind, 1] * cells + end
-        if first == second:  # balls and their own images
+        if first == second:
             continue
         spring = stiffness[kind, start : start + count]
         for line in range(d):
@@ -178,8 +208,8 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
 @compiled
 def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
     """Set ``inverses`` (d, d, n) to ``part`` times the inverses of symmetric ``blocks`` (d, d, n),
-    to whose diagonals the stiffness ``added`` is added first; only entries up to the diagonal are
-    read.
+    to whose diagonals the stiffness ``added`` is added first, and which must then be regular; only
+    entries up to the diagonal are read.
     """
     d = len(blocks)
     for ball in range(blocks.shape[2]):
@@ -201,15 +231,16 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
             yy = blocks[1, 1, ball] + added
             yz = blocks[2, 1, ball]
             zz = blocks[2, 2, ball] + added
-            first = yy * zz - yz * yz
-            second = xz * yz - xy * zz
-            third = xy * yz - xz * yy
-            scale = part / (xx * first + xy * second + xz * third)
-            inverses[0, 0, ball] = scale * first
-            inverses[0, 1, ball] = scale * second
-            inverses[1, 0, ball] = scale * second
-            inverses[0, 2, ball] = scale * third
-            inverses[2, 0, ball] = scale * third
+            # cofactors of the first row
+            cofactor_x = yy * zz - yz * yz
+            cofactor_y = xz * yz - xy * zz
+            cofactor_z = xy * yz - xz * yy
+            scale = part / (xx * cofactor_x + xy * cofactor_y + xz * cofactor_z)
+            inverses[0, 0, ball] = scale * cofactor_x
+            inverses[0, 1, ball] = scale * cofactor_y
+            inverses[1, 0, ball] = scale * cofactor_y
+            inverses[0, 2, ball] = scale * cofactor_z
+            inverses[2, 0, ball] = scale * cofactor_z
             inverses[1, 1, ball] = scale * (xx * zz - xz * xz)
             inverses[1, 2, ball] = scale * (xy * xz - xx * yz)
             inverses[2, 1, ball] = scale * (xy * xz - xx * yz)
@@ -218,8 +249,8 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
 
 @compiled
 def add_alone(alone: Values, forces: Values, motions: Values) -> None:
-    """Add to ``motions`` (f, cells) what the ``forces`` (f, cells) on each ball make of that ball
-    alone: the product of the block (d, d) of the ball with its forces.
+    """Add to ``motions`` (f, cells) the product of the block (d, d) of each ball with the
+    ``forces`` (f, cells) on that ball alone.
 
     The blocks ``alone`` (d, d, n) are those of the first ball of all cells, then those of the
     second, and so on.
@@ -281,9 +312,9 @@ def go_on(
     solution: Values,
     remaining: Values,
 ) -> tuple[float, float, float]:
-    """Take a step of conjugate gradients. Return the product of the ``remaining`` forces with the
-    ``preconditioned`` motions, the curvature along the new ``direction``, and the square of the
-    forces that remain after the step.
+    """Take a step of conjugate gradients. Return the product of the ``remaining`` forces before the
+    step with the ``preconditioned`` motions, the curvature along the new ``direction``, and the
+    square of the forces that remain after the step.
 
     Where the curvature is not above zero, no step is taken, and the square is given as zero.
     Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
@@ -292,7 +323,7 @@ def go_on(
     Parameters
     ----------
     stiffness : (kinds, cells) stiffnesses of contacts.
-    strained : (kinds, s) elongations of contacts by unit strains.
+    strained : (kinds, s) elongations of contacts by unit strains; (kinds, 0) if the cell is held.
     preconditioned : approximate inverse times the ``remaining`` forces.
     last : product that the step before has returned; zero at first.
     direction : direction of the step before, zeros at first; set to that of this step.

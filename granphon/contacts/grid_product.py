@@ -42,8 +42,9 @@ class GridProduct(NamedTuple):
 
     @classmethod
     def of(cls, i: NDArray[np.int64], j: NDArray[np.int64], cells: int) -> GridProduct:
-        """Return a product whose blocks are empty, for the contacts between the balls ``i`` and
-        ``j`` (n_c,) of a grid of ``cells`` cells, kind by kind.
+        """Return a product whose blocks are empty (0, 0, 0), which the caller replaces, for the
+        contacts between the balls ``i`` and ``j`` (n_c,) of a grid of ``cells`` cells, kind by
+        kind.
         """
         # unsigned numbers: a loop need not test whether an index is below zero
         steps = (j % cells).reshape(-1, cells).astype(np.uint32)
@@ -64,8 +65,8 @@ class GridProduct(NamedTuple):
 
 @compiled
 def leave(product: GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
-    """Set ``remaining`` to the ``forces`` less the tangent times the ``motions``, (f, k, cells)
-    each.
+    """Set ``remaining`` to the ``forces`` less the tangent of the ``product`` times the
+    ``motions``, (f, k, cells) each.
     """
     remaining[:] = 0.0
     add_alone(product.diagonal, motions, remaining)
@@ -111,7 +112,7 @@ def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
     m = len(product.forward)
     cells = motions.shape[2]
     far = np.empty((m, _CACHED), motions.dtype)
-    back = np.empty((m, _CACHED), motions.dtype)
+    pulls = np.empty((m, _CACHED), motions.dtype)  # forces on balls j
     for kind in range(len(ends)):
         at_i = m * ends[kind, 0]
         at_j = m * ends[kind, 1]
@@ -125,7 +126,7 @@ def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
                     moved = motions[at_j + motion, k]
                     for cell in range(count):
                         gathered[cell] = moved[step[cell]]
-                    back[motion] = 0.0
+                    pulls[motion] = 0.0
                 for line in range(m):
                     near = motions[at_i + line, k, start:stop]
                     push = forces[at_i + line, k, start:stop]
@@ -134,13 +135,13 @@ def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
                         ahead = product.forward[line, motion, first + start : first + stop]
                         behind = product.backward[line, motion, first + start : first + stop]
                         gathered = far[motion]
-                        pull = back[motion]
+                        pull = pulls[motion]
                         for cell in range(count):
                             push[cell] += ahead[cell] * gathered[cell]
                         for cell in range(count):
                             pull[cell] += behind[cell] * near[cell]
                 for motion in range(m):
-                    pull = back[motion]
+                    pull = pulls[motion]
                     push = forces[at_j + motion, k]
                     for cell in range(count):
                         push[step[cell]] += pull[cell]
@@ -158,7 +159,7 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
     balls = blocks.shape[2]
     work = np.zeros((m, m, _INVERTED))
     for line in range(m):
-        work[line, line] = 1.0  # unused places are inverted too, and must not be singular
+        work[line, line] = 1.0  # places without a ball are inverted too, and must not be singular
     factor = np.empty(_INVERTED)
     for start in range(0, balls, _INVERTED):
         stop = min(start + _INVERTED, balls)

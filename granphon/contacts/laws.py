@@ -22,10 +22,9 @@ class ContactLaws:
 
     Parameters
     ----------
-    groups : each law, with the indices of its contacts.
+    groups : each law, with the indices of its contacts; no contact is in two groups.
     count : the number of contacts, n_c.
-    modulus : (n_c,) E* of the two bodies, Pa; only laws that know the radius of their contacts
-        need it.
+    modulus : (n_c,) E* of the two bodies, Pa; only :meth:`punch` reads it. Ones by default.
 
     Attributes
     ----------
@@ -57,20 +56,20 @@ class ContactLaws:
             if least == -math.inf:
                 self.tension[contacts] = math.inf
                 continue
-            # a law may be zero at the end itself
+            # the pull where the law ends: a law may be zero at the end itself, and pull just after
             opening = np.array([least, math.nextafter(least, math.inf)])
             self.tension[contacts] = -min(float(np.min(law.force(opening))), 0.0)
 
     @property
     def adhesion(self) -> Array:
-        """The tension that contacts bear before they open, N; zero of a bond, which has no such
-        scale.
+        """(n_c,) tension that contacts bear before they open, N; zero of a bond, which never
+        opens.
         """
         return np.where(np.isinf(self.tension), 0.0, self.tension)
 
     @property
     def adhere(self) -> bool:
-        """Whether some contact bears tension."""
+        """Whether some contact bears tension before it opens, as balls that adhere and bonds do."""
         return bool(np.any(self.tension > 0.0))
 
     def size(self, force: Array) -> float:
@@ -85,13 +84,14 @@ class ContactLaws:
 
     def among(self, contacts: Index) -> ContactLaws:
         """Return the laws of the chosen ``contacts``, whose numbers differ from each other,
-        numbered anew from zero in this order.
+        numbered anew from zero in this order. A law of which no contact is chosen stays, without
+        contacts.
         """
-        number = np.full(self.count, -1)
-        number[contacts] = np.arange(len(contacts))
+        new_number = np.full(self.count, -1)
+        new_number[contacts] = np.arange(len(contacts))
         groups = []
         for law, members in self.groups:
-            numbers = number[members]
+            numbers = new_number[members]
             groups.append((law, numbers[numbers >= 0]))
         return ContactLaws(groups, len(contacts), self.modulus[contacts])
 
@@ -146,7 +146,9 @@ class ContactLaws:
         return values
 
     def overlap(self, forces: Array) -> Array:
-        """Return the overlaps (n_c,), m, at forces that contacts can bear, N."""
+        """Return the overlaps (n_c,), m, at ``forces`` (n_c,), N, that contacts can bear; zero for
+        contacts without a law.
+        """
         overlaps = np.zeros(self.count)
         for law, contacts in self.groups:
             overlaps[contacts] = law.overlap(forces[contacts])
@@ -159,7 +161,7 @@ class ContactLaws:
 
     def punch(self, overlap: Array) -> Array:
         """Return the stiffnesses 2 E* a (n_c,), N/m, of flat punches with the radius a of the
-        contacts at overlaps (n_c,), m.
+        contacts at overlaps (n_c,), m; zero for contacts without a law.
         """
         stiffness = np.zeros(self.count)
         for law, contacts in self.groups:

@@ -64,11 +64,12 @@ class _Geometry(NamedTuple):
 
     Attributes
     ----------
-    r : (n_c, 3) r at rest.
+    r : (n_c, 3) r at rest: a vector, m, where contacts turn, and a unit vector elsewhere.
     length : (n_c,) length of r.
     gap : (n_c,) distance of the surfaces of pairs that may meet, m; zero of contacts.
-    is_free : (n_c,) one where r follows the balls, and zero where it stays.
-    near, far : (n_c,) arms of balls i and of balls j, in units of r.
+    is_free : (n_c,) one where r follows the balls, and zero where r stays.
+    near, far : (n_c,) arms of balls i and of balls j over the length of r: parts of a vector, or
+        lengths, m, of a unit vector.
     levers : (2, n_c) radii of balls i and of balls j where these are the levers of slip, m, in
         place of the arms; else zero.
     """
@@ -429,11 +430,11 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
             separate[row] = column
     n_contacts = len(ends[0])
     return Columns(
-        ends[0].astype(np.uint32),
-        ends[1].astype(np.uint32),
-        shared,
-        np.array([*separate.values()], float).reshape(-1, n_contacts),
-        np.array([*separate], np.int64),
+        i=ends[0].astype(np.uint32),
+        j=ends[1].astype(np.uint32),
+        shared=shared,
+        separate=np.array([*separate.values()], float).reshape(-1, n_contacts),
+        lines=np.array([*separate], np.int64),
     )
 
 
@@ -442,8 +443,15 @@ def _find_geometry(network: ContactNetwork) -> _Geometry:
     normal, and arms are lengths, m.
     """
     zeros = np.zeros(network.n_contacts)
-    arms = network.arm_i, network.arm_j
-    return _Geometry(network.normal, zeros + 1.0, zeros, zeros, *arms, np.stack([zeros, zeros]))
+    return _Geometry(
+        r=network.normal,
+        length=np.ones(network.n_contacts),
+        gap=zeros,
+        is_free=zeros,
+        near=network.arm_i,
+        far=network.arm_j,
+        levers=np.zeros((2, network.n_contacts)),
+    )
 
 
 def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
@@ -475,21 +483,23 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
         radii = network.radii[ends]
         levers = np.where(np.isfinite(radii), radii, 0.0)
     return _Geometry(
-        r,
-        np.sqrt(np.sum(r * r, axis=1)),
-        np.append(np.zeros(network.n_contacts), np.maximum(gap, 0.0)),  # no pair pushes at rest
-        np.where(is_flat, 0.0, 1.0),
-        near,
-        np.where(is_flat, 0.0, 1.0 - near),
-        levers,
+        r=r,
+        length=np.sqrt(np.sum(r * r, axis=1)),
+        gap=np.append(np.zeros(network.n_contacts), np.maximum(gap, 0.0)),  # no pair pushes at rest
+        is_free=np.where(is_flat, 0.0, 1.0),
+        near=near,
+        far=np.where(is_flat, 0.0, 1.0 - near),
+        levers=levers,
     )
 
 
 def _find_arms(network: ContactNetwork, pairs: MetPairs) -> Array:
-    """Return the sums of both arms (n_c,) of all contacts, m."""
+    """Return the sum of both arms (n_c,), m, of each contact of the network and then of each pair,
+    whose arms are the radii; a flat wall has none.
+    """
     radii_j = np.where(np.isinf(network.radii[pairs.j]), 0.0, network.radii[pairs.j])
-    of_pairs = network.radii[pairs.i] + radii_j
-    return np.append(network.arm_i + network.arm_j, of_pairs)
+    sums_of_pairs = network.radii[pairs.i] + radii_j
+    return np.append(network.arm_i + network.arm_j, sums_of_pairs)
 
 
 def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Array:
@@ -502,10 +512,14 @@ def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Arra
     """
     slip = np.append(network.shear_stiffness / punch, pairs.slip_ratio)
     squares, pair_squares = np.split(_find_arms(network, pairs) ** 2, [network.n_contacts])
-    twist, roll = (
-        np.append(stiffness / punch, np.mean(stiffness / punch / squares) * pair_squares)
-        for stiffness in (network.torsion_stiffness, network.bending_stiffness)
-    )
+
+    def append_pairs(stiffness: Array) -> Array:
+        """Return the ratios of a ``stiffness`` of contacts (n_c,), N m, and of pairs behind."""
+        ratio = stiffness / punch
+        return np.append(ratio, np.mean(ratio / squares) * pair_squares)
+
+    twist = append_pairs(network.torsion_stiffness)
+    roll = append_pairs(network.bending_stiffness)
     has_torque = network.contact_torque is not None and np.any(network.contact_torque)
     turns_balls = has_torque and network.ball_motions.rotations
     if turns_balls or np.any(twist) or np.any(roll):

@@ -1,4 +1,4 @@
-"""The laws of contacts that move, as functions of what contacts are stretched by since rest.
+"""The laws of contacts that move, as functions of the elongations of contacts since rest.
 
 A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap
 is h = h_0 - e. It pushes by its law and is open where that is zero.
@@ -21,10 +21,11 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Index
 from granphon.contacts.laws import ContactLaws
 
-#: divisor in place of zero, of quotients whose numerator is zero too
-_NONE = hertz.LEAST_NORMAL
-#: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies
-#: would lose more digits
+#: the least normal number: divisor in place of zero, where the numerator is zero too, and least
+#: force, N, that counts as a jump
+_LEAST_NORMAL = hertz.LEAST_NORMAL
+#: change of an overlap, over the overlap, up to which the mean force is that of Gauss's two points:
+#: a difference of energies would lose more digits
 _CLOSE = 2e-3
 #: distance of Gauss's two points from the middle of an interval, over its length
 _GAUSS = 0.5 / math.sqrt(3.0)
@@ -32,7 +33,7 @@ _GAUSS = 0.5 / math.sqrt(3.0)
 
 def share(values: Array) -> Array:
     """Return the array ``values`` (..., n) of contacts; where all n contacts have the same value,
-    as a view of that one number, which the processor reads faster.
+    as a read-only view of the first number, which the processor reads faster.
     """
     first = values[..., :1]
     if np.all(values == first):
@@ -47,7 +48,7 @@ class Powers:
     ----------
     exponent, coefficient : a, and c (n,), N/m^a.
     overlap : (n,) at rest, m.
-    root : (n,) root of the overlap, above zero, m^1/2.
+    root : (n,) root of the overlap, m^1/2; the least normal number in place of zero.
     rest : (n,) force at rest, N.
     end : (n,) elongation at which a contact opens, m.
     jumps : numbers of the contacts whose force jumps: none.
@@ -59,7 +60,7 @@ class Powers:
         self.coefficient = share(coefficient)
         self.overlap = share(overlap)
         self.end = self.overlap
-        self.root = share(np.maximum(np.sqrt(overlap), _NONE))
+        self.root = share(np.maximum(np.sqrt(overlap), _LEAST_NORMAL))
         self.rest = share(coefficient * overlap**exponent)
         # coefficients of the change of a force, which falls with e, and of the stiffness
         self._change_factor = share(-coefficient)
@@ -70,9 +71,11 @@ class Powers:
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
         """Return f - f_0 (n,), N, without a difference of near-equal forces, and the stiffnesses
-        k (n,), N/m, at elongations e (n,), m; both are written into ``out`` if that is given.
+        k (n,), N/m, at elongations e (n,), m; both are written into the two arrays ``out``, if
+        given.
 
         ``joined`` (n,) says which of the contacts whose force jumps are joined; by default all are.
+        Forces of this law do not jump, and ``joined`` is not read.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         a = self.exponent
@@ -95,7 +98,9 @@ class Powers:
         return change, k
 
     def begin(self, e: Array) -> Any:
-        """Return None: no force jumps, so that no contact is joined or not."""
+        """Return None at any elongations e (n,): no force jumps, so that no contact joins or
+        parts.
+        """
         return None
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
@@ -118,7 +123,7 @@ class Powers:
         return _refine_near_rest(self, e, energy)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
-        """Return whether contacts are closed, (n,)."""
+        """Return whether contacts are closed (n,) at elongations e (n,), m."""
         return np.asarray(e < self.overlap)
 
 
@@ -128,7 +133,7 @@ class PairLaws:
 
     Attributes
     ----------
-    springs : the laws.
+    springs : the laws of the pairs.
     overlap : (n,) at rest, m.
     rest : (n,) force at rest, N.
     end : (n,) elongation at which a contact opens, m; infinite of a bond.
@@ -145,7 +150,7 @@ class PairLaws:
         self.rest = springs.force(overlap)
         self.apart = apart
         self.know_radii = springs.know_radii
-        # the first overlap at which the law holds
+        # the first overlap above that at which the law ends
         self._first_overlap = np.nextafter(springs.least, np.inf)
         rest_overlap = np.maximum(overlap, self._first_overlap)
         if apart:
@@ -158,9 +163,9 @@ class PairLaws:
         joining = np.where(opens, np.nextafter(springs.touch, np.inf), 0.0)
         parting_force = springs.force(parting)
         joining_force = springs.force(joining)
-        # a law that begins with zero is not zero at its first overlap, by rounding alone
+        # the force at the first overlap of a law without a jump is not zero, but below this number
         end_force = np.maximum(np.abs(parting_force), np.abs(joining_force))
-        self.jumps: Index = np.flatnonzero(opens & (end_force >= _NONE))
+        self.jumps: Index = np.flatnonzero(opens & (end_force >= _LEAST_NORMAL))
         self._parting_force = parting_force[self.jumps]
 
     def begin(self, e: Array) -> Any:
@@ -228,12 +233,15 @@ class PairLaws:
         return out
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
-        """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m."""
+        """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m;
+        ``joined`` (n,) is that of :meth:`press`.
+        """
         return _mean_of(self, e, end, joined)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """Return the energies (n,), J, stored since rest at elongations ``e`` (n,), m; below zero
-        where contacts adhere. Contacts that have parted keep the energy at which they part.
+        """Return the energies (n,), J, of :meth:`Powers.store` at elongations ``e`` (n,), m, which
+        may be below zero where contacts adhere. Contacts that are not ``joined`` (n,) keep the
+        energy of the law at which they part.
         """
         first = self._first_overlap
         h = np.maximum(self.overlap - e, first)
@@ -250,7 +258,9 @@ class PairLaws:
         return _refine_near_rest(self, e, energy, joined)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
-        """Return whether contacts are closed, (n,); those whose force jumps are, if ``joined``."""
+        """Return whether contacts are closed (n,) at elongations e (n,), m. If ``joined`` (n,) is
+        given, contacts whose force jumps are closed where they are joined.
+        """
         closed = np.asarray(self.overlap - e > self.springs.least)
         if joined is not None:
             closed[self.jumps] = joined[self.jumps]

@@ -264,8 +264,8 @@ def _find_levers(rows: Array, c: int, r: Vector, n: Vector) -> tuple[float, floa
 
 @compiled
 def _begin(shared: Array) -> Array:
-    """Return new rows of a chunk: the first ones hold the numbers ``shared`` by all contacts, the
-    others zeros.
+    """Return new rows of a chunk, of numbers ``shared`` (n_k,) by all contacts, and then zeros in
+    the rows that a step sets.
     """
     numbers = np.zeros(_N_ROWS + _LINE)
     # rows begin at the first address that begins a line of the processor's cache

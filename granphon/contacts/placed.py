@@ -24,8 +24,9 @@ from granphon.dynamics.deformation_rows import Row
 def find_overlaps(
     vector: Array, length: float | Array, at_length: float | Array, normal: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the overlaps (n_c,) of contacts, and the directions (n_c, d) along which they push
-    balls j; the direction of a contact along ``vector`` is zero where the centres coincide.
+    """Return the overlaps (n_c,) of contacts, and the directions (n_c, d) along which contacts push
+    balls j: ``normal`` itself if given, or else unit vectors along ``vector``, which are zero where
+    the centres coincide.
 
     Parameters
     ----------
@@ -53,8 +54,8 @@ class ContactForces:
     ----------
     i, j : (n_c,) numbers of the two balls of each contact.
     vector : (n_c, d) from the centre of ball i to that of ball j.
-    count : number of balls, and bodies that do not move.
-    motions : of each ball, along d axes at most, with r rotations.
+    count : number of balls, and of bodies that do not move.
+    motions : the motions of each ball, displacements along some of the d axes and r rotations.
 
     Attributes
     ----------
@@ -91,8 +92,8 @@ class ContactForces:
             i,
             j,
             self._axes,
-            # coefficients of one motion have to follow each other in memory; where they do, none
-            # is copied
+            # the coefficients of one motion, which the loop reads contact after contact, have to
+            # follow each other in memory
             np.ascontiguousarray(row.head.T),
             np.ascontiguousarray(row.tail.T),
             stiffness,
@@ -104,7 +105,7 @@ class ContactForces:
 
     def collect(self) -> tuple[Array, Array]:
         """Return the forces (count, 3) on balls, and the sum (3, 3) over contacts of the force on
-        ball j times the vector.
+        ball j times the vector: lines are those of the force. Torques are in :attr:`torque`.
         """
         return collect_pulls(self._ends, self._vector, self.pull, len(self.torque))
 
@@ -112,8 +113,8 @@ class ContactForces:
 def collect_pulls(
     ends: tuple[Index, Index], vector: Array, pull: Array, count: int
 ) -> tuple[Array, Array]:
-    """Return the forces (count, 3) on balls, and the sum (3, 3) over contacts of ``pull`` times
-    ``vector``, both (n_c, d).
+    """Return the forces (count, 3) on ``count`` balls, and the sum (3, 3) over contacts of ``pull``
+    times ``vector``, both (n_c, d): lines are those of the force.
 
     Ball j of each contact bears the force ``pull``, of any direction, and ball i the opposite one.
     ``ends`` are the numbers (n_c,) of balls i and of balls j.
@@ -126,7 +127,7 @@ def collect_pulls(
 
 
 def _put_in_space(vectors: Array) -> Array:
-    """Return vectors (n, d) as (n, 3)."""
+    """Return vectors (n, d) as (n, 3), with zeros along the axes from d on."""
     if vectors.shape[1] == 3:
         return vectors
     in_space = np.zeros((len(vectors), 3))

@@ -14,7 +14,7 @@ displacements over the diameter, and spin the angle about n by which tangents tu
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,26 +43,49 @@ def _write_rows(rows: Array, blocks: NDArray[Any], start: int, stop: int) -> Non
                 entries[place] = row[place]
 
 
+class _PlaneLaw(NamedTuple):
+    """Numbers by which one contact in a plane resists small motions.
+
+    Attributes
+    ----------
+    k : stiffness of the normal force.
+    spring : stiffness against slip.
+    coupling : change of T by a unit of the overlap.
+    aside : stiffness of the force along t against motions of the centres along t: that against
+        slip, less eps f/|w|.
+    turned : minus the force along n by a unit motion along t, as T turns: eps T/|w|.
+    lever : torque on both balls by a unit motion along n: eps T/2.
+    """
+
+    k: float
+    spring: float
+    coupling: float
+    aside: float
+    turned: float
+    lever: float
+
+
 @compiled
-def _resist_in_plane(law: tuple[float, ...], v_n: float, v_t: float) -> tuple[float, ...]:
+def _resist_in_plane(law: _PlaneLaw, v_n: float, v_t: float) -> tuple[float, float, float, float]:
     """Return what resists the motion of centre j against centre i in a plane, by its components
     ``v_n`` and ``v_t`` along n and t: the components along n and t of the force on ball j; the
-    change of T, which makes torques by the arms; and the torque on both balls that the force T
-    makes as the contact elongates.
-
-    The ``law`` has k, the stiffness against slip, the coupling of T to the overlap, the stiffness
-    against motions across the normal, T eps/|w|, and T eps/2.
+    change of T, which makes torques by the arms; and the torque on both balls that T makes as the
+    contact elongates.
     """
-    k, spring, coupling, aside, turned, lever = law
-    slipped = -coupling * v_n
-    return k * v_n - turned * v_t, aside * v_t + slipped, spring * v_t + slipped, lever * v_n
+    coupled = -law.coupling * v_n
+    return (
+        law.k * v_n - law.turned * v_t,
+        law.aside * v_t + coupled,
+        law.spring * v_t + coupled,
+        law.lever * v_n,
+    )
 
 
 @compiled
 def _add_press_in_plane(
     ends: tuple[int, int],
     arms: tuple[float, float],
-    law: tuple[float, ...],
+    law: _PlaneLaw,
     lattice_normal: tuple[float, float],
     n: Array,
     t: Array,
@@ -72,13 +95,13 @@ def _add_press_in_plane(
     """Add to ``ahead`` and ``back`` of :func:`fill_tangent` what a unit of the overlap y does at
     one contact in a plane; return by how much the unit changes the normal force.
 
-    ``ends`` and ``arms`` are those of the contact, ``law`` is that of :func:`_resist_in_plane`,
-    ``lattice_normal`` are the components along n and t of the direction e on the lattice, and ``n``
-    and ``t`` (2,) those of unit motions in the coordinates of displacements.
+    ``ends``, ``arms`` and ``law`` are those of the contact, ``lattice_normal`` are the components
+    along n and t of the direction e on the lattice, and ``n`` and ``t`` (2,) those of unit motions
+    in the coordinates of displacements.
     """
     i, j = ends
     e_n, e_t = lattice_normal
-    k = law[0]
+    k = law.k
     # a unit of y moves the centres by -e against each other
     along, across, change, torque = _resist_in_plane(law, e_n, e_t)
     for motion in range(2):
@@ -131,13 +154,13 @@ def _fill_plane(
             arm_j = 0.5 * size + contacts.uneven[c]
             q = tangent.sliding[0, c]
             spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
-            law = (
-                tangent.stiffness[c],
-                spring,
-                tangent.coupling[0, c],
-                spring - over * normal_force[c],
-                over * shears[0, c],
-                0.5 * eps * shears[0, c],
+            law = _PlaneLaw(
+                k=tangent.stiffness[c],
+                spring=spring,
+                coupling=tangent.coupling[0, c],
+                aside=spring - over * normal_force[c],
+                turned=over * shears[0, c],
+                lever=0.5 * eps * shears[0, c],
             )
             # components along n and t of a unit motion in each coordinate of displacements
             for motion in range(2):
@@ -180,9 +203,41 @@ def _fill_plane(
     return corner
 
 
+class _SpaceLaw(NamedTuple):
+    """Numbers by which one contact in space resists small motions; tangential components are those
+    along t and b = n x t.
+
+    Attributes
+    ----------
+    k : stiffness of the normal force.
+    coupling_t, coupling_b : changes of T by a unit of the overlap.
+    spring_tt, spring_tb, spring_bb : stiffnesses against slip.
+    over : eps/|w|, by which n turns in a unit motion of the centres.
+    pressed : eps f/|w| of the normal force f.
+    lever : eps/2.
+    held_t, held_b : the tangential force T.
+    spin_t, spin_b : components of the direction e on the lattice over 1 + n.e, by which the contact
+        spins as n turns along b and along t.
+    """
+
+    k: float
+    coupling_t: float
+    coupling_b: float
+    spring_tt: float
+    spring_tb: float
+    spring_bb: float
+    over: float
+    pressed: float
+    lever: float
+    held_t: float
+    held_b: float
+    spin_t: float
+    spin_b: float
+
+
 @compiled
 def _resist(
-    law: tuple[float, ...], v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, turn: float
+    law: _SpaceLaw, v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, turn: float
 ) -> tuple[float, ...]:
     """Return eight components, along n, t and b = n x t, of what resists a small motion.
 
@@ -192,25 +247,24 @@ def _resist(
 
     ``v_n``, ``v_t`` and ``v_b`` are components of the motion of centre j against centre i, ``r_t``
     and ``r_b`` those of arm_i phi_i + arm_j phi_j, and ``turn`` is the part of the spin that
-    follows from rotations alone. The ``law`` is the tuple of :func:`_collect_law`.
+    follows from rotations alone.
     """
-    k, c_t, c_b, s_tt, s_tb, s_bb, over, push, lever, held_t, held_b, back_t, back_b = law
     slip_t = v_t - r_b
     slip_b = v_b + r_t
-    change_t = s_tt * slip_t + s_tb * slip_b - c_t * v_n
-    change_b = s_tb * slip_t + s_bb * slip_b - c_b * v_n
-    tilt_t = over * v_t
-    tilt_b = over * v_b
-    spin = turn - back_b * tilt_t + back_t * tilt_b
+    change_t = law.spring_tt * slip_t + law.spring_tb * slip_b - law.coupling_t * v_n
+    change_b = law.spring_tb * slip_t + law.spring_bb * slip_b - law.coupling_b * v_n
+    tilt_t = law.over * v_t
+    tilt_b = law.over * v_b
+    spin = turn - law.spin_b * tilt_t + law.spin_t * tilt_b
     return (
-        k * v_n - tilt_t * held_t - tilt_b * held_b,
-        change_t - push * v_t - spin * held_b,
-        change_b - push * v_b + spin * held_t,
-        tilt_t * held_b - tilt_b * held_t,
-        -change_b - spin * held_t,
-        change_t - spin * held_b,
-        -lever * v_n * held_b,
-        lever * v_n * held_t,
+        law.k * v_n - tilt_t * law.held_t - tilt_b * law.held_b,
+        change_t - law.pressed * v_t - spin * law.held_b,
+        change_b - law.pressed * v_b + spin * law.held_t,
+        tilt_t * law.held_b - tilt_b * law.held_t,
+        -change_b - spin * law.held_t,
+        change_t - spin * law.held_b,
+        -law.lever * v_n * law.held_b,
+        law.lever * v_n * law.held_t,
     )
 
 
@@ -223,15 +277,10 @@ def _collect_law(
     force: float,
     shears: Array,
     lattice_normal: Vector,
-) -> tuple[float, ...]:
-    """Return what the resistance of contact ``c`` to small motions consists of, for
-    :func:`_resist`.
-
-    The tuple has k; the two couplings of T to the overlap; the three stiffnesses against slip;
-    eps = ``ratio`` and eps f, both over the ``distance`` of the centres, with the normal ``force``
-    f; eps/2; the two components of T, of the ``shears`` (2, n_c); and the tangential components of
-    the normal e on the lattice over 1 + n.e, by which the contact spins as n turns along b and t.
-    ``lattice_normal`` are the components of e along n, t and b = n x t.
+) -> _SpaceLaw:
+    """Return the law of contact ``c``, with eps, ``ratio``, the ``distance`` of the centres, the
+    normal ``force``, the ``shears`` (2, n_c) of all contacts, and the components
+    ``lattice_normal`` of e along n, t and b.
     """
     shear = tangent.shear[c]
     q_t = tangent.sliding[0, c]
@@ -239,20 +288,20 @@ def _collect_law(
     over = ratio / distance
     e_n, e_t, e_b = lattice_normal
     denominator = max(1.0 + e_n, ROUND)
-    return (
-        tangent.stiffness[c],
-        tangent.coupling[0, c],
-        tangent.coupling[1, c],
-        shear * (1.0 - q_t * q_t) + tangent.drag,
-        -shear * q_t * q_b,
-        shear * (1.0 - q_b * q_b) + tangent.drag,
-        over,
-        over * force,
-        0.5 * ratio,
-        shears[0, c],
-        shears[1, c],
-        e_t / denominator,
-        e_b / denominator,
+    return _SpaceLaw(
+        k=tangent.stiffness[c],
+        coupling_t=tangent.coupling[0, c],
+        coupling_b=tangent.coupling[1, c],
+        spring_tt=shear * (1.0 - q_t * q_t) + tangent.drag,
+        spring_tb=-shear * q_t * q_b,
+        spring_bb=shear * (1.0 - q_b * q_b) + tangent.drag,
+        over=over,
+        pressed=over * force,
+        lever=0.5 * ratio,
+        held_t=shears[0, c],
+        held_b=shears[1, c],
+        spin_t=e_t / denominator,
+        spin_b=e_b / denominator,
     )
 
 

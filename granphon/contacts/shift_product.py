@@ -21,7 +21,8 @@ from numpy.typing import DTypeLike, NDArray
 
 Values = NDArray[Any]
 Index = tuple[Any, ...]
-#: bytes that the contributions of the ends of contacts in one slab take, about
+#: bytes that the contributions of the ends of contacts in one slab may take, about, to stay in the
+#: processor's cache
 _CACHED = 2**21
 #: least number of layers of a slab, over the number of ghost layers around it, for which work is
 #: done twice
@@ -31,13 +32,14 @@ _ONE_THREAD = 2**18
 
 
 class Halo:
-    """Ghost cells of periodic arrays of ``shape`` (L1, ..., Lp) with contacts of these ``shifts``.
+    """Ghost cells of periodic arrays of ``shape`` (L1, ..., Lp) whose contacts lead to cells some
+    ``shifts`` (each p numbers) away: as many layers as the farthest shift needs.
 
     Attributes
     ----------
     below, above : numbers of ghost layers on the two sides of each axis.
     outer : shape (P1, ..., Pp) with ghost cells.
-    inner : index of the array inside it.
+    inner : index of the array without ghost cells in an array (..., P1, ..., Pp) with them.
     """
 
     def __init__(self, shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> None:
@@ -69,8 +71,8 @@ class Halo:
             size = self.shape[axis]
             above = self.above[axis]
             rest: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
+            # ghost layers that are more than the array has repeat the array more than once
             for done in range(0, above, size):
-                # more ghost layers than the array has repeat it more than once
                 count = min(size, above - done)
                 end = below + size + done
                 yield (
@@ -143,13 +145,18 @@ class _Slab(NamedTuple):
 
 
 class ContactOperator:
-    """C of an array of ``shape`` (L1, ..., Lp) with contacts between balls some ``shifts`` of cells
-    apart.
+    """C of an array of cells.
 
-    A deformation is ``head . x_j - tail . x_i``, x being the motions in the cells of balls j and i;
-    ``head`` and ``tail`` are (rows, fields), and each group of rows has one for each contact of a
-    cell. Motions and forces are (fields, L1, ..., Lp), deformations and tensions (rows, L1, ...,
-    Lp), at the cell of ball i. Results have the precision of what is given.
+    A deformation is ``head . x_j - tail . x_i``, x being the motions in the cells of balls j and i.
+    Motions and forces are (fields, L1, ..., Lp), deformations and tensions (rows, L1, ..., Lp), at
+    the cell of ball i. Results have the precision of motions and tensions.
+
+    Parameters
+    ----------
+    shape : numbers of cells (L1, ..., Lp).
+    shifts : for each contact of a cell, the p numbers of cells from ball i to ball j.
+    head, tail : (rows, fields) coefficients. Rows come in groups, elongations first; each group has
+        one row for each contact of a cell, in the order of ``shifts``.
     """
 
     def __init__(
@@ -160,8 +167,8 @@ class ContactOperator:
         along = (0,) * (len(shape) - 1)
         steps = [halo.offset(shift) for shift in shifts]
         # deformations of all kinds of contacts are found for the same places of balls i: a contact
-        # that begins in a ghost cell and leads away from the slab needs a cell j too. Ghost layers
-        # are made so many that the farthest of these cells is among them
+        # that begins in a ghost cell and leads away from the slab needs a cell j too. There are so
+        # many ghost layers that the farthest of these cells is among them
         farthest = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
         layers = -(-farthest // halo.offset((1, *along)))
         self.shape = tuple(shape)
@@ -172,7 +179,8 @@ class ContactOperator:
         self.halo = Halo(shape, [*both_ways, (layers, *along), (-layers, *along)])
         self._stride = self.halo.offset((1, *along))
         self._steps = [self.halo.offset(shift) for shift in shifts]
-        self._found: dict[Any, list[_Slab]] = {}
+        #: slabs by the precision of their buffers
+        self._slabs: dict[Any, list[_Slab]] = {}
 
     # -- slabs -------------------------------------------------------------------------------------
 
@@ -181,45 +189,60 @@ class ContactOperator:
         ``precision``. The slabs are kept for further calls.
         """
         key = np.dtype(precision)
+        if key not in self._slabs:
+            self._slabs[key] = self._make_slabs(key)
+        return self._slabs[key]
+
+    def _make_slabs(self, precision: np.dtype[Any]) -> list[_Slab]:
+        """Return the slabs of :meth:`slabs`."""
+        halo = self.halo
+        below = halo.below[0]
+        count = self.shape[0]
+        ghosts = below + halo.above[0]
+        cached = _CACHED // (2 * self.n_rows * precision.itemsize * self._stride)
+        most_layers = max(1, cached - ghosts, _LONG * ghosts)
+        n_slabs = math.ceil(count / most_layers)
+        step = math.ceil(count / n_slabs)  # slabs of one length, but for the last
+        spaces: dict[int, _Workspace] = {}
+        slabs = []
+        for start in range(0, count, step):
+            stop = min(start + step, count)
+            layers = stop - start
+            if layers not in spaces:
+                spaces[layers] = self._make_workspace(layers, precision)
+            slabs.append(
+                _Slab(
+                    layers=slice(start, stop),
+                    sources=self._list_sources(start, stop),
+                    start=start * self._stride + halo.offset(halo.below) - max(0, *self._steps),
+                    inner=(slice(None), slice(below, below + layers), *halo.inner[2:]),
+                    space=spaces[layers],
+                )
+            )
+        return slabs
+
+    def _list_sources(self, start: int, stop: int) -> list[tuple[slice, Index]]:
+        """Return the ``sources`` of the :class:`_Slab` of the layers from ``start`` to before
+        ``stop``: runs of layers that follow each other in the array.
+        """
         halo = self.halo
         count = self.shape[0]
-        if key not in self._found:
-            ghosts = halo.below[0] + halo.above[0]
-            cached = _CACHED // (2 * self.n_rows * key.itemsize * self._stride)
-            most_layers = max(1, cached - ghosts, _LONG * ghosts)
-            n_slabs = -(-count // most_layers)
-            step = -(-count // n_slabs)  # slabs of one length, but for the last
-            spaces = {
-                layers: self._make_workspace(layers, key) for layers in {step, count % step or step}
-            }
-            self._found[key] = []
-            for start in range(0, count, step):
-                stop = min(start + step, count)
-                sources = []
-                below = halo.below[0]
-                space = spaces[stop - start]
-                layer = start - below
-                end = stop + halo.above[0]
-                # layers that follow each other in the array, ghost layers included
-                while layer < end:
-                    low = layer % count
-                    length = min(count - low, end - layer)
-                    place = layer - start + below
-                    sources.append(
-                        (
-                            slice(low, low + length),
-                            (slice(None), slice(place, place + length), *halo.inner[2:]),
-                        )
-                    )
-                    layer += length
-                first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
-                inner = (slice(None), slice(below, below + stop - start), *halo.inner[2:])
-                self._found[key].append(_Slab(slice(start, stop), sources, first, inner, space))
-        return self._found[key]
+        first = start - halo.below[0]
+        end = stop + halo.above[0]
+        sources = []
+        layer = first
+        while layer < end:
+            low = layer % count
+            length = min(count - low, end - layer)
+            place = layer - first
+            in_workspace = (slice(None), slice(place, place + length), *halo.inner[2:])
+            sources.append((slice(low, low + length), in_workspace))
+            layer += length
+        return sources
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
-        """Return the buffers of a ``precision`` for a slab of so many ``layers``, as the views over
-        which :meth:`deform`, :meth:`collect` and :class:`ContactHessian` loop.
+        """Return new buffers of a ``precision`` for a slab of this number of ``layers``, as the
+        views over which :meth:`deform`, :meth:`collect` and :class:`ContactHessian` loop.
         """
         halo = self.halo
         n = self.n_contacts
@@ -272,8 +295,8 @@ class ContactOperator:
         return out
 
     def pull(self, *tensions: Values) -> Values:
-        """Return the forces C^T f (fields, L1, ..., Lp), for tensions f whose rows are given in
-        parts (n, L1, ..., Lp), one after the other.
+        """Return the forces C^T f (fields, L1, ..., Lp), for the tensions f, whose rows are given
+        in parts (n, L1, ..., Lp), one after the other.
         """
         return self.collect(np.concatenate([self.head, -self.tail]).T, tensions)
 
@@ -350,7 +373,7 @@ class ContactHessian:
         L1, ..., Lp), and minus the sum of the tensions against elongations.
 
         ``press`` is added to the overlaps of all contacts, which lessens elongations by as much; if
-        it is None, the sum is not found, and zero is returned.
+        ``press`` is None, the sum is not found, and is returned as zero.
         """
         operator = self._operator
         n = self._operator.n_contacts
@@ -397,8 +420,8 @@ def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
     places), in parts that are so small that BLAS takes one thread.
 
     Threads of BLAS wait for each other, and their number changes the last digit. If the matrix is
-    real and the columns are complex, their real and imaginary parts are multiplied as columns of
-    their own.
+    real and the columns are complex, the real and the imaginary part of each column are multiplied
+    as two columns.
     """
     if matrix.dtype != out.dtype:
         columns = columns.view(matrix.dtype)

@@ -17,7 +17,7 @@ from granphon.balls.hertz import EXPONENT
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
-#: root of an overlap that stands for none where it divides
+#: divisor in place of a root, or a product of two, that is zero: its square is above zero too
 _TINY = 1e-150
 
 
@@ -28,7 +28,7 @@ def _find_spring(eta: float, old: float, new: float, change: float) -> float:
 
     Where h rises, the stiffness is eta df/dh between the ends, eta (new^3 - old^3)/(new^2 - old^2);
     where h falls, eta k at the end. Where a contact closes in the step, ``change`` is that of the
-    whole step, below touch included, so that only the closed part of the slip counts.
+    whole step, below touch included, so that only the slip of the closed part makes a force.
     """
     if old == 0.0 and new > 0.0:
         return eta * new * new * new / change
@@ -40,7 +40,9 @@ def _find_spring(eta: float, old: float, new: float, change: float) -> float:
 
 @compiled
 def set_springs(eta: float, old_overlaps: Array, overlaps: Array, springs: Array) -> None:
-    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step."""
+    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step from
+    ``old_overlaps`` to ``overlaps`` (n_c,).
+    """
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(overlaps[c], 0.0))
@@ -165,8 +167,8 @@ def sum_losses(
     """Return the two energies that all contacts together lose along the straight line of a step:
     by sliding, and by the law of the tangential force.
     """
-    slid = 0.0
-    loosened = 0.0
+    lost_by_sliding = 0.0
+    lost_by_law = 0.0
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(overlaps[c], 0.0))
@@ -191,9 +193,9 @@ def sum_losses(
             losses = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
         else:
             losses = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
-        slid += losses[0]
-        loosened += losses[1]
-    return slid, loosened
+        lost_by_sliding += losses[0]
+        lost_by_law += losses[1]
+    return lost_by_sliding, lost_by_law
 
 
 @compiled
@@ -221,20 +223,20 @@ def _lose_rising(
     a_square = old * old * bent_square
     a_dot_b = old * mean * product
     b_square = mean * mean * slip_square
-    share, over = _meet(a_square, a_dot_b, b_square, mu, cube, rise)
+    share, excess = _meet(a_square, a_dot_b, b_square, mu, cube, rise)
     # the root of h where the contact begins to slide
     turn = new if share == 1.0 else min(max(float(np.cbrt(cube + share * rise)), old), new)
-    three = max(old * old + old * turn + turn * turn, _TINY)
-    stuck = old * bent_square + (turn + 2.0 * old) * share * a_dot_b / three
+    square_sum = max(old * old + old * turn + turn * turn, _TINY)
+    stuck = old * bent_square + (turn + 2.0 * old) * share * a_dot_b / square_sum
     powers = ((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube
-    stuck += powers * share * share * b_square / (5.0 * three * three)
+    stuck += powers * share * share * b_square / (5.0 * square_sum * square_sum)
     stuck *= (turn - old) / (3.0 * eta * max(turn, _TINY))
     if mu == math.inf:
         return 0.0, stuck
-    five = _sum_powers(turn, new)
-    three = max(turn * turn + turn * new + new * new, _TINY)
-    slid = 0.4 * (mu / eta) * over * five / three
-    return slid, stuck + mu * mu / (15.0 * eta) * (new - turn) * five
+    fourth_sum = _sum_powers(turn, new)
+    square_sum = max(turn * turn + turn * new + new * new, _TINY)
+    slid = 0.4 * (mu / eta) * excess * fourth_sum / square_sum
+    return slid, stuck + mu * mu / (15.0 * eta) * (new - turn) * fourth_sum
 
 
 @compiled
@@ -257,7 +259,7 @@ def _lose_falling(
     fall = new * new - old * old
     a_square = bent_square / to_slip / to_slip
     a_dot_b = product / to_slip
-    share, over = _meet(a_square, a_dot_b, slip_square, mu / to_slip, old * old, fall)
+    share, excess = _meet(a_square, a_dot_b, slip_square, mu / to_slip, old * old, fall)
     turn = new
     if share != 1.0:
         turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
@@ -268,9 +270,9 @@ def _lose_falling(
     stuck *= 0.75 * eta * (old - turn)
     if mu == math.inf:
         return 0.0, stuck
-    five = _sum_powers(turn, new)
-    slid = 0.4 * mu * over * five / max(turn + new, _TINY)
-    return slid, stuck + mu * mu / (15.0 * eta) * (turn - new) * five
+    fourth_sum = _sum_powers(turn, new)
+    slid = 0.4 * mu * excess * fourth_sum / max(turn + new, _TINY)
+    return slid, stuck + mu * mu / (15.0 * eta) * (turn - new) * fourth_sum
 
 
 @compiled
@@ -287,19 +289,19 @@ def _meet(
         return 1.0, 0.0
     limit = mu * size
     rise = mu * rise
-    over = math.sqrt(max(a_square + 2.0 * a_dot_b + b_square, 0.0)) - (limit + rise)
-    if not over > 0.0:
+    excess = math.sqrt(max(a_square + 2.0 * a_dot_b + b_square, 0.0)) - (limit + rise)
+    if not excess > 0.0:
         return 1.0, 0.0
-    # the root of square s^2 + 2 half s + remaining = 0, without a difference of near numbers
+    # the root of square s^2 + 2 half s + constant = 0, without a difference of near numbers
     square = b_square - rise * rise
     half = a_dot_b - limit * rise
-    remaining = min(a_square - limit * limit, 0.0)
-    root = math.sqrt(max(half * half - square * remaining, 0.0))
+    constant = min(a_square - limit * limit, 0.0)
+    root = math.sqrt(max(half * half - square * constant, 0.0))
     if half <= 0.0:  # a + s b first moves away from the limit
         share = (root - half) / max(square, _TINY)
     else:
-        share = -remaining / max(half + root, _TINY)
-    return min(share, 1.0), over
+        share = -constant / max(half + root, _TINY)
+    return min(share, 1.0), excess
 
 
 @compiled

@@ -50,8 +50,9 @@ def list_motions(fields: NDArray[Any], axes: Array, displacement: Array, rotatio
     """Set ``displacement`` and ``rotation`` (n, 3) of balls from ``fields`` (b, m, cells), the m
     motions of b balls of each cell.
 
-    Displacements are the first p of m, multiplied by ``axes`` (p, p); a single rotation is that
-    about the third axis. Components that no field sets keep their values.
+    The first p of the m motions are displacements, which the matrix ``axes`` (p, p) takes to the
+    axes of space; the others are rotations about all three axes, or a single one about the third.
+    Components that no motion sets keep their values.
     """
     p = len(axes)
     cells = fields.shape[2]
@@ -95,7 +96,7 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
 
 @compiled
 def find_largest(vectors: Array) -> float:
-    """Return the largest length of vectors (n, 3)."""
+    """Return the largest length of ``vectors`` (n, 3); zero if there are none."""
     largest = 0.0
     for place in range(len(vectors)):
         x = vectors[place, 0]
@@ -115,7 +116,8 @@ def measure_straight(
     slips: Array,
 ) -> None:
     """Set the ``overlaps`` (n_c,) and ``slips`` (n_s, n_c) of contacts that keep their directions,
-    from ``displacement`` and ``rotation`` (n, 3) of balls and the ``overlap`` y.
+    from ``displacement`` and ``rotation`` (n, 3) of balls and the ``overlap`` y. In space, the
+    second slip is that along normal x tangent.
     """
     for c in range(len(overlaps)):
         i = contacts.i[c]
@@ -158,10 +160,10 @@ def measure_turned(
         e = get_row(contacts.normal, c)
         v = add(get_row(displacement, j), -1.0, get_row(displacement, i))
         v = add(v, -overlap, e)
-        # w joins the centres, in d
+        # w joins the centres; its unit is the diameter
         w = add(e, eps, v)
         size = math.sqrt(dot(w, w))
-        # |w| - 1, over eps: no two numbers that are nearly equal are subtracted
+        # (|w| - 1)/eps = grown/(1 + |w|), which subtracts no two numbers that are nearly equal
         grown = 2.0 * dot(e, v) + eps * dot(v, v)
         overlaps[c] = contacts.offset[c] - grown / (1.0 + size)
         n = (w[0] / size, w[1] / size, w[2] / size)
@@ -182,8 +184,8 @@ def measure_turned(
 
 @compiled
 def _find_angle(sine: float, cosine: float, eps: float) -> float:
-    """Return an angle over eps; ``cosine`` is the cosine of the angle, and ``sine`` its sine over
-    eps, both times the same positive number.
+    """Return an angle over ``eps``. ``sine`` is the sine of the angle over eps, and ``cosine`` its
+    cosine, both times the same positive number.
 
     Small angles are found by the series of the arc tangent, so that eps may be zero.
     """
@@ -198,7 +200,7 @@ def measure_slips(
     contacts: RollingContacts, before: Configuration, after: Configuration, slips: Array
 ) -> None:
     """Add to ``slips`` (n_s, n_c) the slips of contacts, which turn with their balls, from the
-    configuration ``before`` to the configuration ``after``.
+    configuration ``before`` to the configuration ``after``; n_s is 1 in a plane, 2 in space.
     """
     moved = after.displacement - before.displacement
     turned = after.rotation - before.rotation
@@ -228,18 +230,22 @@ def _measure_slips_in_plane(
     for c in range(len(slips)):
         i = contacts.i[c]
         j = contacts.j[c]
+        # (x, y) is dv, and the directions before and after the step are (start_x, start_y) and
+        # (end_x, end_y)
         x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
         y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
-        px = before.normal[c, 0]
-        py = before.normal[c, 1]
-        nx = after.normal[c, 0]
-        ny = after.normal[c, 1]
-        size = 0.5 * (before.distance[c] + after.distance[c])
-        cosine = px * nx + py * ny
-        slid = size * _find_angle(px * y - py * x, after.distance[c] * cosine, eps)
-        slid -= (0.5 * size - contacts.uneven[c]) * turned[i, 2]
-        slid -= (0.5 * size + contacts.uneven[c]) * turned[j, 2]
-        slips[c] += slid
+        start_x = before.normal[c, 0]
+        start_y = before.normal[c, 1]
+        end_x = after.normal[c, 0]
+        end_y = after.normal[c, 1]
+        mean_distance = 0.5 * (before.distance[c] + after.distance[c])
+        # sine over eps and cosine of the angle by which n turns, times the distance after the step
+        sine = start_x * y - start_y * x
+        cosine = after.distance[c] * (start_x * end_x + start_y * end_y)
+        slip = mean_distance * _find_angle(sine, cosine, eps)
+        slip -= (0.5 * mean_distance - contacts.uneven[c]) * turned[i, 2]
+        slip -= (0.5 * mean_distance + contacts.uneven[c]) * turned[j, 2]
+        slips[c] += slip
 
 
 @compiled
@@ -265,24 +271,26 @@ def _measure_slips_in_space(
         v = add(v, -overlap_change, get_row(contacts.normal, c))
         start = get_row(before.normal, c)
         end = get_row(after.normal, c)
-        size = 0.5 * (before.distance[c] + after.distance[c])
-        # along the axis about which one direction turns into the other, times its sine over eps
+        mean_distance = 0.5 * (before.distance[c] + after.distance[c])
+        # n turns about this axis; its length is the sine of the angle over eps, times the distance
+        # after the step
         axis = cross(start, v)
         sine = math.sqrt(dot(axis, axis))
         factor = 0.0
         if sine > 0.0:
-            cosine = dot(start, end)
-            factor = size * _find_angle(sine, after.distance[c] * cosine, eps) / sine
-        gone = scale(factor, axis)
-        gone = add(gone, contacts.uneven[c] - 0.5 * size, get_row(turned, i))
-        gone = add(gone, -contacts.uneven[c] - 0.5 * size, get_row(turned, j))
+            cosine = after.distance[c] * dot(start, end)
+            factor = mean_distance * _find_angle(sine, cosine, eps) / sine
+        # the angle of n less those of the balls, each times its arm
+        turn = scale(factor, axis)
+        turn = add(turn, contacts.uneven[c] - 0.5 * mean_distance, get_row(turned, i))
+        turn = add(turn, -contacts.uneven[c] - 0.5 * mean_distance, get_row(turned, j))
         first = get_row(before.tangent, c)
         last = get_row(after.tangent, c)
-        # the means of both tangents at both ends, times two
+        # means of each tangent before and after the step, times two
         tangents = add(first, 1.0, last)
         second_tangents = add(cross(start, first), 1.0, cross(end, last))
-        slips[0, c] += 0.5 * dot(gone, second_tangents)
-        slips[1, c] -= 0.5 * dot(gone, tangents)
+        slips[0, c] += 0.5 * dot(turn, second_tangents)
+        slips[1, c] -= 0.5 * dot(turn, tangents)
 
 
 @compiled
@@ -305,7 +313,8 @@ def add_forces(
     torque: Array,
 ) -> None:
     """Add to ``force`` and ``torque`` (n, 3) on balls the forces and torques of contacts with the
-    normal forces ``normal_force`` (n_c,) and the tangential forces ``shears`` (n_s, n_c).
+    normal forces ``normal_force`` (n_c,) and the tangential forces ``shears`` (n_s, n_c), which are
+    in the configuration ``at``.
     """
     for c in range(len(normal_force)):
         along_t = shears[0, c]
@@ -319,7 +328,7 @@ def add_forces(
         on_j = add(scale(normal_force[c], n), -1.0, shear)
         add_to_row(force, i, -1.0, on_j)
         add_to_row(force, j, 1.0, on_j)
-        # times the arm the torque on either ball
+        # the torque on either ball over its arm
         torque_per_arm = cross(n, shear)
         half = 0.5 * at.distance[c]
         add_to_row(torque, i, half - contacts.uneven[c], torque_per_arm)

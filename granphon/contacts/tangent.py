@@ -32,7 +32,8 @@ _KEPT_BALLS = 2**13
 
 
 class Pattern:
-    """Where the entries of A stand among those of a sparse matrix in columns.
+    """Where the entries of A stand among those of a sparse matrix in columns. The indices of the
+    matrix have 32 bits, which suffice for 2^31 - 1 entries.
 
     Parameters
     ----------
@@ -44,33 +45,34 @@ class Pattern:
         self, i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
     ) -> None:
         balls = np.arange(n_balls)
-        # the blocks of the diagonal, and (i, j) and (j, i) of each contact
+        # blocks of balls, and (i, j) and (j, i) of contacts; those at the same place are one block
         lines = np.concatenate([balls, i, j])
         columns = np.concatenate([balls, j, i])
+        # blocks are numbered column by column, and in a column of blocks line by line
         blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
         line = blocks % n_balls
         column = blocks // n_balls
-        # blocks are numbered column by column, and in a column of blocks line by line; of each
-        # block, where its first entry stands and how far apart its columns are
+        # blocks of each column: where they start among all blocks, and how many they are
         starts = np.searchsorted(blocks, np.arange(n_balls + 1) * n_balls)
         heights = np.diff(starts)
-        first = (
-            starts[column] * n_motions**2 + (np.arange(blocks.size) - starts[column]) * n_motions
-        )
+        # of each block, where its first entry stands, and how far apart its columns of entries are
+        blocks_above = np.arange(blocks.size) - starts[column]
+        first = starts[column] * n_motions**2 + blocks_above * n_motions
         apart = heights[column] * n_motions
-        motions = np.arange(n_motions)
-        entries = first[:, None, None] + apart[:, None, None] * motions[:, None] + motions
         places = np.stack([first, apart], axis=1)[numbers]
+        motions = np.arange(n_motions)
         #: (n, 2) where the block of each ball begins, and how far apart its columns are
         self.by_ball = places[:n_balls]
         #: (n_c, 2, 2) the same of the blocks (i, j) and (j, i) of each contact
         self.by_contact = np.ascontiguousarray(places[n_balls:].reshape(2, -1, 2).swapaxes(0, 1))
         #: (n m,) places of the diagonal
         self.diagonal = np.ravel(self.by_ball[:, :1] + (self.by_ball[:, 1:] + 1) * motions)
+        # (blocks, columns, lines) the place of each entry of each block, and the line of the matrix
+        entries = first[:, None, None] + apart[:, None, None] * motions[:, None] + motions
         self._indices = np.empty(entries.size, np.int32)
         self._indices[entries] = (n_motions * line[:, None, None] + motions).astype(np.int32)
-        widths = np.repeat(heights * n_motions, n_motions)
-        self._starts = np.concatenate([[0], np.cumsum(widths)]).astype(np.int32)
+        n_in_column = np.repeat(heights * n_motions, n_motions)
+        self._starts = np.concatenate([[0], np.cumsum(n_in_column)]).astype(np.int32)
 
     @property
     def n_entries(self) -> int:
@@ -78,7 +80,9 @@ class Pattern:
         return self._indices.size
 
     def make_matrix(self, data: Array) -> Any:
-        """Return the sparse matrix (n m, n m), in columns, with these entries."""
+        """Return the sparse matrix (n m, n m), in columns, with the entries ``data`` (n_entries,)
+        in the order of the pattern.
+        """
         from scipy.sparse import csc_array  # imported here: media that are averaged do not need it
 
         size = self._starts.size - 1
@@ -93,12 +97,12 @@ class Pattern:
 
     @cached_property
     def _leading(self) -> dict[int, LeadingPart]:
-        """The leading parts that have been asked for, by their sizes."""
+        """The leading parts that :meth:`lead` has found, by their sizes."""
         return {}
 
     def lead(self, size: int) -> LeadingPart:
-        """Return where the entries of the leading part (size, size) stand; the part is kept for
-        further calls.
+        """Return where the entries of the leading part (size, size) of the matrix stand; the answer
+        is kept for further calls.
         """
         if size not in self._leading:
             self._leading[size] = LeadingPart(self, size)
@@ -108,21 +112,27 @@ class Pattern:
 class LeadingPart:
     """Where the entries of the leading part (size, size) of a matrix with a ``pattern`` stand.
 
+    Parameters
+    ----------
+    pattern : where the entries of the whole matrix stand.
+    size : number of lines and of columns of the part.
+
     Attributes
     ----------
-    places : their places among the entries of the whole.
+    places : (entries,) places of the entries of the part among those of the whole.
     diagonal : (size,) places of the diagonal among the entries of the whole.
     band : number of diagonals below the main one.
     """
 
     def __init__(self, pattern: Pattern, size: int) -> None:
         whole = pattern.make_matrix(np.ones(pattern.n_entries))
-        leading = np.arange(whole.indptr[size])
-        leading = leading[whole.indices[leading] < size]
-        lines = whole.indices[leading]
+        # entries of the first columns, of which those in the first lines are kept
+        lines = whole.indices[: whole.indptr[size]]
         columns = np.repeat(np.arange(size), np.diff(whole.indptr[: size + 1]))
-        columns = columns[whole.indices[: len(columns)] < size]
-        self.places = leading
+        is_leading = lines < size
+        lines = lines[is_leading]
+        columns = columns[is_leading]
+        self.places = np.flatnonzero(is_leading)
         self.diagonal = pattern.diagonal[:size]
         self.band = int(np.max(lines - columns, initial=0))
         self._lines = lines
@@ -130,7 +140,8 @@ class LeadingPart:
 
     def make_band(self, entries: Array) -> Array:
         """Return the diagonals of a symmetric matrix with these ``entries``, in the order of
-        :attr:`places`, from the main one down: (band + 1, size).
+        :attr:`places`, from the main one down: (band + 1, size), the last ``k`` numbers of diagonal
+        k being zero.
         """
         columns = np.repeat(np.arange(len(self._starts) - 1), np.diff(self._starts))
         is_lower = self._lines >= columns
@@ -139,8 +150,10 @@ class LeadingPart:
         return band
 
     def make_matrix(self, entries: Array) -> Any:
-        """Return the sparse matrix (size, size), in columns, with these entries."""
-        from scipy.sparse import csc_array  # averages do not need it
+        """Return the sparse matrix (size, size), in columns, with these ``entries``, in the order
+        of :attr:`places`.
+        """
+        from scipy.sparse import csc_array  # imported here: media that are averaged do not need it
 
         size = len(self._starts) - 1
         matrix: Any = csc_array((entries, self._lines, self._starts), shape=(size, size))
@@ -153,13 +166,16 @@ class LeadingPart:
         return Elimination(self.make_matrix(np.ones(len(self.places))))
 
 
+#: the patterns that are kept, by the bytes of i and of j, and the numbers of balls and of motions;
+#: the one used last is at the end
 _patterns: OrderedDict[tuple[bytes, bytes, int, int], Pattern] = OrderedDict()
 
 
 def find_pattern(
     i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
 ) -> Pattern:
-    """Return the pattern of a list with these ends.
+    """Return the pattern of a list whose contacts have the balls ``i`` and ``j`` (n_c,), of
+    ``n_balls`` balls with ``n_motions`` motions each.
 
     The last ``_KEPT_PATTERNS`` patterns of lists of at most ``_KEPT_BALLS`` balls are kept for
     further calls.
@@ -197,7 +213,7 @@ class Blocks:
     corner: Array
 
     def symmetrise(self) -> Blocks:
-        """Return the blocks with A replaced by its symmetric part."""
+        """Return the blocks with A replaced by its symmetric part; B, B' and S stay as they are."""
         diagonal = 0.5 * (self.diagonal + self.diagonal.swapaxes(0, 1))
         between = 0.5 * (self.forward + self.backward)
         return replace(self, diagonal=diagonal, forward=between, backward=between)
@@ -214,7 +230,8 @@ def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_bal
     """Return the tangent of the contacts of ``n_balls`` balls.
 
     ``axes`` (m,) are those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations;
-    ``strains`` (s, 3, 3) are unit strains, symmetric.
+    ``strains`` (s, 3, 3) are unit strains, symmetric. Without tangential forces the tangent is
+    symmetric: ``backward`` is then ``forward``, and ``back`` is ``ahead``, the same arrays.
     """
     s = len(strains)
     m = len(axes)
@@ -270,7 +287,9 @@ class Tangent:
 
 
 def unit_strains(dimension: int) -> Array:
-    """Return (s, 3, 3) unit strains of a cell with 1, 2 or 3 axes, in Voigt order."""
+    """Return (s, 3, 3) unit strains of a cell with 1, 2 or 3 axes, in Voigt order: symmetric, with
+    1/2 in both entries of a shear.
+    """
     pairs = voigt_pairs(dimension)
     strains = np.zeros((len(pairs), 3, 3))
     for strain, (a, b) in zip(strains, pairs, strict=True):

@@ -171,7 +171,7 @@ def test_work_on_a_contact_is_stored_or_lost(mu):
             mean = 0.5 * (a.shears + b.shears)
             work += float(
                 np.sum(mean * (b.slips - a.slips))
-                + 0.4 * (b.forces * b.closed - a.forces * a.closed)[0]
+                + 0.4 * (b.forces * b.closed_overlaps - a.forces * a.closed_overlaps)[0]
             )
             slid, loosened = law.lost(a, b)
             assert slid >= 0.0
@@ -205,7 +205,9 @@ def test_losses_of_a_step_are_the_integral_along_its_line(h0, h1, bent, slip, mu
     on_the_way, _ = law.advance(line, (h0 + parts * (h1 - h0))[None], (parts * slip)[None, None])
     work = slip * np.trapezoid(on_the_way.shears[0, 0], parts)
     after, _ = law.advance(before, np.array([h1]), np.array([[slip]]))
-    normal = 0.4 * float((after.forces * after.closed - before.forces * before.closed)[0])
+    normal = 0.4 * float(
+        (after.forces * after.closed_overlaps - before.forces * before.closed_overlaps)[0]
+    )
     losses = law.lost(before, after)
     assert min(losses) >= -1e-15
     assert (losses[0] > 0.0) <= (0.0 < mu < math.inf)
