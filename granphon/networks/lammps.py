@@ -303,12 +303,17 @@ def note_pairs(pairs: Frame, springs: Springs) -> list[str]:
 
 def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
     """Return the names of the columns of pairs from ``columns``, a list or a text of words;
-    InputError unless there is one name for each column of the dump.
+    InputError unless there is one name for each column of the dump, and for two columns of one name
+    that is read.
     """
     words: object = columns.split() if isinstance(columns, str) else columns
     names = tuple(words) if isinstance(words, Sequence) else ()
     are_texts = all(isinstance(name, str) for name in names)
     if are_texts and len(names) == len(touching.names):
+        for name in OF_PAIRS:
+            if names.count(name) > 1:
+                fault = f"columns name {name} twice: {brief(columns)}"
+                raise InputError(fault, "One alone can be read", "Give the other another name")
         return names
     shown = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
     mend = f"Give a name for each; those that count are {', '.join(OF_PAIRS)}"

@@ -108,17 +108,18 @@ def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
     compute; None is for a compute without keywords, whose default ones hold.
 
     Without keywords, a frame whose columns have names of their own, not "c_ID[1]" and so on, is
-    returned as it is. InputError for an unknown keyword, and for a frame with another number of
-    columns than the keywords give.
+    returned as it is. InputError for an unknown keyword, for one that is given twice, and for a
+    frame with another number of columns than the keywords give.
     """
     are_numbered = all(re.fullmatch(r"c_.+\[\d+\]", name) for name in frame.names)
     if keywords is None and not are_numbered:
         return frame
     words = keywords.split() if isinstance(keywords, str) else keywords
     keywords_of_dump = _DEFAULT if words is None else texts("keywords", words)
-    unknown = [word for word in keywords_of_dump if word not in _KEYWORDS]
-    if unknown or not keywords_of_dump:
-        mend = f"Give those of the compute: {', '.join(_KEYWORDS)}"
+    are_known = set(keywords_of_dump) <= set(_KEYWORDS)
+    are_distinct = len(set(keywords_of_dump)) == len(keywords_of_dump)
+    if not are_known or not are_distinct or not keywords_of_dump:
+        mend = f"Give those of the compute, each once: {', '.join(_KEYWORDS)}"
         raise InputError(f"keywords are {brief(keywords)}", mend=mend)
     n_known = sum(len(_KEYWORDS[word]) for word in keywords_of_dump)
     has_history = "history" in keywords_of_dump
@@ -185,9 +186,12 @@ def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) ->
 
 def _find_indices(balls: Balls, labels: Index) -> Index:
     """Return the index (m,) of the ball with each of the ``labels`` (m,). For a label that no ball
-    has, the index of any ball is returned, as its contact is refused later.
+    has, the index of any ball is returned, as the contact is refused later. InputError without a
+    ball.
     """
     assert balls.labels is not None
+    if not balls.labels.size:
+        raise InputError(f"{balls.name} has no balls", "Contacts with walls need them")
     order = np.argsort(balls.labels, kind="stable")
     ranks = np.searchsorted(balls.labels[order], labels)
     is_inside = ranks < len(order)

@@ -1297,7 +1297,8 @@ def _require_over_loads(dataset: Dataset, name: str) -> None:
     ]
     if name not in names:
         problem = f"the data set has no numbers {name!r} over loads"
-        raise InputError(problem, mend=suggest(str(name), names))
+        mend = suggest(str(name), names) if names else "Give a data set of gp.sweep"
+        raise InputError(problem, mend=mend)
 
 
 def _find_slopes(x: Array, y: Array) -> Array:

@@ -34,6 +34,7 @@ from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import require_path
 from granphon.base.threads import require_executor
+from granphon.base.validation import require, truth
 from granphon.media import cost as costs
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
@@ -650,6 +651,8 @@ class Plan:
         require_progress(progress)
         if store is not None:
             require_store(store)
+        require("resume", truth, resume)
+        require("overwrite", truth, overwrite)
         _require_path(path, resume)
         self.require_waves()
         placing = nullcontext() if self.has_tasks else self.places.where_it_buckles()

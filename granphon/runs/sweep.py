@@ -174,9 +174,10 @@ def sweep(
         twice, a value that makes no packing, bands over parameters that change the number of
         branches, finite overlap of "auto" or of a simulation in the directions of the lattice,
         lattices of different dimension, waves of media that are no simulations or that an array
-        does not have, a pulse in several directions, an executor without ``submit``, a
-        ``progress`` without ``step``, a ``store`` of another class, a ``path`` that does not end in
-        .nc, and ``resume`` without a path.
+        does not have, a pulse in several directions, ``labels`` without bands, an executor without
+        ``submit``, a ``progress`` without ``step``, a ``store`` of another class, a ``path`` that
+        does not end in .nc, ``resume`` without a path, and ``resume`` or ``overwrite`` that is no
+        truth value.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
         cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
@@ -208,6 +209,10 @@ def sweep(
     settings_with_losses = [] if waves is None else [waves.pulse, *waves.of_networks]
     require_losses(parameters, settings_with_losses)
     require_walls(parameters, settings_with_losses, find_kinds(packing))
+    if bands is None and labels is not None:
+        raise InputError(
+            "labels are given without bands", mend="Give bands, whose corners have them"
+        )
     path_of_bands = None if bands is None else (bands, npoints, labels)
     flags = {"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets}
     names_of_zone = [name for name in OF_ZONE if require(name, truth, flags[name])]

@@ -409,6 +409,7 @@ BAD_DUMPS = {
         "no column i and no column j. .* colname 1 i",
     ),
     "names": (spoil(), {"columns": ["i", "j"]}, "has 6: i, j, force"),
+    "names twice": (spoil(), {"columns": "i j force j x x"}, "columns name j twice"),
     "many names": (
         spoil((1, "ENTRIES i j.*", "ENTRIES" + " name" * 5000)),
         {},

@@ -96,10 +96,16 @@ def test_dumps_of_liggghts(kind, keywords, tmp_path):
     assert any("not read" in note for note in found.notes)
     with pytest.raises(InputError, match="columns, and pos id of"):
         gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="pos id")
-    with pytest.raises(InputError, match="keywords are 'ids'"):
-        gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="ids")
+    for wrong_keywords in ("ids", "pos id pos"):
+        with pytest.raises(InputError, match=f"keywords are '{wrong_keywords}'"):
+            gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords=wrong_keywords)
     with pytest.raises(InputError, match="keywords: found 3"):
         gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords=3)
+    if kind == "floor":
+        no_balls = re.sub(r"(NUMBER OF ATOMS\n)\d+", r"\g<1>0", atoms.read_text())
+        atoms.write_text(re.sub(r"(ITEM: ATOMS.*\n)[^I]*", r"\1", no_balls))
+        with pytest.raises(InputError, match="no balls"):
+            gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, walls=walls, keywords=keywords)
 
 
 # -- MercuryDPM ------------------------------------------------------------------------------------

@@ -75,6 +75,7 @@ def test_what_has_no_exponent(swept):
         (lambda: swept.granphon.exponent(over=3), "no numbers 3"),
         (lambda: swept.isel(load=[0, 1]).granphon.exponent(), "three loads"),
         (lambda: swept.isel(load=slice(None, None, -1)).granphon.exponent(), "Loads must ascend"),
+        (lambda: swept.isel(load=0).granphon.exponent(), r"gp\.sweep"),
         (lambda: swept.isel(load=0).granphon.plot(), "no dimension 'load'"),
         (lambda: swept.mean("load").granphon.plot(), "no dimension 'load'"),
         (lambda: swept.isel(medium=0).granphon.plot(), "no dimension 'medium'"),
