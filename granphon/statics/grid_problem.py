@@ -182,7 +182,9 @@ class GridProblem:
         return loss
 
     def collect(self, force: Values) -> Values:
-        """Return the forces on balls (f, cells) that forces of contacts (kinds, cells) make."""
+        """Return the forces on balls (f, cells) that forces of contacts (kinds, cells) make; the
+        ``force`` of a contact is above zero where balls are pushed apart.
+        """
         on_balls = np.zeros((self.n_fields, self.grid.n_cells), force.dtype)
         grid_loops.add_forces(self.grid.runs, force, on_balls)
         return on_balls

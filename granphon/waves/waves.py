@@ -255,9 +255,8 @@ class Waves:
         - Up to 600 motions all modes are found by a dense matrix. So they are up to 10,000 motions
           if more than a third of all modes are requested, or have to be searched, as where many
           cost no energy.
-        - Up to 1,000,000 motions on a line, 300,000 in the plane and 120,000 in space (12,000
-          without the package rslab) the matrix is factorised, and the signs of the pivots count the
-          modes, so that no mode is missed.
+        - Up to 1,000,000 motions on a line, 300,000 in the plane and 120,000 in space the matrix
+          is factorised, and the signs of the pivots count the modes, so that no mode is missed.
         - Beyond, the lowest modes are found by a block of vectors with a preconditioner of two
           levels; the work grows as the number of motions.
         - Beyond, modes ``nearest`` to a frequency are filtered out of random vectors by Chebyshev
