@@ -270,6 +270,8 @@ class Stepper:
         made are kept.
         """
         for balls, place in self._located:
+            # each step makes new arrays, which nothing changes in place, so that an array is that
+            # of one state and of one overlap
             if balls is here.balls:
                 return place
         place = self.geometry.place(here.balls, here.overlap)

@@ -364,7 +364,8 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
     np.minimum(elongation, rest, out=loss)  # y - h_+, which the factor makes a loss of force
     np.subtract(rest, loss, out=root)
     np.sqrt(root, out=root)
-    factor = root + rest_root  # the quotient of press_further
+    # the factor becomes the quotient of press_further, h_+^(1/2) + y/(h_+^(1/2) + y^(1/2))
+    factor = root + rest_root
     np.divide(rest, factor, out=factor)
     factor += root
     loss *= factor

@@ -700,8 +700,9 @@ class Compatibility:
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return head.x_j - tail.x_i and head.x_j + tail.x_i of ``rows`` for each motion of a
-        ``frame`` (n, n), by default :attr:`_frame`.
+        """Return head.x_j - tail.x_i and head.x_j + tail.x_i of ``rows`` for each motion of a real
+        ``frame`` (n, n), by default :attr:`_frame`. The first column of the frame is the motion of
+        the centre of mass.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
         is the deformation at q = 0. For displacements of the centre of mass it is exactly zero,

@@ -327,35 +327,39 @@ def plot_bands(
     colorbar: bool = True,
 ) -> Axes:
     """Draw bands, each branch followed through its crossings and coloured by its rotational
-    fraction.
+    fraction, or, where no ball rotates, by its longitudinal fraction.
+
+    With ``edges``, and if the bands have no eigenvectors, branches are not followed through their
+    crossings, but drawn in ascending order of frequency. Without ``edges``, the branches of bands
+    without eigenvectors, and of balls with a single motion, have one colour.
 
     Each segment of the path has a LineCollection for each branch: piece i runs through point i of
     the segment, and has the colour of the point. Where branches coincide the lower one is drawn
-    wider, so that all remain visible. Of more than 30 branches the lines are thinner, but those of
-    waves of ``edges``. Without friction no ball rotates, and the colour is the longitudinal
-    fraction. Bands of balls with a single motion have one colour. Bands without eigenvectors have
-    one colour too, and their branches are not followed where they cross.
+    wider, so that all remain visible. If there are more than 30 branches, lines are thinner; with
+    ``edges`` the waves of the edges keep the width of a line.
 
     Parameters
     ----------
-    asymptotes : draw the long waves too, see :func:`plot_asymptotes`.
+    asymptotes : velocities of sound, or the lattice, whose long waves are drawn too, see
+        :func:`plot_asymptotes`.
     gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``, which are
         shaded.
     bulk : (s, p, b, 2) lowest and highest frequency of each branch of the crystal at each point,
         Hz, such as ``[surface.continuum(segment) for segment in bands.qpoints]``: a grey field
         behind the bands of a cut.
     edges : whether colours are those of the energy at the lower edge and at the upper edge of a
-        cut, mixed with grey.
+        cut, mixed with grey, which the legend names.
     errors : (s, p, b) standard errors of the frequencies, Hz, in ascending order of these, as the
         variable ``frequencies_error`` of a data set has them, also with further axes of length 1: a
         grey field about each branch.
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies
         between 1 and 1000.
-    colorbar : whether to draw the colour bar, above the axes.
+    colorbar : whether to draw above the axes the bar of the colours, where branches are coloured by
+        their fraction; there is none with ``edges``, nor where branches have one colour.
 
     Raises :class:`~granphon.base.errors.InputError` for ``gaps``, ``bulk`` or ``errors`` of another
-    shape, gaps that are not finite, ``edges`` of bands of no cut, and what :func:`plot_asymptotes`
-    raises.
+    shape, gaps that are not finite, ``edges`` of bands of no cut, a ``unit`` that is no
+    HertzPrefix, and what :func:`plot_asymptotes` raises.
     """
     unit = _read_unit(unit, bands)
     # the eigenvectors that connect branches do not tell coinciding waves of two edges apart

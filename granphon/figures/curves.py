@@ -709,7 +709,8 @@ def _draw_sweep(
 
 def choose_x(dataset: Dataset, x: str | None) -> str:
     """Return the name of the quantity on the axis of x: ``x`` itself, or else the load, but at a
-    single load the parameter in numbers that has the most values.
+    single load the parameter in numbers that has the most values, if there is one;
+    :class:`~granphon.base.errors.InputError` if ``x`` is no name.
     """
     if x:
         return str(require("x", text, x))

@@ -210,15 +210,17 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
 def name_axis(
     axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = ""
 ) -> None:
-    """Label an axis, after its scale is set, with a unit that makes the numbers at the ticks short:
-    µm, GPa.
+    """Label an axis, after its scale is set.
 
-    ``most`` is the largest number, in the SI ``unit``; with ``short`` the unit has a prefix
-    wherever the prefix makes numbers shorter. ``more`` follows the unit. The data of the axis stay
-    in SI: only the texts at the ticks are divided.
+    ``most`` is the largest number of the axis, in the SI ``unit``. Lengths, forces, stiffnesses,
+    pressures and frequencies (m, N, N/m, Pa, Hz) have a decimal prefix where ``most`` is below
+    0.01, or 1e5 or more (of Hz: 1e4 or more); with ``short``, as in a narrow bar, they always have
+    the prefix that suits ``most``. Other units stay as they are. ``more`` follows the unit in the
+    label. The data of the axis stay in SI: only the texts at the ticks are divided. With ``short``
+    these texts are plain numbers or powers of ten, also without a prefix.
     """
     takes_prefix = unit in ("m", "N", "N/m", "Pa", "Hz")
-    # in the unit itself; frequencies are in kHz from 10 kHz on, as those of bands
+    # numbers that are read well in the unit itself
     is_handy = 1e-2 <= most < (1e4 if unit == "Hz" else 1e5)
     size_of_unit = 1.0
     name_of_unit = unit
@@ -228,7 +230,7 @@ def name_axis(
     ending = "" if name_of_unit in ("", "1") else f" ({unit_in_print})"
     axis.set_label_text(f"{label}{ending}{more}")
     if size_of_unit == 1.0 and not short:
-        return
+        return  # nothing is divided, and the ticks keep the texts of their scale
 
     def write_power(value: float, _: float) -> str:
         """Return the text of a tick at a power of ten, in the chosen unit."""

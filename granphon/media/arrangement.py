@@ -601,7 +601,9 @@ class LoadedCrystal(NetworkState):
 
     @property
     def valid(self) -> Any:
-        """Whether each state is within the range of its contact laws."""
+        """Whether each state is within the range of its contact laws, see
+        :attr:`CrystalState.valid`.
+        """
         return self.source.valid
 
     def _average(self, quantity: Array) -> Any:

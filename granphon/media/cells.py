@@ -36,7 +36,10 @@ class CrystalCell(Lattice):
     pressed_axes: int = field(default=1, compare=False)
 
     def __post_init__(self) -> None:
-        """Take the cell without a check: the crystal was checked when it was made."""
+        """Skip the checks of :class:`~granphon.balls.lattices.Lattice`, which are those of equal
+        balls that touch at one spacing; the crystal or the network was checked when it was made.
+        Cell and sites are tuples already.
+        """
 
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:

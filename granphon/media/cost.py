@@ -357,9 +357,9 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     """Return the estimated memory and time of the states at a load, with their moduli, on one
     processor of this machine.
 
-    With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and
-    their moduli, from which the local exponent is found. The time follows from that of a small
-    array, see :func:`_measure_ball`.
+    With ``exponents``, where contact forces differ, the estimate includes the two neighbouring
+    equilibria of each state, and their moduli, from which the local exponent is found. The time
+    follows from that of a small array, see :func:`_measure_ball`.
     """
     packing = simulation.packing
     balls = simulation.balls

@@ -370,11 +370,13 @@ class _Limits(NamedTuple):
     def of(cls, packing: Packing, forces: Sequence[float], torsion: float) -> _Limits:
         """Return the ends for a packing.
 
-        ``forces`` are the contact forces, N, at loads of the scene; ``torsion``, over k d^2, is
-        that of a contact at the first of these loads.
+        ``forces`` are the contact forces, N, of :func:`_find_forces`: first that at the first load
+        of the scene, and among them the least and the greatest; ``torsion``, over k d^2, is that of
+        a contact at the first load.
         """
         law = packing.law
-        # the slider of the force ends at the largest overlap, but not below the scene's own forces
+        # the slider of the force ends at a multiple of the greatest force, at the latest where the
+        # overlap is largest, unless the scene's own forces are beyond
         largest_force = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
         # the slider of the width ends where f* of the first load falls to _LEAST_REDUCED, but not
         # below a multiple of the packing's width, nor above a part of the diameter

@@ -727,25 +727,24 @@ class MediumTask(Task):
                 raise
         return records
 
-    def _locate(self, reduced_error: GranphonError) -> GranphonError:
-        """Return an error whose message begins with the task and the load, and has forces in
-        newton, from the error of the task, ``reduced_error``, which may have reduced forces.
+    def _locate(self, error: GranphonError) -> GranphonError:
+        """Return the ``error`` of the task with the task and its load before the message, and
+        forces in newton.
 
-        If the load of the error is not known, the loads are solved again one by one, and the error
-        of the first that fails alone is taken instead. The ``load_index`` of the returned error is
-        the index of the load in the sweep. If no load fails alone, or if the error is about an
-        option, its message begins with the task alone.
+        If the load is not known, the loads are solved again one by one, and the error of the first
+        that fails alone is taken. The ``load_index`` of the returned error is that in the sweep. It
+        is None, and the message begins with the task alone, if no load fails alone or if the error
+        is about an option.
         """
-        error = write_newtons(reduced_error, self.serving.packing)
-        lattice = self.serving.packing.structure
-        if error.option is not None:  # the error is not about a load
-            return _name_load(self.where, self.load, None, error, lattice)
         # an error of a simulation knows its load, so that nothing is simulated again
         index = error.load_index
-        first_error = error
-        if index is None:
-            index, first_error = self._find_failing_load(error)
-        located = _name_load(self.where, self.load, index, first_error, lattice)
+        if error.option is not None:
+            index = None
+        elif index is None:
+            index, error = self._find_failing_load(error)
+        packing = self.serving.packing
+        error_in_newtons = write_newtons(error, packing)
+        located = _name_load(self.where, self.load, index, error_in_newtons, packing.structure)
         located.load_index = None if index is None else int(self.serving.loads[index])
         return located
 
@@ -1073,12 +1072,19 @@ class SampleTask(MediumTask):
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         """Return the numbers that are averaged, (n_loads, ...) by name, of one sample at n_loads
         loads, the ``samples``; if states are kept, also its balls at rest, (1, ...).
+
+        A GranphonError has the ``load_index`` of its sample among the ``samples``.
         """
         request = self.request
-        records = [
-            SampleRecord.of(sample, request.waves, request.exponents, request.kept)
-            for sample in samples
-        ]
+        records = list[SampleRecord]()
+        for index, sample in enumerate(samples):
+            try:
+                records.append(
+                    SampleRecord.of(sample, request.waves, request.exponents, request.kept)
+                )
+            except GranphonError as error:
+                error.load_index = index
+                raise
         result = SampleRecord.to_result(records)
         if not request.kept:
             return result

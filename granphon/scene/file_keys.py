@@ -287,7 +287,7 @@ def read_lattice(value: Any) -> str | Lattice:
 
 def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
     """Return the name of a built-in or registered lattice, or for another lattice the block {name,
-    cell, sites} that describes it.
+    cell, sites} that describes it; InputError for an unknown name.
     """
     structure = find_lattice(lattice)
     if LATTICES.peek(structure.name) == structure:
@@ -389,7 +389,9 @@ def _unless_zero(kind: Kind) -> Kind:
 
 
 def _write_motions(motions: str, context: Context) -> str | None:
-    """Return the motions of a packing; None for those that its lattice has by default."""
+    """Return the name of the motions of a packing; None, which leaves the key out, for those that
+    its lattice has by default.
+    """
     default = default_motions(context.lattice.dimension).name
     return None if motions == default else motions
 

@@ -161,7 +161,8 @@ class Descent(ABC, Generic[P]):
 
     def _leave_saddle(self, place: P) -> P | None:
         """Return a place below ``place``, which is at rest, if that is a saddle of the energy; None
-        at a minimum.
+        at a minimum, and here, for contacts that keep their directions, whose energy has no
+        saddles.
         """
         return None
 

@@ -184,8 +184,8 @@ class GridIteration(ABC):
         )
 
     def precondition(self, forces: Array) -> Array:
-        """Return about the motions (n, m, k) under ``forces`` (n, m, k), with the digits of single
-        precision.
+        """Return approximate motions (n, m, k) under ``forces`` (n, m, k), with the digits of
+        single precision.
         """
         return self.list_motions(self.find_motions(self.lay_forces(forces)).astype(float))
 

@@ -169,7 +169,7 @@ class GridProblem:
 
     def collect(self, force: Values) -> Values:
         """Return the forces on balls (f, cells) that a ``force`` (kinds, cells) of contacts makes,
-        in the precision of that force.
+        above zero where balls are pushed apart, in the precision of that force.
         """
         on_balls = np.zeros((self.n_fields, self.grid.n_cells), force.dtype)
         grid_loops.add_forces(self.grid.runs, force, on_balls)

@@ -377,6 +377,9 @@ class ListResponse(LinearResponse):
     def _solve_by_gmres(self, right: Array) -> Array:
         """Return the motions (n m, k) of balls that springs hold to the ground under forces
         ``right`` (n m, k), where A is not symmetric; ConvergenceError if they are not found.
+
+        The preconditioner follows from the symmetric part of A: its factors with these springs, or,
+        where the balls are too many for factors, the preconditioner of conjugate gradients.
         """
         from scipy.sparse.linalg import LinearOperator, gmres
 
@@ -388,7 +391,7 @@ class ListResponse(LinearResponse):
             shape = (self._contacts.n_balls, -1, 1)
 
             def invert(vector: Array) -> Array:
-                """Return about the motions (n m,) under forces (n m,)."""
+                """Return approximate motions (n m,) under forces (n m,)."""
                 return np.ravel(self._iteration.precondition(vector.reshape(shape)))
 
         matrix = self._make_held_matrix(self._tangent.data, spring)

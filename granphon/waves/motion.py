@@ -183,7 +183,7 @@ class Motion(Result):
 
     @property
     def energy(self) -> Array:
-        """(n_f,) kinetic and stored energy, J."""
+        """Kinetic energy, and the energy stored since rest, together; (n_f,), J."""
         return self.translation + self.rotation + self.stored
 
     @property

@@ -440,21 +440,29 @@ class LinearLossSettings(LossSettings, kw_only=True):
 
 def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> None:
     """Raise :class:`InputError` if one of the swept parameters, of these ``names``, is a loss that
-    none of the ``settings`` of observed results has, or that one of them already gives.
+    none of the ``settings`` of observed results has, or that one of them already gives. Among the
+    settings None stands for a result that is not observed, or has no block.
     """
     for name in names:
         loss = LOSS_PARAMETERS.get(name)
         if loss is None:
             continue
-        blocks_with_loss = [of_result for of_result in settings if hasattr(of_result, loss)]
+        blocks_with_loss = [
+            of_result
+            for of_result in settings
+            if isinstance(of_result, LossSettings) and hasattr(of_result, loss)
+        ]
         if not blocks_with_loss:
+            why = "Losses are those of a response, motion, pulse, or of bands with a block bands"
+            if loss not in [of_all_blocks.name for of_all_blocks in fields(LossSettings)]:
+                why = f"A {loss} is that of a response, or of bands with a block bands"
             raise InputError(
                 f"nothing that is observed depends on {name}",
-                "Losses are those of a response, a motion, a pulse, or of bands with a block bands",
+                why,
                 "Observe one of these, or leave the parameter out",
             )
         for of_result in blocks_with_loss:
-            if isinstance(of_result, LossSettings) and name in of_result.list_given():
+            if name in of_result.list_given():
                 raise InputError(
                     f"{name} is swept, and given in the block {of_result.block}",
                     "Each state has one value",

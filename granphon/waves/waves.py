@@ -252,22 +252,27 @@ class Waves:
 
         The method depends on the number of motions that contacts resist:
 
-        - Up to 600 motions, or if more than a third of all modes are requested, all modes are found
-          by a dense matrix.
-        - Up to 300,000 motions in the plane and 120,000 in space the matrix is factorised, and the
-          signs of the pivots count the modes, so that no mode is missed.
+        - Up to 600 motions all modes are found by a dense matrix. So they are up to 10,000 motions
+          if more than a third of all modes are requested, or have to be searched, as where many
+          cost no energy.
+        - Up to 1,000,000 motions on a line, 300,000 in the plane and 120,000 in space the matrix
+          is factorised, and the signs of the pivots count the modes, so that no mode is missed.
         - Beyond, the lowest modes are found by a block of vectors with a preconditioner of two
           levels; the work grows as the number of motions.
-        - Beyond, modes ``nearest`` to a frequency, and the lowest modes if more than 48 modes cost
-          no energy, are filtered out of random vectors by Chebyshev polynomials; the work grows as
-          the square of the number of motions, and is the same for one mode as for tens of them.
+        - Beyond, modes ``nearest`` to a frequency are filtered out of random vectors by Chebyshev
+          polynomials. So are the lowest modes if more than 48 modes cost no energy, besides those
+          of single balls, or if the block would have more than a third as many vectors as there are
+          motions. The work grows as the square of the number of motions, and is the same for one
+          mode as for tens of them.
 
-        With the last two methods fresh random vectors, less what they have of the modes that were
-        found, show whether a mode is missing.
+        With the last two methods, which count no pivots, fresh random vectors show whether a mode
+        is missing: these vectors are iterated or filtered as the others were, and what they have of
+        the modes that were found is taken out.
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, for more
-        modes than there are, and, before any filter is applied, for modes that take more than 4 GiB
-        or two million products of D with a vector; :class:`~granphon.base.errors.InstabilityError`
+        modes than there are, for modes of more than 10,000 motions of which more than a third would
+        have to be found, and, before any filter is applied, for modes that take more than 4 GiB or
+        two million products of D with a vector; :class:`~granphon.base.errors.InstabilityError`
         if a squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if the
         modes turn out to take more, as when hundreds of modes have one frequency, or a gap around
         ``nearest`` is wide.

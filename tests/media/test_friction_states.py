@@ -30,7 +30,7 @@ from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
 from granphon.runs.dataset import list_finite_overlap
 from granphon.runs.finished_tasks import Store
-from granphon.runs.tasks import SampleRecord
+from granphon.runs.tasks import MediumTask, SampleRecord
 from granphon.scene.redraw import read_run, redraw
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -1045,6 +1045,37 @@ def test_a_sweep_of_media_of_which_one_does_not_reach_its_first_load_has_none(
     with pytest.raises(ConvergenceError, match=r"ordered=true.*apart") as caught:
         gp.sweep(PACKING, media=media, overlap=overlaps, path=tmp_path / "x.nc")
     assert caught.value.reached is None
+
+
+def test_a_sample_of_a_path_that_is_not_recorded_is_located_without_pressing_again(monkeypatch):
+    overlaps = np.array([0.2, 0.1]) * W
+    record = SampleRecord.of
+    recorded = []
+
+    def fail_at_last(sample, *arguments):
+        """Record a sample, but for that of the last overlap."""
+        recorded.append(sample.overlap)
+        if sample.overlap < 0.15 * W:
+            raise MechanismError("nothing resists it at f* = 0.5")
+        return record(sample, *arguments)
+
+    monkeypatch.setattr(SampleRecord, "of", fail_at_last)
+    with pytest.raises(MechanismError, match=r"overlap = 2\.04e-07 m") as caught:
+        gp.sweep(PACKING, media=[loaded_in_steps(True)], overlap=overlaps)
+    assert caught.value.load_index == 1
+    assert len(recorded) == 2
+    assert "f* =" not in str(caught.value)
+
+
+def test_the_error_of_a_load_that_is_solved_alone_is_in_newtons(monkeypatch):
+    def fail(task, state):
+        raise MechanismError(f"nothing resists it at f* = {state.reduced_force.max():g}")
+
+    monkeypatch.setattr(MediumTask, "observe", fail)
+    with pytest.raises(MechanismError, match=" N") as caught:
+        gp.sweep(PACKING, media=["ema"], force=[2.0, 3.0])
+    assert caught.value.load_index == 0
+    assert "f* =" not in str(caught.value)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.terminal import describe_result
+from granphon.waves.settings import BandsSettings, PulseSettings, require_losses
 from tests.scene.mistakes import BALLS
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
@@ -276,6 +277,18 @@ def test_wrong_parameters_are_refused(parameters, word):
     motion = None if parameters == {"drag": [1.0]} else DRIVEN
     with pytest.raises(InputError, match=word):
         gp.sweep(ONE_BALL, force=20.0, motion=motion, **parameters)
+
+
+def test_a_pulse_has_no_loss_factor_and_is_not_said_to_have_one():
+    pulse = PulseSettings(frequency=1e4)
+    require_losses(["drag", "damping"], [None, pulse])
+    require_losses(["tangential_loss_factor"], [pulse, BandsSettings()])
+    with pytest.raises(InputError) as caught:
+        require_losses(["loss_factor"], [None, pulse])
+    assert "response" in str(caught.value)
+    assert "pulse" not in str(caught.value)
+    with pytest.raises(InputError, match="pulse"):
+        require_losses(["drag"], [None])
 
 
 def test_a_packing_with_springs_says_to_use_a_crystal():
