@@ -1020,7 +1020,7 @@ class SampleTask(MediumTask):
                 n_done = self.count_steps(earlier)
             index = order[n_done]
             sample = simulation.sample(loads[index], start)
-            result = self._record([sample])
+            result = self._record([sample], [index])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
@@ -1061,23 +1061,28 @@ class SampleTask(MediumTask):
                 _WHY: np.array([str(error)]),
                 _END: np.array([end]),
             }
-            return _expand_loads(self._record(error.reached.samples), reached, n_loads) | marks
+            try:
+                result = self._record(error.reached.samples, reached)
+            except GranphonError as error_of_sample:
+                raise self._locate(error_of_sample) from error_of_sample
+            return _expand_loads(result, reached, n_loads) | marks
 
     def observe(self, state: ContactState) -> TaskResult:
         """Return the numbers of the sample that are averaged, (n_loads, ...) by name, and its balls
         if states are kept; ``state`` has the sample at each of n_loads loads.
         """
-        return self._record(state.samples)
+        return self._record(state.samples, range(len(state.samples)))
 
-    def _record(self, samples: Sequence[Any]) -> TaskResult:
+    def _record(self, samples: Sequence[Any], indices: Sequence[int]) -> TaskResult:
         """Return the numbers that are averaged, (n_loads, ...) by name, of one sample at n_loads
         loads, the ``samples``; if states are kept, also its balls at rest, (1, ...).
 
-        A GranphonError has the ``load_index`` of its sample among the ``samples``.
+        The ``indices`` are those of the loads of the samples; a GranphonError has that of its
+        sample as its ``load_index``.
         """
         request = self.request
         records = list[SampleRecord]()
-        for index, sample in enumerate(samples):
+        for index, sample in zip(indices, samples, strict=True):
             try:
                 records.append(
                     SampleRecord.of(sample, request.waves, request.exponents, request.kept)

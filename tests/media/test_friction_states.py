@@ -1047,21 +1047,24 @@ def test_a_sweep_of_media_of_which_one_does_not_reach_its_first_load_has_none(
     assert caught.value.reached is None
 
 
-def test_a_sample_of_a_path_that_is_not_recorded_is_located_without_pressing_again(monkeypatch):
-    overlaps = np.array([0.2, 0.1]) * W
+@pytest.mark.parametrize("overlaps", [[0.2, 0.1], [0.2, 0.1, 0.005]])
+def test_a_sample_of_a_path_that_is_not_recorded_is_located_without_pressing_again(
+    monkeypatch, overlaps
+):
+    end_at(monkeypatch, 0.01)
     record = SampleRecord.of
     recorded = []
 
-    def fail_at_last(sample, *arguments):
-        """Record a sample, but for that of the last overlap."""
+    def fail_at_second(sample, *arguments):
+        """Record a sample, but for that of the second overlap."""
         recorded.append(sample.overlap)
         if sample.overlap < 0.15 * W:
             raise MechanismError("nothing resists it at f* = 0.5")
         return record(sample, *arguments)
 
-    monkeypatch.setattr(SampleRecord, "of", fail_at_last)
+    monkeypatch.setattr(SampleRecord, "of", fail_at_second)
     with pytest.raises(MechanismError, match=r"overlap = 2\.04e-07 m") as caught:
-        gp.sweep(PACKING, media=[loaded_in_steps(True)], overlap=overlaps)
+        gp.sweep(PACKING, media=[loaded_in_steps(True)], overlap=np.array(overlaps) * W)
     assert caught.value.load_index == 1
     assert len(recorded) == 2
     assert "f* =" not in str(caught.value)
