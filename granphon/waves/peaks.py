@@ -281,8 +281,8 @@ def _fit_common_pole(x: Array, values: Complex, is_fitted: NDArray[np.bool_]) ->
     (n, n_r) is true have in common, by least squares, from three ``values`` (3, n, n_r) at ``x``
     (3, n), Hz^2; not finite where values are equal.
     """
-    first_rise = np.where(is_fitted, values[1] - values[0], 0.0)
-    second_rise = np.where(is_fitted, values[2] - values[1], 0.0)
+    first_rise: Complex = np.where(is_fitted, values[1] - values[0], 0.0)
+    second_rise: Complex = np.where(is_fitted, values[2] - values[1], 0.0)
     overlap = np.sum(first_rise * second_rise.conj(), axis=-1)
     square = np.sum(np.abs(second_rise) ** 2, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
