@@ -37,14 +37,14 @@ class Progress(Protocol):
 
 
 class Silent:
-    """A progress that ignores all reports."""
+    """A progress that ignores all reports; it is its own step."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
         """Begin a step."""
         return nullcontext(self)
 
     def advance(self, amount: float = 1.0) -> None:
-        """Report that ``amount`` more of this step has been completed."""
+        """Ignore a report that ``amount`` more of this step is complete."""
 
 
 #: the default progress, which ignores all reports

@@ -20,7 +20,13 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, MissingFileError, OutputError, StoppedEarlyWarning
+from granphon.base.errors import (
+    InputError,
+    MissingFileError,
+    OutputError,
+    StoppedEarlyWarning,
+    warn_caller,
+)
 
 Array = NDArray[Any]
 
@@ -179,6 +185,7 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
 
     try:
         data = Path(path).read_bytes()
+        # with one record in the header, the size of a variable that grows is that of its entry
         with netcdf_file(BytesIO(_set_count(data, 1)), "r") as file:
             fixed_bytes = 0
             record_bytes = 0
@@ -187,6 +194,7 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
                     record_bytes += _FLOAT_BYTES * variable.data.size
                 else:
                     fixed_bytes += _FLOAT_BYTES * variable.data.size
+            # scipy goes back to the end of the header after it has read the data of a variable
             header_bytes = file.fp.tell()
             count = (len(data) - header_bytes - fixed_bytes) // record_bytes
         (stated_count,) = struct.unpack_from(_COUNT_FORMAT, data, _COUNT_OFFSET)
@@ -195,11 +203,8 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
     was_cut = 0 < count < stated_count
     if not was_cut:
         return None
-    warnings.warn(
-        f"{name} was cut: {count} of its {stated_count} records are whole",
-        StoppedEarlyWarning,
-        stacklevel=4,
-    )
+    problem = f"{name} was cut: {count} of its {stated_count} records are whole"
+    warn_caller(problem, StoppedEarlyWarning)
     return BytesIO(_set_count(data, count))
 
 

@@ -184,9 +184,10 @@ class WidestGap:
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the smooth width of the gap, Hz, below zero where branches overlap, and its
-        derivatives: (n_c,) for contacts, (n,) for balls.
+        derivatives by name: (n_c,) for contacts, (n,) for balls, and (n, motions) for springs to
+        the ground. Frequencies that hardly count in an edge are left out of the derivatives.
 
-        Unless ``branches`` and ``smoothing`` are given, they are chosen at this network.
+        Of ``branches`` and ``smoothing``, one that is not given is chosen at this network.
         """
         if self.branches is None or self.smoothing is None:
             return self.choose(network, 1)[0].evaluate(network)
@@ -412,7 +413,8 @@ class MatchFrequencies:
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
-        derivatives: (n_c,) for contacts, (n,) for balls.
+        derivatives by name: (n_c,) for contacts, (n,) for balls, and (n, motions) for springs to
+        the ground.
         """
         residuals, slopes = self.find_residuals(network)
         # the derivative of r^2 is 2 r dr
@@ -467,7 +469,8 @@ class LowestVelocity:
         return costs.relaxation_memory(n_balls, network.ball_motions.count, network.dimension)
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the velocity, m/s, and its derivatives: (n_c,) for contacts, (n,) for balls.
+        """Return the velocity, m/s, and its derivatives by name: (n_c,) for contacts, (n,) for
+        balls, and (n, motions) for springs to the ground.
 
         Raises InputError for several directions or loads, and for a ``wave`` that is not there.
         """
@@ -531,8 +534,9 @@ class ResponseAt:
         return cost.working + cost.kept
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the magnitude, in ``unit``, and its derivatives: (n_c,) for contacts, (n,) for
-        balls. There are no derivatives where the response is zero.
+        """Return the magnitude, in ``unit``, and its derivatives by name: (n_c,) for contacts, (n,)
+        for balls, and (n, motions) for springs to the ground. There are no derivatives where the
+        response is zero.
         """
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)

@@ -986,8 +986,10 @@ class _CurveSolver:
         return True
 
     def _take_steps(self) -> tuple[list[Step], Block]:
-        """Return the next steps, in descending order, and their block. They are as many as
-        :attr:`count`, which becomes less if the work on so many would be too much.
+        """Return the next steps, in descending order, and their block: the last :attr:`count` of
+        the pending steps, or all if these are fewer, but never the step that begins at the first
+        contact, which is halved first. :attr:`count` becomes less if the work on so many would be
+        too much.
         """
         next_steps = reversed(self.pending[-self.count :])
         steps = [step for step in next_steps if not self._begins_at_first_contact(step)]
@@ -995,7 +997,7 @@ class _CurveSolver:
             block = Block.of(steps, self.points)
             # steps of a density are long and few: one is solved at a time, because a step that must
             # be halved makes the work on the steps below it useless
-            most_steps = self.averages.limit_steps(block) if self.averages else 1
+            most_steps = self.averages.limit_steps(block) if self.averages is not None else 1
             if most_steps >= len(steps):
                 return steps, block
             self.count = most_steps

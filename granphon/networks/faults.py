@@ -96,7 +96,8 @@ class Faults:
 
         ``words`` say what these rows have, ``why`` and ``mend`` are those of the message. The
         message shows the ``values`` (m,) or (m, d), in the ``unit``, of the worst rows, three at
-        most: those whose values, or largest components, are greatest in magnitude, nan first.
+        most: those whose values, or largest components, are greatest in magnitude; nan counts as
+        infinite.
         Without values it names the first rows.
         """
         places = np.flatnonzero(has_fault & ~self.is_bad[self.rows])
@@ -139,8 +140,9 @@ def settle(lists: Sequence[Faults], drops: bool) -> None:
 
 
 def _find_worst(places: Index, values: Array | None) -> Index:
-    """Return those three of the ``places`` (m,), indices into ``values``, at which the values are
-    largest in magnitude, nan first; the first three if there are no values.
+    """Return those of the ``places`` (m,), three at most, at which ``values``, an array with a
+    number or a row of components at each place, is largest in magnitude, by its largest component;
+    nan counts as infinite. Without values these are the first three.
     """
     if values is None:
         return places[:_MOST_NAMED]

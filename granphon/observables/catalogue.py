@@ -283,15 +283,19 @@ def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
 def _make_modulus_entry(name: str, title: str, **fields: Any) -> Observable:
     """Make the entry of the attribute ``name`` of the moduli, a modulus or its standard error, with
     a ``title`` and ``fields`` of :class:`Observable`; its value is None if the lattice has
-    no such modulus.
+    no such modulus, and that of an error if there are fewer than two samples.
     """
     modulus_name = name.removesuffix("_error")
 
     def find(analysis: Analysis) -> Any:
-        """Return the attribute of the moduli, or None; InputError if the lattice lacks it."""
-        # the modulus is asked for before its error, as it raises InputError if there is none
-        modulus = getattr(analysis.moduli, modulus_name, None)
-        return None if modulus is None else getattr(analysis.moduli, name)
+        """Return the attribute of the moduli, None if there are no moduli or no error; InputError
+        if the lattice has no such modulus.
+        """
+        moduli = analysis.moduli
+        if moduli is None:
+            return None
+        getattr(moduli, modulus_name)  # raises InputError also where an error is asked for
+        return getattr(moduli, name)
 
     return Observable(
         name,

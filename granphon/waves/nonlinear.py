@@ -945,23 +945,25 @@ class _RateBound:
         of :meth:`find` is at most the ``frequency``, rad/s, and that of :meth:`find_viscous` at
         most the rate ``viscous``, 1/s; zero if no stiffness is allowed.
 
-        The first bound is linear in the stiffness, and the second in it and in its root: what each
-        motion allows follows from the bounds of contacts of stiffness one.
+        The square of the first bound is linear in the stiffness, and the second bound in the
+        stiffness and its root. So the stiffness that each motion allows follows from the bounds of
+        contacts of stiffness one.
         """
         ones = np.ones(self._count)
         bound = self._bound(ones, ones)
         *_, normal, side, root = losses.dashpots
         constant = self._bound(normal, side * self._per_slip) + np.max(losses.drag)
         of_root = self._bound(root, root * self._per_slip)
-        steep = np.max(losses.damping) * np.max(bound)
+        of_stiffness = np.max(losses.damping) * np.max(bound)
         room = frequency**2 - self._anchors
         room_viscous = viscous - constant
         if np.min(room) < 0.0 or np.min(room_viscous) < 0.0:
             return 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
-            # the root x of the stiffness at which steep x^2 + of_root x is all of the room
-            slope = of_root + np.sqrt(of_root**2 + 4.0 * steep * room_viscous)
-            largest_root = np.where(slope > 0.0, 2.0 * room_viscous / slope, math.inf)
+            # the root x of the stiffness solves of_stiffness x^2 + of_root x = room_viscous; so
+            # written no digits are lost
+            denominator = of_root + np.sqrt(of_root**2 + 4.0 * of_stiffness * room_viscous)
+            largest_root = np.where(denominator > 0.0, 2.0 * room_viscous / denominator, math.inf)
             largest = np.where(bound > 0.0, room / bound, math.inf)
         return float(min(np.min(largest), np.min(largest_root) ** 2))
 

@@ -774,10 +774,12 @@ class ResponseWork:
 
     @property
     def is_strong(self) -> bool:
-        """Whether dashpots or drags differ, and are too strong for the symmetric process."""
+        """Whether the equations are of first order, and their losses too strong for the symmetric
+        process.
+        """
         strongest_dashpot = float(np.max(self.row_losses[1])) * self.operator.top
         strongest = strongest_dashpot + float(np.max(self.drags))
-        return self.has_order_one and strongest > _STRONGEST_SYMMETRIC
+        return self.is_first_order and strongest > _STRONGEST_SYMMETRIC
 
     @cached_property
     def why_no_space(self) -> str:
@@ -793,9 +795,9 @@ class ResponseWork:
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
 
     @property
-    def has_order_one(self) -> bool:
-        """Whether dashpots or drags differ, so that the space is one of velocities and
-        deformations.
+    def is_first_order(self) -> bool:
+        """Whether there are dashpots or drag, and losses are not even (:attr:`even_losses`): the
+        equations are then of first order, and the space is one of velocities and deformations.
         """
         return self.even_losses is None and bool(np.any(self.losses.times) or np.any(self.drags))
 
@@ -804,7 +806,7 @@ class ResponseWork:
         """Expected time of a step of the Krylov space, s: that of a step of Lanczos, times a factor
         if losses differ between contacts or motions.
         """
-        if self.has_order_one:
+        if self.is_first_order:
             time_over_lanczos = _FIRST_ORDER_TIME
         elif self.even_losses is None:
             time_over_lanczos = _LOSSY_TIME
@@ -851,7 +853,7 @@ class ResponseWork:
         counts[is_bounded] = np.log(reductions) / pace[is_bounded]
         if self.is_strong:
             return counts * _INCOMPLETE_STEPS
-        return counts * _SYMMETRIC_STEPS if self.has_order_one else counts
+        return counts * _SYMMETRIC_STEPS if self.is_first_order else counts
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
         """Return whether the matrix is factorised at each frequency, (n_f,), and the expected time
@@ -1210,7 +1212,7 @@ class _Problem:
         """Return the Krylov space in which all frequencies of the ``work`` are solved; the head of
         this module says which one.
         """
-        if work.has_order_one:
+        if work.is_first_order:
             return self._make_first_order(work)
         if work.even_losses is not None:
             return self._make_even(work.omega, *work.even_losses)
