@@ -310,7 +310,7 @@ class Equilibrium(Result):
         shear: ArrayLike,
         torsion: ArrayLike = 0.0,
         bending: float = 0.0,
-        options: ResponseOptions | None = None,
+        reduction: float | None = None,
     ) -> Array:
         """Return the (n, n) elastic tensor of the array, in Voigt order, with springs at every
         contact that carries load.
@@ -323,9 +323,9 @@ class Equilibrium(Result):
         d^2) times the normal stiffness of their contact; shear and torsion are numbers, or (n_c,
         L1, ..., Lp). Without shear no ball turns, and torsion and bending are not used. Energies
         are per d^p, and the unit is c W^(1/2), that of stiffnesses. An error of the linear response
-        enters squared; ``options`` are the numbers of the response of an array that is spelled out
-        as a list, up to ``ResponseOptions.most_balls`` balls in the directions of the lattice, and
-        are not used beyond.
+        enters squared; ``reduction`` is this error in the norm of the energy, by default that of
+        the statics. Arrays in the directions of the lattice that are too large for factors always
+        have the default.
 
         Contacts that bear no more than :data:`CARRIED_FORCE` times the residual count as open.
         Which contacts do matters more than their forces: a stiffness is proportional to f^(1/3),
@@ -336,6 +336,7 @@ class Equilibrium(Result):
         most = ResponseOptions().most_balls[self.lattice.periods]
         if not self.ratio and self.deviations.size > most:
             return self._find_tensor_on_grid(shear, torsion, bending)
+        options = ResponseOptions() if reduction is None else ResponseOptions(reduction=reduction)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending), options)
 
     def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:

@@ -40,7 +40,6 @@ from granphon.base.results import held, read_only, result_class
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw
 from granphon.networks.network import ContactNetwork
-from granphon.statics.options import ResponseOptions
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -204,7 +203,7 @@ class PressedEquilibrium(Equilibrium):
         shear: ArrayLike,
         torsion: ArrayLike = 0.0,
         bending: float = 0.0,
-        options: ResponseOptions | None = None,
+        reduction: float | None = None,
     ) -> Array:
         """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of
         :meth:`shear_ratios`.
@@ -214,7 +213,7 @@ class PressedEquilibrium(Equilibrium):
         tensor is that of :func:`~granphon.statics.response.find_elastic_tensor`, of contacts with
         the static forces that act.
         """
-        return super().find_elasticity(shear, torsion, bending, options)
+        return super().find_elasticity(shear, torsion, bending, reduction)
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
@@ -433,7 +432,7 @@ class PressedSample(Sample):
         return read_only(tensors)
 
     def _find_elasticity(
-        self, equilibrium: Equilibrium, torsion: Any, options: ResponseOptions | None
+        self, equilibrium: Equilibrium, torsion: Any, reduction: float | None
     ) -> Array:
         """Return the elastic tensor of an ``equilibrium`` in its own units, with the tangential
         stiffness of :attr:`shear_response`; other arguments are those of
@@ -441,7 +440,7 @@ class PressedSample(Sample):
         """
         assert isinstance(equilibrium, PressedEquilibrium)
         ratios = equilibrium.shear_ratios(self.shear_response)
-        return equilibrium.find_elasticity(ratios, torsion, self.packing.bending, options)
+        return equilibrium.find_elasticity(ratios, torsion, self.packing.bending, reduction)
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.

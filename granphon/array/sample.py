@@ -25,7 +25,6 @@ from granphon.base.scales import Units, WidthUnits
 from granphon.base.validation import not_negative, real_number, whole_number
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
-from granphon.statics.options import ResponseOptions
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -43,7 +42,7 @@ STEP = 0.05
 #: where the places of loose balls and so the rests differ, by up to 6e-4 in every third sample
 _TOLERANCE = 1e-8
 #: the linear response under the loads beside is as exact as the rest, as its error enters squared
-_RESPONSE_BESIDE = ResponseOptions(reduction=math.sqrt(_TOLERANCE))
+_REDUCTION = math.sqrt(_TOLERANCE)
 
 
 @result_class
@@ -220,7 +219,7 @@ class Sample(Result):
         loads = [ReducedLoad(force=equilibrium.force * math.exp(step)) for step in (-STEP, STEP)]
         neighbours = [equilibrate_as(equilibrium, load, _TOLERANCE) for load in loads]
         return read_only(
-            [self._compute_elastic_tensor(neighbour, _RESPONSE_BESIDE) for neighbour in neighbours]
+            [self._compute_elastic_tensor(neighbour, _REDUCTION) for neighbour in neighbours]
         )
 
     @cached_property
@@ -357,10 +356,10 @@ class Sample(Result):
         return deformation
 
     def _compute_elastic_tensor(
-        self, equilibrium: Equilibrium, options: ResponseOptions | None = None
+        self, equilibrium: Equilibrium, reduction: float | None = None
     ) -> Array:
         """Return the elastic tensor of an ``equilibrium`` of this packing, with the units of
-        :attr:`elastic_tensor`; ``options`` are the numbers of the linear response.
+        :attr:`elastic_tensor`; ``reduction`` is the error of the linear response.
         """
         packing = self.packing
         d = packing.diameter
@@ -371,16 +370,17 @@ class Sample(Result):
             f = self._units.force * equilibrium.forces
             k = self._units.stiffness * equilibrium.stiffnesses
             torsion = packing.find_torsion(f, k)
-        return read_only(scale * self._find_elasticity(equilibrium, torsion, options))
+        return read_only(scale * self._find_elasticity(equilibrium, torsion, reduction))
 
     def _find_elasticity(
-        self, equilibrium: Equilibrium, torsion: Any, options: ResponseOptions | None
+        self, equilibrium: Equilibrium, torsion: Any, reduction: float | None
     ) -> Array:
         """Return the elastic tensor of an ``equilibrium`` in its own units; ``torsion`` is a
-        number, or (n_c, L1, ..., Lp), and ``options`` are the numbers of the linear response.
+        number, or (n_c, L1, ..., Lp), and ``reduction`` is the error of the linear response.
         """
         packing = self.packing
-        return equilibrium.find_elasticity(packing.mindlin_ratio, torsion, packing.bending, options)
+        ratio = packing.mindlin_ratio
+        return equilibrium.find_elasticity(ratio, torsion, packing.bending, reduction)
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
