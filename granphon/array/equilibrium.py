@@ -336,7 +336,7 @@ class Equilibrium(Result):
         most = ResponseOptions().most_balls[self.lattice.periods]
         if not self.ratio and self.deviations.size > most:
             return self._find_tensor_on_grid(shear, torsion, bending)
-        options = ResponseOptions() if reduction is None else ResponseOptions(reduction=reduction)
+        options = None if reduction is None else ResponseOptions(reduction=reduction)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending), options)
 
     def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
