@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import one_direction
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
-from granphon.base.records import RecordFile, hold, read_records
+from granphon.base.records import RecordFile, lock_file, read_records
 from granphon.base.results import Result, held, plain, restore, result_class
 from granphon.base.staging import explaining, put_beside
 from granphon.base.text import counted
@@ -741,7 +741,7 @@ def _require_writable(path: Any) -> None:
                 f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another"
             ) from None
         with open(path, "rb") as file:
-            hold(file)  # raises the error if another run holds the file
+            lock_file(file)  # raises the error if another run holds the file
 
 
 def _begin_file(
