@@ -19,6 +19,7 @@ import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, brief, message
+from granphon.base.standard_errors import read_errors
 from granphon.base.validation import real_array, texts
 from granphon.dynamics.local_field import local_field
 
@@ -365,3 +366,10 @@ def test_a_message_is_one_line():
 )
 def test_a_text_is_never_taken_for_its_letters(value, expected):
     assert texts("labels", value) == expected
+
+
+def test_a_standard_error_is_not_below_zero():
+    assert_array_equal(read_errors("errors", [0, np.nan], (2,)), [0.0, np.nan])
+    for wrong in ([-1.0, 1.0], [np.nan, -1e-300], [1.0]):
+        with pytest.raises(InputError, match="errors has"):
+            read_errors("errors", wrong, (2,))
