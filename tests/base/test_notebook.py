@@ -245,6 +245,9 @@ def test_the_table_of_a_sweep_is_its_summary(tmp_path):
     [
         (1.23456789, "1.23457"),
         (7, "7"),
+        (np.int64(7), "7"),
+        ((np.int64(7), np.True_), "7, yes"),
+        (np.complex128(1.0 + 2.0j), "(1+2j)"),
         (True, "yes"),
         (None, "none"),
         ("word", "word"),
