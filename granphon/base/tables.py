@@ -305,7 +305,7 @@ def _count_columns(number: int) -> str:
 
 
 def _mend_comma(cell: str) -> str:
-    """Return the advice for a cell that is no number; empty unless a decimal comma is the reason."""
+    """Return the advice for a cell that is no number, empty unless that is due to a comma."""
     return _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
 
 

@@ -43,7 +43,7 @@ from granphon.base.quantities import (
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Block, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
-from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key
+from granphon.base.validation import Rule, block, make_key_refusal, read_inside
 from granphon.media.medium import CRYSTAL, NETWORK
 from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
@@ -485,7 +485,7 @@ def _require_known(data: Any) -> None:
             continue
         for key in value:
             if key not in keys:
-                refused = refuse_unknown_key(key, keys, _find_block(key, keys_of_blocks))
+                refused = make_key_refusal(key, keys, _find_block(key, keys_of_blocks))
                 raise refused.under(name) if name else refused
 
 

@@ -18,9 +18,9 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, Refused, brief, message
 from granphon.base.standard_errors import read_errors
-from granphon.base.validation import real_array, texts
+from granphon.base.validation import above_zero, each, real_array, texts
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
@@ -373,3 +373,16 @@ def test_a_standard_error_is_not_below_zero():
     for wrong in ([-1.0, 1.0], [np.nan, -1e-300], [1.0]):
         with pytest.raises(InputError, match="errors has"):
             read_errors("errors", wrong, (2,))
+
+
+def test_an_array_where_a_list_is_needed_is_refused():
+    for wrong in (np.array([1.0, 2.0]), np.array([]), np.array(1.0), (), [], "ab", None):
+        with pytest.raises(Refused, match="a list of one or more masses"):
+            each(wrong, above_zero, "masses")
+    assert each((1, 2.5), above_zero, "masses") == (1.0, 2.5)
+
+
+def test_bytes_are_no_texts():
+    for wrong in (b"", b"ab", bytearray(b"")):
+        with pytest.raises(InputError, match="labels"):
+            texts("labels", wrong)
