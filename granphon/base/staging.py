@@ -575,9 +575,9 @@ def _require_no_null_character(target: Path, *names: str) -> None:
 
 
 def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is no path, or a folder, or a
-    file of another kind than the one that begins with ``new_head``; with ``replace`` true a file of
-    any kind passes.
+    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder, or has a null
+    character, or is a file of another kind than the one that begins with ``new_head``. With
+    ``replace`` true a file of any kind passes.
     """
     _require_no_null_character(target)
     if target.is_dir():
