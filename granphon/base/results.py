@@ -109,15 +109,16 @@ def describe_value(value: Any) -> str:
 
 
 def _describe_list(values: Sequence[Any]) -> str:
-    """Return the first entries of a list as text, with the number of entries if more follow; a long
-    list of numbers is described as an array, and a list of dataclasses by their number.
+    """Return the first entries of a list as text, with the number of entries if more follow. A long
+    list of numbers is described as an array, and objects of one dataclass by their number.
     """
     if not values:
         return "none"
     count = len(values)
     if count > _MOST_ENTRIES and all(isinstance(entry, int | float) for entry in values):
         return _describe_array(np.asarray(values))
-    if count > 1 and all(is_dataclass(entry) for entry in values):
+    classes = {type(entry) for entry in values}
+    if count > 1 and len(classes) == 1 and is_dataclass(values[0]):
         return f"{count} of {type(values[0]).__name__}"
     texts = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
     separator = "; " if any(", " in text for text in texts) else ", "
@@ -340,24 +341,19 @@ class Result:
         that of the data. Without a digest, damage that passes the other checks is not noticed, and
         there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
         """
-        entries: dict[str, Any] = {}
-        if isinstance(cast("object", data), Mapping):
-            entries = dict(data)
+        is_mapping = isinstance(cast("object", data), Mapping)
+        entries: dict[str, Any] = dict(data) if is_mapping else {}
         subject = f"a {cls.__name__} in plain data"
         if _read_class_name(entries) != cls.__name__:
             name = entries.get("class")
             described = "no class of results" if name is None else f"a {show(name)}"
             raise InputError(f"these data describe {described}, not a {cls.__name__!r}")
         require_schema(subject, entries.get("schema", cls._schema), cls._schema)
-        has_digest = "digest" in entries
         try:
             content = {name: value for name, value in entries.items() if name not in _ABOUT}
             restored: Self = restore(content, cls)
             # the digest is checked after the content, whose errors say more
-            if has_digest:
-                stated_digest = plain(entries.pop("digest"))
-                if stated_digest != digest(plain(entries)):
-                    raise damage_error(subject, "under 'digest'")
+            _require_digest(entries, subject)
             # an array as a unit becomes a list, which is refused
             units = plain(entries.get("units", restored._field_units()))
         except RecursionError:
@@ -369,7 +365,7 @@ class Result:
             raise InputError(
                 f"the units of the {cls.__name__} data are not those of the class", mend=mend
             )
-        if not has_digest:
+        if "digest" not in entries:
             warn_unverified(subject)
         return restored
 
@@ -431,6 +427,17 @@ class Result:
                     f"{name} of the {type(self).__name__} holds values that are not finite"
                     f" (nan or infinite)"
                 )
+
+
+def _require_digest(entries: Mapping[str, Any], subject: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the ``entries`` of plain data, which the
+    message calls ``subject``, have a digest that is not that of the other entries.
+    """
+    if "digest" not in entries:
+        return
+    others = {name: value for name, value in entries.items() if name != "digest"}
+    if plain(entries["digest"]) != digest(plain(others)):
+        raise damage_error(subject, "under 'digest'")
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:

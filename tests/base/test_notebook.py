@@ -268,6 +268,7 @@ def test_the_table_of_a_sweep_is_its_summary(tmp_path):
         (tuple("abcdefgh"), "a, b, c, d, e, f, ... (8 in all)"),
         (tuple(range(9)), "array 9, 0 to 8"),
         ((STEEL, STEEL), "2 of Material"),
+        ((STEEL, gp.Hertz()), "Material, Hertz"),
         (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"),
         ({"alpha": 0.5}, "alpha: 0.5"),
     ],
