@@ -164,8 +164,8 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
 
 
 def join_numbers(numbers: Iterable[float]) -> str:
-    """Return the ``numbers`` as text on one line, parted by spaces, with all of their digits."""
-    return " ".join(map(float.__repr__, numbers))
+    """Return plain ``numbers`` as text on one line, parted by spaces, with all of their digits."""
+    return " ".join(map(repr, numbers))
 
 
 def decode(name: str, raw: bytes) -> str:
@@ -565,7 +565,7 @@ def write_float(value: float) -> str:
     """Return a float with all its digits, in a form that every reader of YAML takes for a float:
     readers of 1.1 need a point, as in 1.0e-06.
     """
-    text = float.__repr__(value)  # as the repr of NumPy's float64 is no text of a number
+    text = repr(float(value))  # as the repr of NumPy's float64 is no text of a number
     is_finite = "n" not in text  # neither nan nor inf
     if not is_finite:
         return text.replace("inf", ".inf").replace("nan", ".nan")
