@@ -63,6 +63,7 @@ class CompiledLoop:
     """
 
     def __init__(self, loop: Callable[..., Any]) -> None:
+        """Take name, module and docstring of the ``loop``, which is compiled later."""
         update_wrapper(self, loop)
         self._loop = loop
 

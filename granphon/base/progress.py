@@ -30,8 +30,8 @@ class Progress(Protocol):
     """A receiver of reports: which work begins, how far it has come, and that it is over."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a step of ``total`` pieces of work (None: not known); it is over when the context
-        is left.
+        """Begin a step of ``total`` pieces of work (None: not known), called ``label``; the step is
+        over when the context is left.
         """
         ...
 
@@ -77,8 +77,8 @@ class Terminal:
 
     @contextmanager
     def step(self, label: str, total: float | None = None) -> Iterator[Step]:
-        """Begin a step of ``total`` pieces of work (None: not known); give the object whose
-        ``advance`` moves the line.
+        """Begin a step of ``total`` pieces of work (None: not known), called ``label`` on the line;
+        give the object whose ``advance`` moves the line.
         """
         from rich.console import Console
         from rich.progress import (

@@ -462,7 +462,8 @@ def find_factor(unit: str, target: str) -> float | None:
 
 def _measure_written(unit: str) -> tuple[Fraction, Counter[str]]:
     """Return what :func:`_measure` does of a unit as people and results write it, "kg m^2" or
-    "m/(N s)"; KeyError for a text that is no unit, of which :func:`_measure` would leave parts out.
+    "m/(N s)"; KeyError for a text that is no unit, in which :func:`_measure` would pass over what
+    is no factor.
     """
     joined = _join_factors(unit)
     if joined in _NO_UNIT:

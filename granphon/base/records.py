@@ -97,7 +97,7 @@ class RecordFile:
         head = _write_head(fixed, growing, units, about)
         if isinstance(path, str | os.PathLike):
             # the file stays open until close is called
-            self._file: BinaryIO = _open_held(path)
+            self._file: BinaryIO = _open_locked(path)
         else:
             self._file = path
         self._file.write(_set_count(head, 0))
@@ -122,7 +122,7 @@ class RecordFile:
         self._file.close()
 
 
-def _open_held(path: str | os.PathLike[str]) -> BinaryIO:
+def _open_locked(path: str | os.PathLike[str]) -> BinaryIO:
     """Open the file at ``path`` for writing, lock it and empty it, and return it. If another
     process has locked the file, raise OutputError and leave the file as it is.
     """

@@ -67,7 +67,7 @@ class Registry(Mapping[str, T]):
 
     def own(self, name: str, entry: T | Later) -> None:
         """Add an entry of granphon itself, in place of a former entry of this ``name``."""
-        entries: dict[str, Any] = self._entries  # in which an entry for later keeps its place
+        entries: dict[str, Any] = self._entries  # where a Later keeps the place of its entry
         entries[name] = entry
         self._later.pop(name, None)
         if isinstance(entry, Later):

@@ -173,11 +173,12 @@ def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options
     Parameters
     ----------
     kind : the type of the value, in the form that :func:`restore` takes. If there is a ``shape``,
-        the value is an array, and float, int, bool or complex is the type of its entries.
+        float, int, bool or complex is the type of the entries of an array.
     shape : the sizes of the axes, parted by spaces. A size is a number; a letter, which means the
         same size in all shapes of the class; or a letter plus a number, as "s+1". "..." at the
         beginning stands for the shape of the load, "|" parts two shapes that are both allowed, "*"
-        is any shape, and "?" at the end says that the field may be None.
+        is any shape, and "?" at the end says that the field may be None. Truth values have "*", as
+        other shapes are those of numbers. Without a shape the value is of the ``kind`` itself.
     unit : the SI unit.
     within : the range of the numbers, one of the keys of ``_RANGES``.
     options : those of :func:`dataclasses.field`.

@@ -183,7 +183,7 @@ class ResultFiles:
             if was_cut_off:
                 with _hold_lock(self._target) as is_alone:
                     _finish(self._target, is_alone=is_alone)
-        self._check()
+        self._require_writable()
 
     @contextmanager
     def open(self) -> Iterator[Self]:
@@ -207,7 +207,7 @@ class ResultFiles:
                 with explaining(target):
                     _finish(target, is_alone=is_alone)
                 # checked again: another run may have written files before the lock was taken
-                self._check()
+                self._require_writable()
                 yield self
         finally:
             for folder in reversed(made_folders):
@@ -231,7 +231,7 @@ class ResultFiles:
             try:
                 staging_folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield staging_folder
-                self._check()
+                self._require_writable()
                 new_names = []
                 for name in self.names:
                     if name not in optional or os.path.lexists(staging_folder / name):
@@ -267,7 +267,7 @@ class ResultFiles:
         content = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
         (staging_folder / LIST).write_text(content, encoding="utf-8")
 
-    def _check(self) -> None:
+    def _require_writable(self) -> None:
         """Raise :class:`~granphon.base.errors.OutputError` if the files cannot be written into
         their folder, or would replace or remove files that they may not, as :meth:`require_free`
         lists them.

@@ -336,7 +336,7 @@ class _Builder:
         # libyaml, where it is installed, reads the same events about ten times faster
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         self.events = yaml.parse(self.text, loader)
-        # classes of events
+        # the classes of events that values and keys begin and end with
         self.scalar = yaml.ScalarEvent
         self.list_start = yaml.SequenceStartEvent
         self.list_end = yaml.SequenceEndEvent
@@ -679,7 +679,8 @@ def counted(number: int, one: str, many: str = "") -> str:
     """Return the ``number`` of things that are called ``one`` each, "1 ball" or "2 balls"; ``many``
     is the plural if that is not ``one`` with an s.
     """
-    return f"{number} {one if number == 1 else many or one + 's'}"
+    noun = one if number == 1 else (many or f"{one}s")
+    return f"{number} {noun}"
 
 
 def list_names(names: Iterable[object], most_names: int = 10) -> str:

@@ -62,14 +62,15 @@ def spell_out(arguments: Any) -> Callable[[Function], Function]:
     def decorate(function: Function) -> Function:
         """Return the ``function`` with a signature that names the options."""
         signature = inspect.signature(function)
-        named = dict(signature.parameters)
-        parameters = [entry for entry in named.values() if entry.kind is not Parameter.VAR_KEYWORD]
+        parameters = dict(signature.parameters)
+        for name, parameter in signature.parameters.items():
+            if parameter.kind is Parameter.VAR_KEYWORD:
+                del parameters[name]
         for field in fields(arguments):
-            if field.name not in named:
-                option = Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default)
-                parameters.append(option.replace(annotation=field.type))
-        spelled_out: Any = function
-        spelled_out.__signature__ = signature.replace(parameters=parameters)
+            option = Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default)
+            parameters.setdefault(field.name, option.replace(annotation=field.type))
+        any_function: Any = function  # the type of functions has no such attribute
+        any_function.__signature__ = signature.replace(parameters=list(parameters.values()))
         return function
 
     return decorate
