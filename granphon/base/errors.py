@@ -276,7 +276,8 @@ def message(what: str, why: str = "", mend: str = "") -> str:
 
 
 def brief(value: object, most: int = 80) -> str:
-    """Return a value as a message shows it: its repr on one line, cut to ``most`` characters.
+    """Return a value as a message shows it: its repr on one line, cut to ``most`` characters; a
+    scalar of NumPy has the repr of Python's.
 
     A whole number beyond the range of floats is described by its number of digits, and a list or
     tuple with such an entry in words. So is a value whose repr Python does not write: an array with
@@ -287,8 +288,11 @@ def brief(value: object, most: int = 80) -> str:
         return f"a whole number of about {digits} digits, which is too large"
     if isinstance(value, list | tuple) and any(map(_is_too_large, value)):
         return "a list with a number that is too large"
+    # known by its attributes, as the command's help needs no numpy
+    is_numpy_scalar = type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
+    scalar: Any = value
     try:
-        text = one_line(repr(value))
+        text = one_line(repr(scalar.item() if is_numpy_scalar else value))
     except ValueError:  # a whole number of more than 4300 digits, which Python does not write
         return "an array with a number that is too large"
     except RecursionError:

@@ -129,8 +129,9 @@ def _free_of_group(folder: Path, controller: str) -> float:
 
 
 def require_memory(what: str, needed: float, mend: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this
-    machine has available, and more than the 100 MB that any machine is taken to have.
+    """Raise :class:`~granphon.base.errors.InputError` if the memory ``needed`` by some work, bytes,
+    is more than this machine has available, and more than the 100 MB that any machine is taken to
+    have.
 
     In the message, ``what`` is the subject of "take ... of memory", such as "64 states", and
     ``mend`` says how to take less.

@@ -272,8 +272,8 @@ class Quantity:
 
 
 def is_plain(texts: Sequence[str]) -> bool:
-    """Whether texts consist only of digits, signs, points and "e": of such texts, ``float`` reads
-    those alone that match :data:`NUMBER`.
+    """Whether texts consist only of digits, signs, points, "e" and "E": of such texts, ``float``
+    reads those alone that match :data:`NUMBER`.
     """
     joined = "".join(texts)
     if not joined.isascii():
@@ -301,7 +301,7 @@ def _round_product(number: str, factor: Fraction) -> float:
 
 def _round_products(numbers: Sequence[str], factor: Fraction) -> list[float]:
     """Return the float nearest to each number times a factor; ValueError for a text that is no
-    number, and OverflowError for a product that is too large.
+    number. A product that is too large is infinite, or raises OverflowError.
     """
     if factor == 1:
         return list(map(float, numbers))

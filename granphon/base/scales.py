@@ -113,7 +113,7 @@ def write_uncertain(value: float, error: float, unit: str) -> str:
     millionth of the value, or of a thousand multiples and more, has a multiple of its own.
     """
     size, name = prefixed(max(abs(value), error), unit)
-    is_tiny = not 1e-6 * abs(value) < error  # or nan
+    is_tiny = not 1e-6 * abs(value) < error  # so is an error of nan, or that of a value of nan
     if is_tiny or error >= 1e3 * size:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
     two_digits = float(f"{error / size:.1e}")  # 0.0996 has become 0.10

@@ -457,8 +457,8 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
 
 @contextmanager
 def _hold_lock(target: Path) -> Iterator[bool]:
-    """Hold the lock of the folder ``target`` during the block; give whether it is certain that no
-    other run is under way, which it is not on a file system without locks.
+    """Hold the lock of the folder ``target`` during the block, and give True; on a file system
+    without locks give False, as another run may be under way there.
 
     Raises :class:`~granphon.base.errors.OutputError` if another run has the lock.
     """
@@ -624,7 +624,7 @@ def put_beside(target: Path) -> Iterator[Path]:
     ``target`` after the block, or is removed if the block fails.
 
     The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure
-    of the file system; other errors of the block pass as they are.
+    of the file system, also one in the block; other errors of the block pass as they are.
     """
     temporary = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):

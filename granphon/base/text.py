@@ -483,16 +483,16 @@ def plain_scalar(text: str) -> Any:
 
     Raises :class:`~granphon.base.errors.Refused` for a whole number of more than 640 digits.
     """
-    if _FLOAT.fullmatch(text):
-        if not _WHOLE.fullmatch(text):
-            return float(text)
-        digits = len(text.lstrip("+-"))
-        if digits > _MOST_DIGITS:
+    if _WHOLE.fullmatch(text):
+        n_digits = len(text.lstrip("+-"))
+        if n_digits > _MOST_DIGITS:
             raise Refused(
-                f"a whole number of {digits} digits",
+                f"a whole number of {n_digits} digits",
                 f"whole numbers of {_MOST_DIGITS} digits at most",
             )
         return int(text)
+    if _FLOAT.fullmatch(text):
+        return float(text)
     if _NULL.fullmatch(text):
         return None
     if _TRUTH.fullmatch(text):

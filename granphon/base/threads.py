@@ -100,22 +100,22 @@ def hold_back_signals() -> Iterator[None]:
     arrived_signals = list[int]()
     handlers = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():  # no other thread may set handlers
-        for stop in _STOPS:
-            handler = signal.getsignal(stop)
+        for number in _STOPS:
+            handler = signal.getsignal(number)
             if handler is not None:  # None: a handler that Python has not set, and cannot restore
-                handlers[stop] = handler
+                handlers[number] = handler
     has_masks = hasattr(signal, "pthread_sigmask")
     old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if has_masks else None
     try:
-        for kind in handlers:
-            signal.signal(kind, lambda number, _: arrived_signals.append(number))
+        for number in handlers:
+            signal.signal(number, lambda arrived, _: arrived_signals.append(arrived))
         if old_mask is not None:  # threads and processes that are started now inherit the new mask
             signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
         yield
     finally:
         if old_mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
-        for kind, handler in handlers.items():
-            signal.signal(kind, handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         if arrived_signals:  # raised once, however many came
             signal.raise_signal(arrived_signals[0])

@@ -328,11 +328,10 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     example, of which those beyond the periods must be ones, and are not returned.
     """
     most = len(example.split())
-    allowed_ones = {0: "", 1: " and a 1", 2: " and two ones"}[most - periods]
-    allowed_count = {1: "one whole number", 2: "two whole numbers", 3: "three whole numbers"}[
-        periods
-    ]
-    allowed = f"{allowed_count} from {low} to {high}{allowed_ones}, such as {example}"
+    counts_in_words = {1: "one whole number", 2: "two whole numbers", 3: "three whole numbers"}
+    ones_in_words = {0: "", 1: " and a 1", 2: " and two ones"}
+    allowed = f"{counts_in_words[periods]} from {low} to {high}"
+    allowed += f"{ones_in_words[most - periods]}, such as {example}"
     numbers: Any = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, str):
         numbers = read_words(value)
@@ -373,7 +372,8 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
 
 
 def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
-    """Return real numbers, finite or not, as an array of floats of the shape of ``values``.
+    """Return real numbers, finite or not, as an array of floats of the shape of ``values``; an
+    array of floats is returned as it is, without a copy.
 
     An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if
     ``unit`` is empty, a unit that SI has without a factor. Values are refused that NumPy would turn
@@ -393,7 +393,7 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
         mend = "Leave them out, as .compressed() does."
         raise _make_numbers_refusal(values, "which has masked entries", mend)
     try:
-        array, why = _convert(values)
+        array, why = _convert_numbers(values)
     except OverflowError:
         raise _make_numbers_refusal(values, "which is too large") from None
     except (TypeError, ValueError):
@@ -416,7 +416,7 @@ def _make_numbers_refusal(values: Any, why: str, mend: str = "") -> Refused:
     return Refused(content, "a real number or an array of them", mend)
 
 
-def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
+def _convert_numbers(values: Any) -> tuple[NDArray[np.float64] | None, str]:
     """Return values as an array of floats of their shape, and ""; or None, and a relative clause
     that says why the values are no real numbers, "" if that is not known.
     """
@@ -428,7 +428,7 @@ def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
     if kind in "iuf" or are_real_objects:
         with np.errstate(over="ignore"):
             array = np.asarray(numbers, np.float64)
-        may_overflow = numbers.dtype.itemsize > array.dtype.itemsize
+        may_overflow = numbers.dtype.itemsize > array.dtype.itemsize  # long doubles
         if may_overflow and np.any(np.isinf(array) & np.isfinite(numbers)):
             return None, "which is too large"
         return array, ""
@@ -449,10 +449,10 @@ def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.flo
         is_allowed &= array >= 0.0
     if array.size and np.all(is_allowed):
         return array
-    refused = array[~is_allowed]
+    refused_numbers = array[~is_allowed]
     content = brief(values)
-    if refused.size and array.size > 1:
-        content = f"{refused[0]!s} among {array.size} numbers"
+    if refused_numbers.size and array.size > 1:
+        content = f"{refused_numbers[0]!s} among {array.size} numbers"
     allowed = f"one or more finite numbers {low}".rstrip()
     if unit:
         allowed += f", {unit}"

@@ -339,6 +339,15 @@ def test_a_whole_number_is_called_too_large_where_no_float_holds_it():
         assert re.search("list.*too large", brief([1, wrong]))
 
 
+def test_scalars_of_numpy_are_shown_as_those_of_python():
+    for value in (np.float64(-1.5), np.float32(-1.5), np.array(-1.5)):
+        assert brief(value) == "-1.5"
+    assert [brief(value) for value in (np.int64(3), np.True_, np.str_("a"))] == ["3", "True", "'a'"]
+    assert brief(np.array([1.5])) == "array([1.5])"
+    with pytest.raises(InputError, match=r"diameter: found -1\.0;"):
+        gp.Packing(gp.Material(1e9, 0.2, 1e3), np.float64(-1.0))
+
+
 def test_a_message_is_one_line():
     for wrong in (np.ones((3, 2)), np.array([["a"], ["b"]])):
         assert "\n" in repr(wrong)
