@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, brief, one_line
+from granphon.base.errors import GranphonError, InputError, MissingFileError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
@@ -1715,6 +1715,15 @@ def every_file() -> tuple[str, ...]:
     run in the same folder makes all of them outdated.
     """
     return list_files([row for _name, row in OUTPUTS.items() if row.command in _OF_RUNS])
+
+
+def require_folder(folder: Path) -> None:
+    """Raise :class:`~granphon.base.errors.MissingFileError` unless ``folder`` is a folder."""
+    if not folder.is_dir():
+        problem = f"there is no folder {folder}"
+        if os.path.lexists(folder):
+            problem = f"{folder} is no folder"
+        raise MissingFileError(problem, mend="Give the folder of a run")
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

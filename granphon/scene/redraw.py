@@ -23,6 +23,7 @@ from granphon.scene.outputs import (
     Tell,
     list_figures,
     read_summary,
+    require_folder,
     shows_curves,
 )
 
@@ -419,11 +420,7 @@ def _require_results(source: Path) -> None:
     """Raise :class:`~granphon.base.errors.MissingFileError` if there is no folder ``source``, or a
     file is missing that a run wrote and that is drawn.
     """
-    if not source.is_dir():
-        problem = f"there is no folder {source}"
-        if os.path.lexists(source):
-            problem = f"{source} is no folder"
-        raise MissingFileError(problem, mend="Give the folder of a run")
+    require_folder(source)
     written_names = set(read_written_files(source))
     # without a summary that can be read, the hidden list of written files alone counts
     with suppress(InputError, AttributeError, TypeError):
