@@ -112,6 +112,11 @@ def test_a_figure_that_a_folder_cannot_give_is_named(done, tmp_path, stem):
         redraw(done.folder, tmp_path / f"{stem}.png")
 
 
+def test_a_name_that_no_figure_has_is_no_figure(done):
+    with pytest.raises(InputError, match=r"'band\.png'.*bands\.png"):
+        done.figure("band.png")
+
+
 def test_a_folder_without_states_says_so(tmp_path):
     with pytest.raises(InputError, match=r"holds no sweep\.nc"):
         _ = Results(tmp_path).dataset
