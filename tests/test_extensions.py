@@ -204,6 +204,8 @@ def test_a_reader_that_fails_is_named():
         (lambda: gp.register_observable("one", "1", 7, len), "words 7"),
         (lambda: gp.register_observable("one", "1", "  ", len), "words '  '"),
         (lambda: gp.register_observable("one", "1", "x", len, label=5), "label 5"),
+        (lambda: gp.register_observable("one", "1", "x", len, label=0), "label 0"),
+        (lambda: gp.register_observable("one", "1", "x", len, told="no"), "told: found 'no'"),
         (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
         (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
         (

@@ -25,8 +25,8 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from granphon.media.simulation import DirectSimulation
 
-#: contacts follow Hertz's law if the standard deviation of log(k^3/f d*) is no larger than the
-#: first number times that of log f, plus the second, which allows for the digits of a file
+#: contacts follow Hertz's law if the standard deviation of log(k^3/f d*) is no larger than
+#: ``_HERTZIAN`` times that of log f, plus ``_ROUNDED``, which allows for the digits of a file
 _HERTZIAN = 0.5
 _ROUNDED = 1e-2
 #: relative change of a velocity that was seen when the same balls were numbered otherwise, in
@@ -74,7 +74,7 @@ class Validity(Result):
         return tuple(warning for warning in warnings if warning is not None)
 
     def __getitem__(self, name: str) -> Check:
-        """Return the condition called ``name``; KeyError if there is none."""
+        """Return the condition called ``name``; KeyError if there is no such condition."""
         for check in self.checks:
             if check.name == name:
                 return check
@@ -82,8 +82,8 @@ class Validity(Result):
 
 
 def validity(state: Any) -> Validity:
-    """Compare the state with the limits of its medium (Section IV) and of the contact model (end of
-    Section II).
+    """Return how a state, a sample or a network compares with the limits of its medium (Section IV)
+    and of the contact model (end of Section II).
 
     For a crystal the limits are :attr:`CrystalState.limits`. For other states the quantities
     compared with limits are:
@@ -109,9 +109,9 @@ def validity(state: Any) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1
       m: others are probably given in a wrong unit.
 
-    For a network, with or without periods, they are these, as far as its numbers are known; each
-    names the balls that are farthest from the others, and the reason says what it does to
-    frequencies:
+    For a network, with or without periods, the quantities are these, as far as the numbers of the
+    network are known; each condition names the balls that are farthest from the others, and its
+    reason says what a failure does to frequencies:
 
     - "balance", "torques": the largest sum of the static forces on a ball over the mean force of a
       contact, without the acceleration that weights give, and that of the torques; ``typical`` is
@@ -139,8 +139,9 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return a warning for each limit that a state exceeds: the ``warnings`` that it has, as a
-    crystal does, or else those of :func:`validity`, or of its network if no law is known.
+    """Return a warning for each limit that a state exceeds: the ``warnings`` of the state, which
+    that of a crystal has; otherwise those of :func:`validity`, or, of a state without a contact
+    law, those of :func:`network_warnings`.
     """
     warnings = getattr(state, "warnings", None)
     if warnings is not None:
@@ -152,7 +153,8 @@ def find_warnings(state: Any) -> tuple[str, ...]:
 
 def expect_checks(simulation: DirectSimulation, load: Load) -> tuple[Check, ...]:
     """Return the conditions that a simulation will not meet at the values of an applied load, as
-    far as known before it is run.
+    far as this is known before the simulation is run; empty if it will meet them, and if no contact
+    resists slip.
     """
     if not simulation.resists_slip:
         return ()
