@@ -24,7 +24,7 @@ import numpy as np
 from granphon.base.errors import GranphonError, InputError, MissingFileError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, Table, table_text
-from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
+from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_path, require_schema
 from granphon.base.validation import require, text, text_list
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
@@ -300,7 +300,7 @@ class Results:
 
     Attributes
     ----------
-    folder : the folder of the results.
+    folder : the folder of the results; may be given as a text.
     values : the values that have been found or read so far, by the names of outputs. The object is
         frozen, but reading a value adds it here.
     column_errors : the standard errors of tables that have been found or read so far, by the names
@@ -311,12 +311,16 @@ class Results:
     values: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
     column_errors: dict[str, dict[str, Any]] = field(default_factory=dict, kw_only=True, repr=False)
 
+    def __post_init__(self) -> None:
+        """Make a path of a folder that is given as a text; InputError for what is no path."""
+        require_path(self.folder)
+        object.__setattr__(self, "folder", Path(self.folder))  # the dataclass is frozen
+
     def __getitem__(self, name: str) -> Any:
         """Return the value of the output ``name``, read from its file ``source``, and keep it in
         ``values``; None if the folder does not hold the file, and for an output that is not read.
-
-        The value of an output without files is found from other values; "limits", which needs the
-        state, is found by a :class:`~granphon.RunResult` alone.
+        The value of an output without a file is found from other values. KeyError if there is no
+        such output.
         """
         if name not in self.values:
             row = OUTPUTS[name]
@@ -969,6 +973,14 @@ def _read_errors(path: Path) -> Any:
     return {name: summary[name] for name in (*error_names, "errors_from") if name in summary}
 
 
+def _read_limits(path: Path) -> Any:
+    """Return the conditions under which the model holds, in the form of :func:`_list_limits`, from
+    ``path``, the summary.yaml of a folder; None for a sweep, whose summary has none.
+    """
+    summary = read_summary(path.parent)
+    return {name: summary[name] for name in ("ok", "validity") if name in summary} or None
+
+
 def _read_fit(path: Path) -> Any:
     """Return the fit, of velocities or of a response, in the file ``path``."""
     from granphon.fits.transfer import read_fit
@@ -1158,7 +1170,14 @@ for _row in (
     Export("peaks", (), observed="response", summarise=_of_one_state(_list_peaks)),
     Export("onsets_of_state", (), observed="onsets", summarise=_of_one_state(_list_onsets)),
     Export("strongest", (), observed="sensitivities", summarise=_of_one_state(_list_strongest)),
-    Export("limits", (), states="one", find=_list_limits),
+    Export(
+        "limits",
+        (),
+        states="one",
+        find=_list_limits,
+        read=_read_limits,
+        source="summary.yaml",
+    ),
     Export(
         "errors",
         (),

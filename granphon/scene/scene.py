@@ -38,6 +38,7 @@ from granphon.base.text import (
     versions,
 )
 from granphon.base.threads import require_executor
+from granphon.base.validation import require, truth
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
@@ -242,6 +243,8 @@ class Scene(SceneValues):
 
         Raises
         ------
+        InputError : a ``folder``, ``progress`` or ``executor`` of another kind, a flag that is no
+            truth value, or more memory than there is.
         FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part
             of another scene or version would be discarded; or a file may not be replaced at all.
             Raised before anything is computed.
@@ -252,6 +255,8 @@ class Scene(SceneValues):
         """
         require_executor(executor)
         require_path(folder)
+        for name, flag in (("force", force), ("figures", figures), ("resume", resume)):
+            require(name, truth, flag)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)
