@@ -982,7 +982,7 @@ def entry_of(name: str, packing: Balls) -> Observable:
 
     The units of pressure, density and moduli depend on the number of periods of the lattice: 1, 2
     or 3. A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind
-    in its title; the stiffness of springs to the ground of one motion, "on_site.u_x", has an entry
+    in its title; the stiffness of springs to the ground of one motion, "on_site.x", has an entry
     of its own, with the unit of the motion. KeyError for a name that the catalogue does not have.
     """
     kind, _, parameter = name.rpartition(".")

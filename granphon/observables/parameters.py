@@ -88,19 +88,18 @@ def parameter_sensitivities(
     x : a :class:`~granphon.Packing` or a :class:`~granphon.Crystal`.
     find : function of a state, or of a network, that returns a number or an array, such as ``lambda
         s: gp.Phonons(s).frequencies([[0.5, 0]])`` (Hz).
-    parameters : names, as a sweep has them, "young_modulus", of a crystal with the kind of ball,
+    parameters : names as a sweep has them: "young_modulus", of a crystal with the kind of ball,
         "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
-        "on_site"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to normal
-        stiffness of all contacts, which gives ``find`` a network in place of a state. By default
-        all that are numbers other than zero; the ratio only if contacts resist slip, the state has
-        no simulated samples, each of which has a network of its own, and ``find`` takes a network,
-        unlike ``lambda s: s.force``.
+        "on_site". Also the kind of the load, "force", and "mindlin_ratio", the ratio of shear to
+        normal stiffness of all contacts, which gives ``find`` a network in place of a state. By
+        default all that are numbers other than zero. The ratio is among these only if contacts
+        resist slip, the state has no simulated samples, each of which has a network of its own, and
+        ``find`` takes a network, unlike ``lambda s: s.force``. The derivative by a parameter that
+        is zero is zero.
     medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
     finite_overlap : True for states with terms of the relative order of overlap over diameter; with
         False, the default, the medium or the crystal decides.
     load : the load by its kind, as ``force=18.4`` (N).
-
-    A parameter that is zero has the derivative zero if it is named.
 
     Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
     numbers, the ratio of simulated samples, several loads, arrays of ``find`` whose shape changes,

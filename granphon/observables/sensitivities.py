@@ -170,12 +170,13 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
     lattice = ContactLattice.from_network(network)
     lattice.elastic_tensor()  # raises where there is none
     p = lattice.periods
-    along = [lattice.motions.translations.index(axis) for axis in range(p)]
+    # the translations along the periods, which strains move
+    along_periods = [lattice.motions.translations.index(axis) for axis in range(p)]
     i, j = np.transpose(voigt_pairs(p))
 
     def multiply(deformation: Array) -> Array:
         """Return the products (n_c, v, v) of deformations under strains in Voigt order."""
-        gradients = deformation[:, along]
+        gradients = deformation[:, along_periods]
         # (n_c, v): a strain has both gradients in equal parts
         strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
         return np.asarray(strains[:, :, None] * strains[:, None])

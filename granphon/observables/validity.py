@@ -276,10 +276,11 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     """Return the limit of the contact radius at the mean overlap of a network, whose material is
     not known; none if the contacts do not follow Hertz's law.
 
-    The overlap is found from force and stiffness, 3 f/2 k, which holds for Hertz's law alone. Its
-    contacts are told by k^3/(f d*), which is the same for all in one material: its logarithm varies
-    less than the logarithm of the forces. Contacts that all have one force are taken for Hertz's,
-    as nothing tells their law.
+    The overlap is found from the force f and the stiffness k, 3 f/2 k, which holds for Hertz's law
+    alone. Under that law k^3/(f d*), with the harmonic mean d* of the two diameters, is the same
+    for all contacts of one material: contacts follow the law if the logarithm of this number varies
+    less than that of the forces. Contacts that all have one force count as Hertz's, as nothing
+    tells their law.
     """
     # a contact with a flat wall, whose centre is infinitely far, may be of another material
     is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
@@ -293,8 +294,8 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     log_material = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(log_material) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return ()
-    mean_overlap = np.mean(overlap_from(force, stiffness) / diameter)  # over the diameter d*
-    ratio = contact_radius_ratio(mean_overlap, 1.0)
+    mean_relative_overlap = np.mean(overlap_from(force, stiffness) / diameter)
+    ratio = contact_radius_ratio(mean_relative_overlap, 1.0)
     return (check_limit("contact_radius", ratio),)
 
 

@@ -119,7 +119,7 @@ class SoundVelocities(Result):
         from granphon.observables.sensitivities import find_velocity_sensitivities, list_networks
 
         networks = list_networks(self._state, "sound_velocities")
-        # the axes of the load, without that of waves, and of several directions that of these
+        # the axes of the load come first, then that of several directions, and that of the waves
         shape = np.shape(self.velocities)[: -np.ndim(self.direction)]
         return find_velocity_sensitivities(networks, shape, self.direction)
 
@@ -812,10 +812,11 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
     """Return the reduced angular frequency (n,) at the last point before the maximum of the branch
     number ``wave``, in each direction; zero where the first point is the maximum.
     """
-    n_rising = branches.rising[wave]
+    n_rising = branches.rising[wave]  # number of points before the maximum
     directions = np.arange(len(n_rising))
-    last = branches.frequencies[wave, directions, n_rising - 1]
-    return np.where(n_rising > 0, last, 0.0)
+    # without such points the index -1 takes some other frequency, in whose place zero is returned
+    last_frequencies = branches.frequencies[wave, directions, n_rising - 1]
+    return np.where(n_rising > 0, last_frequencies, 0.0)
 
 
 def _explain_unreachable(

@@ -417,8 +417,8 @@ def _list_joined() -> list[Export]:
 
 
 def _require_results(source: Path) -> None:
-    """Raise :class:`~granphon.base.errors.MissingFileError` if there is no folder ``source``, or a
-    file is missing that a run wrote and that is drawn.
+    """Raise :class:`~granphon.base.errors.MissingFileError` if there is no folder ``source``, or if
+    a file of an output of :func:`_list_joined` is missing that a run wrote there.
     """
     require_folder(source)
     written_names = set(read_written_files(source))

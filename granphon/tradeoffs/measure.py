@@ -105,6 +105,8 @@ BETTER = 100.0
 #: number of openings of a distribution up to which solving the effective medium takes no noticeable
 #: time
 _FEW_OPENINGS = 40
+#: number of diameters in the list whose medium is solved to predict the time of a longer list
+_SHORT_LIST = 20
 #: power of the number of openings with which the time of solving the effective medium grows
 _OPENINGS_POWER = 1.1
 #: share of the time of a study in which points are measured; the rest is left to the reference
@@ -427,7 +429,7 @@ class MediaStudy:
             return 0.0
         # only listed diameters have many openings
         shape: Any = cast("Spread", self.packing.spread).shape
-        even_steps = np.linspace(0, len(shape.positions) - 1, 20)
+        even_steps = np.linspace(0, len(shape.positions) - 1, _SHORT_LIST)
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
         short_list = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         start = self.stopwatch.now()
@@ -492,7 +494,9 @@ class MediaStudy:
             _ = EffectiveMedium(packing).local_field
 
         def prepare(field_of_medium: _Field, run: int) -> EffectiveMedium:
-            """Return the medium with its curve solved anew."""
+            """Return the medium with its curve solved anew, for which the curves that are kept in
+            this process are dropped.
+            """
             effective_curve.cache_clear()
             medium = EffectiveMedium(packing, field_of_medium)
             _ = cast("EffectiveLaw", medium.law).curve  # solved when asked for
@@ -583,11 +587,11 @@ class MediaStudy:
         observed_means = means[:, self._columns]
         errors = np.hypot(mean_errors[:, self._columns], differences[:, None])
         unit = "balls" if self.packing.structure.n_balls == 1 else "cells"
-        samples = (
+        words = (
             f"{ensemble.samples} samples of {_write_shape(ensemble.shape)} {unit}"
             f" {self.truth.words}, with control variates"
         )
-        made = f"{samples}; {check} by {np.max(differences):.0e}"
+        made = f"{words}; {check} by {np.max(differences):.0e}"
         return Reference(observed_means, errors, made)
 
     def compare(self, deadline: Deadline) -> tuple[str, Array]:
