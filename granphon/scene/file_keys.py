@@ -501,6 +501,8 @@ def _write_parameters(
     return {name: write(name, values) for name, values in parameters} or None
 
 
+#: rule of a correlation
+_CORRELATION: Rule = partial(number, low=-1.0, high=1.0)
 SWEEP = Setting(
     Kind(_read_parameters, _write_parameters),
     "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
@@ -511,10 +513,12 @@ SWEEP = Setting(
 def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
     """Return correlations as triples: the names of two parameters, and a number from -1 to 1. The
     ``value`` is a block whose keys are the two names with a comma between them; or a tuple of such
-    triples, those of another scene, which is returned as it is.
+    triples, those of another scene.
     """
     if isinstance(value, tuple):
-        return value
+        return tuple(
+            read_inside(index, _read_correlation, triple) for index, triple in enumerate(value)
+        )
     example = "'young_modulus, diameter: 0.3'"
     if not isinstance(value, Mapping):
         raise Refused(show(value), f"a block of pairs of parameters, such as {example}")
@@ -523,21 +527,29 @@ def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
         names = [name.strip() for name in str(key).split(",")]
         if len(names) != 2 or not all(names):
             raise Refused(show(key), f"two parameters, such as {example}", path=(key,))
-        correlation = read_inside(key, partial(number, low=-1.0, high=1.0), entry)
-        correlations.append((*names, correlation))
+        correlations.append((*names, read_inside(key, _CORRELATION, entry)))
     return tuple(correlations)
 
 
-def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float]:
-    """Return the block of ``correlations``, numbers by the two names with a comma between them."""
-    return {f"{first}, {second}": value for first, second, value in correlations}
+def _read_correlation(triple: Any) -> tuple[str, str, float]:
+    """Return the names of two parameters and the correlation of their errors, from a ``triple`` of
+    these; Refused for any other value.
+    """
+    if not isinstance(triple, tuple) or len(triple) != 3:
+        raise Refused(show(triple), "the names of two parameters and a correlation")
+    first, second, correlation = triple
+    return text(first), text(second), _CORRELATION(correlation)
+
+
+def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float] | None:
+    """Return the block of ``correlations``, numbers by the two names with a comma between them;
+    None if there are none.
+    """
+    return {f"{first}, {second}": value for first, second, value in correlations} or None
 
 
 CORRELATIONS = Setting(
-    Kind(
-        lambda value, _: _read_correlations(value),
-        lambda value, _: _write_correlations(value) if value else None,
-    ),
+    Kind.plain(_read_correlations, _write_correlations),
     "correlations of standard errors, by two parameters: `young_modulus, diameter: 0.3`, see"
     " [standard errors](../how-to/errors.md)",
     "none",
