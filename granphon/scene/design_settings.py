@@ -67,7 +67,7 @@ _MOST_BRANCHES = 1_000_000
 # -- the goal --------------------------------------------------------------------------------------
 
 
-def _frequencies_kind(column: str) -> Kind:
+def _make_frequencies_kind(column: str) -> Kind:
     """Return the kind of several frequencies, Hz: a list, or in a file the name of a table, whose
     ``column`` has the frequencies. Tables are sought in the folder of the scene.
     """
@@ -99,14 +99,14 @@ def _read_sigma(value: Any, context: ValueContext) -> float | tuple[float, ...]:
     """Return one standard error, Hz, from a quantity, or several, (n,) Hz, from a list or the name
     of a table. A text that begins with a number is a quantity.
     """
-    kind = with_unit(FREQUENCY) if _is_quantity(value) else _frequencies_kind("sigma")
+    kind = with_unit(FREQUENCY) if _is_quantity(value) else _make_frequencies_kind("sigma")
     sigma: float | tuple[float, ...] = kind.read(value, context)
     return sigma
 
 
 def _write_sigma(sigma: Any, context: ValueContext) -> Any:
     """Return plain data for one standard error, Hz, or for a tuple of standard errors."""
-    kind = _frequencies_kind("sigma") if isinstance(sigma, tuple) else with_unit(FREQUENCY)
+    kind = _make_frequencies_kind("sigma") if isinstance(sigma, tuple) else with_unit(FREQUENCY)
     return kind.write(sigma, context)
 
 
@@ -164,7 +164,7 @@ GOALS = {
     "match_frequencies": _Form(
         "MatchFrequencies",
         {
-            "measured": _frequencies_kind("frequency"),
+            "measured": _make_frequencies_kind("frequency"),
             "sigma": Kind(_read_sigma, _write_sigma),
             "q": Kind.plain(_read_qpoints, lambda points: [list(point) for point in points]),
             "branches": _BRANCHES,

@@ -1169,3 +1169,10 @@ def test_a_scene_prints_itself_in_three_short_lines():
     frame = "{side_force: {from: 10 N, to: 1 kN, points: 4}, balls_per_side: 31}"
     text = str(Scene.from_text(BALLS.replace("{force: 5 N}", frame)))
     assert "side force 10 N to 1 kN (4 loads)" in text
+
+
+@pytest.mark.parametrize("observe", [np.array(["velocities"]), np.array([]), (), {"velocities"}])
+def test_observables_in_python_stand_in_a_list(observe):
+    packing = gp.Packing(gp.Material(2.1e11, 0.28, 7840.0), 8e-3)
+    with pytest.raises(InputError, match="observe"):
+        Scene(packing, Load("force", 1.0), observe=observe)
