@@ -332,21 +332,21 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     "load", as the files hold the contact forces.
     """
     data = document.data
-    unused = (*_FILES_BLOCKS, *_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
-    for name in (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep"):
+    excluded = (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
+    for name in excluded:
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"
             raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
     rule = _make_readers(Context(folder=folder))["network"]
     values = read_inside("network", rule, data["network"])
     try:
-        arrangement = NetworkFiles(**values)
+        packing = NetworkFiles(**values)
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
-    context = Context(arrangement.structure, folder=folder)
-    readers = _make_readers(context, unused)
+    context = Context(packing.structure, folder=folder)
+    readers = _make_readers(context, (*_FILES_BLOCKS, *excluded))
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
-    return block(blocks, readers, ()) | {"packing": {"arrangement": arrangement}}
+    return block(blocks, readers, ()) | {"packing": {"arrangement": packing}}
 
 
 def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:
@@ -627,7 +627,9 @@ def _put_values(data: Any, values: Mapping[str, str]) -> Any:
     """
     changed_data = deepcopy(data)
     for name, text in values.items():
-        keys: list[Any] = [int(key) if key.isdecimal() else key for key in name.split(".")]
+        keys: list[Any] = [
+            int(key) if re.fullmatch("[0-9]{1,9}", key) else key for key in name.split(".")
+        ]
         try:
             entry: Any = changed_data
             for key in keys[:-1]:
@@ -723,6 +725,7 @@ class SceneSource(Places):
             return ()
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
+        spreads += [ball.get("spread") for ball in data.get("balls", {}).values()]
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))

@@ -289,8 +289,9 @@ def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float)
 
 
 def _are_same(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
-    """Return whether two pairs describe the same states, each pair the balls and the request of
-    their states, of two scenes that differ in one number.
+    """Return whether the ``first`` and the ``second`` pair, each of balls and of the request of
+    their states, describe the same states. The pairs are those of two scenes that differ in one
+    number, so that only what has numbers is compared.
     """
     (balls, request), (other_balls, other_request) = first, second
     settings = (request.waves, request.surface, request.bands)

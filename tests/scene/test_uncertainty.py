@@ -238,6 +238,10 @@ def test_numbers_of_a_fit_have_its_errors_and_correlations(tmp_path):
     assert (first, second) == ("material.young_modulus", "packing.spread.normal.std")
     assert_allclose(correlation, fit.correlation[0, 1], rtol=1e-12)
     assert gp.Scene.from_text(scene.to_yaml()) == scene
+    path.write_text(SPREAD.replace(" +- 0.05", "") + "sweep: {width: [1 um, {fit: fit.yaml}]}\n")
+    swept = gp.Scene.from_yaml(path)
+    assert swept.parameters == (("width", (1e-6, fit.width)),)
+    assert_allclose(dict(swept.errors)["sweep", "width", 1], fit.stderr, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
