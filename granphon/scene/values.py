@@ -20,7 +20,7 @@ from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings, read_block
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, show, spell
-from granphon.base.validation import read_inside, require
+from granphon.base.validation import read_inside, require, text
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.medium import CRYSTAL
 from granphon.phonons.paths import MESHES, BandPath, read_paths
@@ -63,6 +63,8 @@ _CHECKED = {
     "direction": file_keys.DIRECTION,
     "correlations": file_keys.CORRELATIONS,
 }
+#: those of these attributes that may be None
+_MAY_BE_NONE = frozenset({"direction", "dim"})
 #: words for the losses and walls that a sweep may vary
 _ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
@@ -168,6 +170,8 @@ class SceneValues:
         dimension, the first of them takes its place.
         """
         parameters = dict(_read_pairs("parameters", self.parameters))
+        for name in parameters:
+            require("the name of a parameter", text, name)
         axes = tuple(Axis.of(name, values) for name, values in parameters.items())
         self._assign("parameters", tuple((axis.name, axis.values) for axis in axes))
         lattices = dict(self.parameters).get("lattice", ())
@@ -180,14 +184,13 @@ class SceneValues:
         """Set each value that the rule of a key reads, by this rule; the default media and the
         default mesh, which depend on the balls and the lattice, first.
         """
-        if not self.mesh:
+        if _is_left_out(self.mesh):
             self._assign("mesh", MESHES[context.lattice.periods - 1])
-        # media of another type than a list are read below, by the rule of their key
-        if isinstance(cast("object", self.media), tuple | list) and not self.media:
+        if _is_left_out(self.media):
             self._assign("media", default_medium(self.packing, self.balls_differ))
         for name, declared in _CHECKED.items():
             value = getattr(self, name)
-            if value is not None:
+            if value is not None or name not in _MAY_BE_NONE:
                 self._assign(name, require(name, declared.kind.rule(context), value))
 
     def _settle_path(self, lattice: Lattice) -> None:
@@ -307,15 +310,15 @@ class SceneValues:
             from granphon.scene.uncertainty import write_errors
 
             write_errors(self, blocks)
-        text = dump_yaml(blocks)
-        n_bytes = len(text.encode())
+        document = dump_yaml(blocks)
+        n_bytes = len(document.encode())
         if n_bytes > MOST_SCENE_BYTES:
             problem = (
                 f"the scene takes {n_bytes // 1000} kB as a text; a scene file holds"
                 f" {MOST_SCENE_BYTES // 1000} kB"
             )
             raise InputError(problem, mend="Give long lists as a range, or call granphon.sweep")
-        return text
+        return document
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of the settings of the scene, of many directions the
@@ -701,6 +704,13 @@ def _read_balls(packing: Any) -> Packing | Arrangement | NetworkFiles:
     from granphon.media.arrangement import given_balls  # other scenes have no kinds
 
     return given_balls(packing)
+
+
+def _is_left_out(value: object) -> bool:
+    """Whether an argument is None or an empty list, in place of which a default stands; an argument
+    of any other type is for a rule to read.
+    """
+    return value is None or (isinstance(value, tuple | list) and not value)
 
 
 def _read_pairs(name: str, value: Any) -> tuple[tuple[Any, Any], ...]:
