@@ -60,6 +60,9 @@ _NUMBERS = {name: with_unit(quantity) for name, quantity in QUANTITIES.items()}
 _NAME_IN_BLOCK = re.compile(r"(?:load|material|packing)\.(.+)")
 #: most points of the mesh of a gap along each period, far above the 48 of the default
 _MOST_POINTS = 1000
+#: largest component of a wave vector, in fractions of the reciprocal cell: that of a zone far away
+#: is a mistake
+_LARGEST_COMPONENT = 1e3
 #: greatest number of a branch in a list, above that of any network whose branches can be found
 _MOST_BRANCHES = 1_000_000
 
@@ -112,7 +115,9 @@ def _write_sigma(sigma: Any, context: ValueContext) -> Any:
 
 def _read_qpoints(value: Any) -> tuple[tuple[float, ...], ...]:
     """Return wave vectors, (n_q, p) in fractions of the reciprocal cell, from a list in which each
-    wave vector is a text such as "1/3 1/3", a list of numbers, or on a chain a number.
+    wave vector is a text such as "1/3 1/3", a list of numbers, or on a chain a number. Refused for
+    components that are no numbers up to :data:`_LARGEST_COMPONENT` in magnitude; whether there are
+    p of them the goal judges, which knows the network.
     """
 
     def read_point(point: Any) -> tuple[float, ...]:
@@ -120,7 +125,7 @@ def _read_qpoints(value: Any) -> tuple[tuple[float, ...], ...]:
         words: Any = point.split() if isinstance(point, str) else point
         if not isinstance(words, list | tuple):
             words = [words]
-        return each(words, partial(fraction, largest=1e3), "numbers")
+        return each(words, partial(fraction, largest=_LARGEST_COMPONENT), "numbers")
 
     return each(value, read_point, "wave vectors")
 

@@ -117,15 +117,16 @@ _ATTRIBUTES = {
     # each key writes what it holds of the load
     **{f"load.{key}": "load" for key in (*LOAD_KINDS, "times")},
 }
-#: the blocks that a scene of a packing must have
-_NEEDED_BLOCKS = ("material", "packing", "load")
+#: the blocks of the balls of a packing, and the blocks that a scene of a packing must have
+_PACKING_BLOCKS = ("material", "packing")
+_NEEDED_BLOCKS = (*_PACKING_BLOCKS, "load")
 #: the blocks of a scene with balls of several kinds, which stand in place of material and packing
 _CRYSTAL_BLOCKS = ("balls", "crystal")
 #: the block of a scene with a packing in files, which stands in place of all of these blocks
 _FILES_BLOCKS = ("network",)
 #: the blocks of the balls of a scene, by the name of the medium that such balls have
 _BLOCKS_OF_MEDIA = {
-    "": _NEEDED_BLOCKS[:2],
+    "": _PACKING_BLOCKS,
     CRYSTAL: _CRYSTAL_BLOCKS,
     NETWORK: _FILES_BLOCKS,
 }
@@ -228,7 +229,7 @@ def _explain_key(line: str, block_name: str, key: str) -> str:
     itself, or of a value at the top level.
     """
     # kinds of balls have keys of the blocks material and packing
-    for name in (block_name, *_NEEDED_BLOCKS[:2]):
+    for name in (block_name, *_PACKING_BLOCKS):
         declared = BLOCKS.get(name, {}).get(key)
         if declared is not None:
             return declared.meaning
@@ -296,7 +297,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     on them; the crystal that they make is in the result under "packing", key "arrangement".
     """
     data = document.data
-    packing_blocks = [name for name in _NEEDED_BLOCKS[:2] if name in data]
+    packing_blocks = [name for name in _PACKING_BLOCKS if name in data]
     if packing_blocks:
         crystal_blocks = " and ".join(name for name in _CRYSTAL_BLOCKS if name in data)
         raise Refused(
@@ -305,10 +306,10 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
             "Remove it: the balls have their materials, and the crystal its lattice.",
             (packing_blocks[0],),
         )
-    crystal_context = Context(folder=folder)
+    readers_of_all = _make_readers(Context(folder=folder))
     crystal_values = block(
         {name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
-        {name: _make_readers(crystal_context)[name] for name in _CRYSTAL_BLOCKS},
+        {name: readers_of_all[name] for name in _CRYSTAL_BLOCKS},
         _CRYSTAL_BLOCKS,
     )
     settings: dict[str, Any] = dict(crystal_values["crystal"])
@@ -319,7 +320,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     packing["arrangement"] = arrangement
     context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
-    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
+    unused = (*_CRYSTAL_BLOCKS, *_PACKING_BLOCKS, "spectrum", "pulse")
     readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}

@@ -79,7 +79,7 @@ from granphon.base.settings import (
     word_of,
     write_values,
 )
-from granphon.base.text import closest, show
+from granphon.base.text import closest, counted, show
 from granphon.base.validation import (
     Rule,
     above_zero,
@@ -129,6 +129,15 @@ DIFFERENTIATED = frozenset({"cutoffs", "surface"})
 #: beside it
 MOST_DIAMETERS = 1000
 
+#: largest component of a direction, of a vector of a cell and of a site, in the units of each: a
+#: larger one is a mistake
+_LARGEST_COMPONENT = 1e3
+#: words for a direction, an example and the axes of a lattice, by the number of its periods
+_DIRECTION_WORDS = {
+    1: ("one number", "[1]", "one axis"),
+    2: ("two numbers", "[1, 1]", "two axes"),
+    3: ("three numbers", "[1, 1, 0]", "three axes"),
+}
 #: difference of the components of unit vectors below which two directions are the same: rounding
 _SAME_DIRECTION = 1e-12
 #: where the balls of a lattice of one, two or three dimensions lie, in words
@@ -272,7 +281,7 @@ def read_lattice(value: Any) -> str | Lattice:
     describes. Refused for any other value; also for "hexagonal", as several lattices are called so.
     """
     if isinstance(value, dict):
-        read_row = partial(each, rule=partial(fraction, largest=1e3), what="numbers")
+        read_row = partial(each, rule=partial(fraction, largest=_LARGEST_COMPONENT), what="numbers")
         read_rows = partial(each, rule=read_row, what="lists of numbers")
         rules: dict[str, Rule] = {"name": label, "cell": read_rows, "sites": read_rows}
         # without sites the lattice has one ball, at the origin
@@ -583,6 +592,7 @@ def _make_load_kind(name: str) -> Kind:
         """Return the values of a ``load`` with units; None for a load of another kind, and for
         gravity alone, which is a pressure of zero.
         """
+        # a force or pressure of zero is no load, an overlap of zero is one
         is_gravity_alone = name != "overlap" and not any(load.values)
         if load.kind != name or is_gravity_alone:
             return None
@@ -782,13 +792,11 @@ def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tupl
     elif isinstance(value, list | tuple):
         words = list(value)
     try:
-        components = tuple(fraction(word, 1e3) for word in words)
+        components = tuple(fraction(word, _LARGEST_COMPONENT) for word in words)
         as_direction(components, lattice.periods)
     except InputError:
-        count = ("one number", "two numbers", "three numbers")[lattice.periods - 1]
-        example = ("[1]", "[1, 1]", "[1, 1, 0]")[lattice.periods - 1]
+        count, example, axes = _DIRECTION_WORDS[lattice.periods]
         allowed = f"{count}, not all zero, such as {example}; or a list of these"
-        axes = ("one axis", "two axes", "three axes")[lattice.periods - 1]
         mend = f"The {lattice.name} lattice repeats along {axes}."
         raise Refused(show(value), allowed, mend, path) from None
     return components
@@ -1177,8 +1185,9 @@ def _make_tensor_kind(name: str) -> Kind:
         return _read_tensor(value, name, periods, component.rule(context))
 
     def write(load: Any, context: Context) -> Any:
-        """Return the components, in Voigt order and with units, of the tensor of a ``load``; None
-        for a load of another kind. Of several loads it is the tensor that the factors multiply.
+        """Return the components of the tensor of a ``load`` in Voigt order, those of a stress with
+        units; None for a load of another kind. Of several loads it is the tensor that the factors
+        multiply.
         """
         if load.kind != name:
             return None
@@ -1198,7 +1207,7 @@ def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> t
     The ``value`` is a list in this order, or the rows (p, p) of a symmetric matrix, whose entries
     ``read_component`` reads. Refused for any other value, and for a tensor of zeros.
     """
-    n_components = len(voigt_pairs(periods)) if periods else 0
+    n_components = len(voigt_pairs(periods))
     rows = list(value) if isinstance(value, list | tuple) else [value]
     are_rows = all(isinstance(row, list | tuple) and len(row) == periods for row in rows)
     if periods > 1 and len(rows) == periods and are_rows:
@@ -1209,10 +1218,11 @@ def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> t
         tensor = ()
     if any(tensor):
         return tensor
-    sort = "numbers" if name == "strain" else "quantities"
+    words = ("number", "numbers") if name == "strain" else ("quantity", "quantities")
+    rows_allowed = f", or {periods} rows of {periods}" if periods > 1 else ""
     allowed = (
-        f"{n_components} {sort} in Voigt order, or {periods} rows of {periods}; tension and"
-        " extension are positive"
+        f"{counted(n_components, *words)} in Voigt order{rows_allowed}; tension and extension are"
+        " positive"
     )
     problem = f"{show(value)}, which is zero" if tensor else show(value)
     raise Refused(problem, allowed)

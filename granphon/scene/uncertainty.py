@@ -394,6 +394,9 @@ class ErrorPropagation:
         parts: Sequence[float] = (),
         rounding: float = _ROUNDING,
     ) -> None:
+        """Prepare a propagation, to which no result is known to lack its error; the arguments are
+        the attributes.
+        """
         self.names = names
         self.pairs = pairs
         self.correlations = correlations
