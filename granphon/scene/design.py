@@ -1,7 +1,8 @@
 """The design of a scene: the networks that its variables make, and the search for the best of them.
 
-Parameters of the scene are followed through its statics; numbers of its network have exact
-derivatives. Each start of the search is a task, which the store of a run keeps.
+The variables are parameters of the scene, for each value of which its statics are solved anew, or
+numbers of its network, by which the goal has exact derivatives. Each start of the search is a task,
+whose result the store of a run keeps.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ import numpy as np
 
 from granphon.balls.loads import Load
 from granphon.balls.packing import change_packing
-from granphon.base.text import counted
+from granphon.base.arrays import Array
+from granphon.base.text import counted, list_names
 from granphon.inverse.design import Design, choose_best
 from granphon.inverse.goals import WidestGap
-from granphon.inverse.search import Numbers, Parameters, Problem, SearchOutcome
+from granphon.inverse.search import Numbers, Parameters, Problem, SearchOutcome, Space
 from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.parameters import read_number
@@ -29,20 +31,20 @@ from granphon.runs.tasks import Case, to_json
 from granphon.runs.workers import packages
 from granphon.scene.design_settings import DesignSettings, find_unit_of_variable, varies_parameters
 
-#: most unknowns that the description of a design names
+#: most unknowns that the description of a design names: they fill one line
 _MOST_NAMES = 6
 
 
 def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameters: bool) -> Problem:
-    """Return the problem that the ``settings`` of a design pose, with the network of the one state
+    """Return the problem that the ``settings`` of a design pose, with the network of the only state
     of ``case`` as the start of its search.
 
-    With ``of_parameters`` the parameters of the scene vary, among them its ``load`` as the file has
-    it; otherwise numbers of the balls and contacts of the network vary, and the sums of some of
-    these numbers may be kept.
+    With ``of_parameters`` the parameters of the scene vary, maybe its ``load`` among them, which is
+    as the file has it. Otherwise numbers of the balls and contacts of the network vary, and the
+    sums that the settings give are kept; the ``load`` is then not used.
     """
-    space: Any
-    sums: Any = ()
+    space: Space
+    sums: Sequence[tuple[Array, float]] = ()
     if of_parameters:
         space = _make_parameters(case, load, settings)
     else:
@@ -60,14 +62,15 @@ def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameter
 
 
 def _make_parameters(case: Case, load: Load, settings: DesignSettings) -> Parameters:
-    """Return the parameters of a scene that vary, with their bounds and their values in the scene.
+    """Return the parameters of a scene that vary, (n,), with their bounds and their values in the
+    scene.
 
-    The ``load`` is that of the scene as the file has it, maybe a side force; that of the ``case``
-    is the same load as it acts on contacts.
+    The ``load`` is the one load of the scene as the file has it, maybe a side force; that of the
+    ``case`` is the same load as it acts on contacts.
     """
     names = settings.names
 
-    def make_network(values: Any) -> ContactNetwork:
+    def make_network(values: Array) -> ContactNetwork:
         """Return the network of the state in which the parameters have the ``values`` (n,), SI; the
         state is solved anew.
         """
@@ -75,7 +78,7 @@ def _make_parameters(case: Case, load: Load, settings: DesignSettings) -> Parame
         changed_load = case.load
         if load.kind in changes:
             array = np.full(load.array.shape, changes.pop(load.kind))
-            changed_load = replace(load, array=array).applied.flat
+            changed_load = replace(load, array=array).applied.flat  # a case has its loads as (n,)
         changed_packing = change_packing(case.packing, changes) if changes else case.packing
         state = replace(case, packing=changed_packing, load=changed_load).state
         network: ContactNetwork = settings.shape(given_network(state))
@@ -128,26 +131,28 @@ class DesignTask(Task):
         return f"design-{self.number}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes that are sent to a worker, all but the ``problem``: its functions
-        cannot be sent, and the worker makes the problem itself.
+        """Return the attributes that are sent to a worker: all but the ``problem``, whose functions
+        cannot be sent, so that the worker makes the problem itself.
         """
         return {name: value for name, value in vars(self).items() if name != "problem"}
 
     @cached_property
     def problem(self) -> Problem:
-        """The goal of the design and the networks among which the best is sought."""
+        """The goal of the design and the networks among which the best is sought; a problem that
+        :meth:`PosedDesign.of` has made is shared by all tasks of this process.
+        """
         return _make_problem(self.case, self.load, self.settings, self.of_parameters)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Search from the start, and return the goal at each evaluation, (h,), the best variables,
-        (n,) SI, and the reason for an early end, a text that may be empty. A search keeps no
-        intermediate results, so that ``begun`` is not used.
+        """Search from the start, and return as "history" the goal at each evaluation, (h,), as
+        "best" the best variables, (n,) SI, and as "stopped" the reason for an early end, a text
+        that may be empty. A search is one step, so that ``begun`` is not used.
         """
-        found = self.problem.search(self.number)
+        outcome = self.problem.search(self.number)
         return {
-            "history": found.history,
-            "best": found.best,
-            "stopped": np.array(found.stopped),
+            "history": outcome.history,
+            "best": outcome.best,
+            "stopped": np.array(outcome.stopped),
         }
 
 
@@ -157,10 +162,10 @@ class PosedDesign:
 
     Attributes
     ----------
-    problem : the goal, and the networks.
-    warnings : a sentence that names the variables without an effect, or none.
-    tasks : one for each start.
-    units : SI unit of each name that varies.
+    problem : the goal, and the networks among which the best is sought.
+    warnings : one sentence, which names the variables without an effect; empty if there are none.
+    tasks : the search from each start, in the order of the starts.
+    units : SI unit of each variable by its name in the settings, such as "mass".
     """
 
     problem: Problem
@@ -170,9 +175,10 @@ class PosedDesign:
 
     @classmethod
     def of(cls, scene: Any) -> PosedDesign:
-        """Return the design of a scene. Errors of the goal and of the variables are placed at the
-        block "design" of the file, those of its repeat and cut there, and errors of the state at
-        the load.
+        """Return the design of a scene; its state is solved.
+
+        Errors of the goal and of the variables are placed at the block "design" of the file, those
+        of its repeat and cut at these keys, and errors of the state at the load.
         """
         settings = scene.design
         case = scene.plan.case.case
@@ -199,9 +205,9 @@ class PosedDesign:
 
     @property
     def cost(self) -> costs.Cost:
-        """Memory and time of the search if each start takes all of its steps; of a gap, with those
-        of its certificates at the start and at the end. To estimate the time, one evaluation of the
-        goal with its derivatives is timed.
+        """Memory and time of the search if each start takes all of its steps; for a goal with
+        certificates, as a gap, with those of the certificates of the given and of the best network.
+        When the time is first asked for, one evaluation of the goal with its derivatives is timed.
         """
         problem = self.problem
         space = problem.space
@@ -232,19 +238,19 @@ class PosedDesign:
         value of the goal at the start of the search. The value of the widest gap is its smooth
         width, or words where that gap is closed.
         """
-        problem = self.problem
-        space = problem.space
-        labels = space.labels
-        names = ", ".join(labels[:_MOST_NAMES])
-        more = f" and {len(labels) - _MOST_NAMES} more" if len(labels) > _MOST_NAMES else ""
-        goal = problem.goals[0]
+        labels = self.problem.space.labels
+        unknowns = f"{len(labels)}: {list_names(labels, _MOST_NAMES)}"
+        goal = self.problem.goals[0]
+        name = "goal at the start"
+        value: Any = self.problem.start_value
         unit = getattr(goal, "unit", "")
-        value = problem.start_value
-        row: tuple[str, Any, str] = ("goal at the start", value, unit)
         if isinstance(goal, WidestGap):
-            closed = goal.tell_closed(value)
-            row = ("smooth gap at the start", closed or value, "" if closed else unit)
-        return [("unknowns of the design", f"{len(labels)}: {names}{more}", ""), row]
+            name = "smooth gap at the start"
+            words_of_closed_gap = goal.tell_closed(value)
+            if words_of_closed_gap:
+                value = words_of_closed_gap
+                unit = ""
+        return [("unknowns of the design", unknowns, ""), (name, value, unit)]
 
     def finish(self, results: Sequence[TaskResult]) -> Design:
         """Return the best of the designs that the tasks have found, whose ``results`` are in the

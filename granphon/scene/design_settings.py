@@ -1,24 +1,28 @@
 """The settings of the design of a scene: the goal, what varies, and the bounds.
 
 What varies are parameters of the scene, as a sweep names them, and its load; or numbers of the
-balls and contacts of its network. Goals are imported where one is made: other scenes need no
-phonons.
+balls and contacts of its network. The goals of granphon are imported when a goal is made, as they
+need phonons, and other scenes do not.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from numbers import Real
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from granphon.balls.on_site import SPRING_PARAMETERS
-from granphon.balls.packing import LOSSES, PARAMETERS, find_unit
+from granphon.balls.packing import PARAMETERS, find_unit
 from granphon.base.errors import Refused
 from granphon.base.quantities import (
     FREQUENCY,
     LOADS,
+    NUMBER,
     find_load_unit,
     load_quantities,
 )
@@ -50,25 +54,32 @@ from granphon.media.network_file import NetworkMedium
 from granphon.scene.file_keys import find_kind, refusing
 from granphon.waves.settings import DIRECTION, NetworkSettings, ResponseSettings, find_place
 
-#: the kinds of the numbers of a network
+#: the kind of each number of a network that may vary, by name
 _NUMBERS = {name: with_unit(quantity) for name, quantity in QUANTITIES.items()}
-#: blocks whose names may stand before a parameter of theirs, as in load.force
-_PREFIXES = ("load.", "material.", "packing.")
-#: most points of the mesh of a gap along each period
+#: a name of a variable behind that of its block, which may be left out, as in load.force
+_NAME_IN_BLOCK = re.compile(r"(?:load|material|packing)\.(.+)")
+#: most points of the mesh of a gap along each period, far above the 48 of the default
 _MOST_POINTS = 1000
+#: largest component of a wave vector, in fractions of the reciprocal cell: that of a zone far away
+#: is a mistake
+_LARGEST_COMPONENT = 1e3
+#: greatest number of a branch in a list, above that of any network whose branches can be found
+_MOST_BRANCHES = 1_000_000
 
 
 # -- the goal --------------------------------------------------------------------------------------
 
 
-def _frequencies_kind(column: str) -> Kind:
-    """Return the kind of several frequencies: a list, or in a file the name of a table that has
-    them in its ``column``.
+def _make_frequencies_kind(column: str) -> Kind:
+    """Return the kind of several frequencies, Hz: a list, or in a file the name of a table, whose
+    ``column`` has the frequencies. Tables are sought in the folder of the scene.
     """
     list_kind = listed(with_unit(FREQUENCY), "frequencies")
 
     def read(value: Any, context: ValueContext) -> tuple[float, ...]:
-        """Return the frequencies, Hz, of a list or of the table that a text names."""
+        """Return the frequencies (n,), Hz, of a list or of the table that a text names. Refused
+        where the table cannot be read, and in Python for a text.
+        """
         if not (isinstance(value, str) and context.written):
             return list_kind.read(value, context)  # type: ignore[no-any-return]
         with refusing(value, f"a list, as [6.5 kHz], or a table with a column {column}"):
@@ -78,24 +89,35 @@ def _frequencies_kind(column: str) -> Kind:
     return Kind(read, list_kind.write, FREQUENCY.unit)
 
 
-def _read_sigma(value: Any, context: ValueContext) -> Any:
-    """Return one standard error, Hz, from a number, or a tuple of standard errors, Hz, from a list
-    or the name of a table. A text that begins with a digit is a number with its unit.
+def _is_quantity(value: Any) -> bool:
+    """Whether a ``value`` is a number or a text that begins with one, "1 Hz", which names no
+    table.
     """
-    is_number = isinstance(value, float | int) or (isinstance(value, str) and value[:1].isdecimal())
-    kind = with_unit(FREQUENCY) if is_number else _frequencies_kind("sigma")
-    return kind.read(value, context)
+    if isinstance(value, str):
+        return re.match(rf"\s*{NUMBER}", value) is not None
+    return isinstance(value, Real)
+
+
+def _read_sigma(value: Any, context: ValueContext) -> float | tuple[float, ...]:
+    """Return one standard error, Hz, from a quantity, or several, (n,) Hz, from a list or the name
+    of a table. A text that begins with a number is a quantity.
+    """
+    kind = with_unit(FREQUENCY) if _is_quantity(value) else _make_frequencies_kind("sigma")
+    sigma: float | tuple[float, ...] = kind.read(value, context)
+    return sigma
 
 
 def _write_sigma(sigma: Any, context: ValueContext) -> Any:
     """Return plain data for one standard error, Hz, or for a tuple of standard errors."""
-    kind = _frequencies_kind("sigma") if isinstance(sigma, tuple) else with_unit(FREQUENCY)
+    kind = _make_frequencies_kind("sigma") if isinstance(sigma, tuple) else with_unit(FREQUENCY)
     return kind.write(sigma, context)
 
 
 def _read_qpoints(value: Any) -> tuple[tuple[float, ...], ...]:
     """Return wave vectors, (n_q, p) in fractions of the reciprocal cell, from a list in which each
-    wave vector is a text such as "1/3 1/3", a list of numbers, or on a chain a number.
+    wave vector is a text such as "1/3 1/3", a list of numbers, or on a chain a number. Refused for
+    components that are no numbers up to :data:`_LARGEST_COMPONENT` in magnitude; whether there are
+    p of them the goal judges, which knows the network.
     """
 
     def read_point(point: Any) -> tuple[float, ...]:
@@ -103,7 +125,7 @@ def _read_qpoints(value: Any) -> tuple[tuple[float, ...], ...]:
         words: Any = point.split() if isinstance(point, str) else point
         if not isinstance(words, list | tuple):
             words = [words]
-        return each(words, partial(fraction, largest=1e3), "numbers")
+        return each(words, partial(fraction, largest=_LARGEST_COMPONENT), "numbers")
 
     return each(value, read_point, "wave vectors")
 
@@ -113,22 +135,24 @@ class _Form(NamedTuple):
 
     Attributes
     ----------
-    goal : name of the class of granphon that is the goal.
-    keys : the kinds of the goal's numbers, by their keys.
+    class_name : the class of the goal, a public name of granphon.
+    keys : the kinds of the goal's numbers, by their keys, which are the arguments of the class.
     needed : the keys that a file must give.
     """
 
-    goal: str
+    class_name: str
     keys: Mapping[str, Kind]
     needed: tuple[str, ...] = ()
 
 
-_OF_RESPONSE = {
+#: the kinds of the settings of a response that a goal has too: a design has one frequency, and it
+#: repeats and cuts the network itself
+_RESPONSE_KINDS = {
     name: declared.kind
     for name, declared in list_settings(ResponseSettings).items()
     if name not in ("frequencies", "repeat", "cut")
 }
-_WHOLE_NUMBERS = Kind.plain(lambda value: read_counts(value, "numbers", 0, 1_000_000), list)
+_BRANCHES = Kind.plain(lambda value: read_counts(value, "numbers", 0, _MOST_BRANCHES), list)
 #: the goals by their names
 GOALS = {
     "widest_gap": _Form(
@@ -145,17 +169,17 @@ GOALS = {
     "match_frequencies": _Form(
         "MatchFrequencies",
         {
-            "measured": _frequencies_kind("frequency"),
+            "measured": _make_frequencies_kind("frequency"),
             "sigma": Kind(_read_sigma, _write_sigma),
             "q": Kind.plain(_read_qpoints, lambda points: [list(point) for point in points]),
-            "branches": _WHOLE_NUMBERS,
+            "branches": _BRANCHES,
         },
         ("measured",),
     ),
     "lowest_velocity": _Form("LowestVelocity", {"direction": DIRECTION, "wave": whole_from(0)}),
     "response_at": _Form(
         "ResponseAt",
-        {"frequency": with_unit(FREQUENCY), "largest": Kind.plain(truth), **_OF_RESPONSE},
+        {"frequency": with_unit(FREQUENCY), "largest": Kind.plain(truth), **_RESPONSE_KINDS},
         ("frequency", "source", "receiver"),
     ),
 }
@@ -169,10 +193,10 @@ def _read_goal(value: Any, context: ValueContext) -> tuple[str, tuple[tuple[str,
     does not accept.
     """
     name = value
-    numbers: Any = {}
+    numbers: Any = None
     if isinstance(value, tuple) and len(value) == 2:
-        name, entries_read = value
-        numbers = dict(entries_read)
+        name = value[0]
+        numbers = _join_pairs(value[1])
     elif isinstance(value, Mapping) and len(value) == 1:
         ((name, numbers),) = value.items()
     if not isinstance(name, str):
@@ -180,10 +204,21 @@ def _read_goal(value: Any, context: ValueContext) -> tuple[str, tuple[tuple[str,
         raise Refused(show(value), allowed)
     form = GOALS[choice(name, tuple(GOALS))]
     rule = block_of(form.keys, form.needed).rule(context)
-    entries = read_inside(name, rule, numbers or {})
+    # all numbers may be commented out below the name
+    entries = read_inside(name, rule, {} if numbers is None else numbers)
     with refusing(numbers or name, f"numbers of the goal {name}", name):
         _make_goal(name, entries)  # made here only to check the numbers
     return name, tuple(entries.items())
+
+
+def _join_pairs(value: Any) -> Any:
+    """Return the mapping that a tuple of pairs stands for, as settings keep the entries of a block;
+    any other ``value`` as it is, which the rule of a block refuses unless it is a mapping.
+    """
+    are_pairs = isinstance(value, tuple) and all(
+        isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], str) for pair in value
+    )
+    return dict(value) if are_pairs else value
 
 
 def _write_goal(goal: tuple[str, Any], context: ValueContext) -> Any:
@@ -197,15 +232,16 @@ def _write_goal(goal: tuple[str, Any], context: ValueContext) -> Any:
 
 def _make_goal(name: str, entries: Mapping[str, Any]) -> Any:
     """Return the goal called ``name`` in a file, an instance of its class, with the numbers
-    ``entries`` by key; sources and receivers, which are words in a file, become places.
+    ``entries`` by key; sources and receivers, which are words in a file, become places. InputError
+    for numbers that the goal does not accept.
     """
-    import granphon  # other scenes need no phonons, which goals import
+    import granphon
 
     arguments = dict(entries)
     for key in ("source", "receiver"):
         if key in arguments:
             arguments[key] = [find_place(words) for words in arguments[key]]
-    return getattr(granphon, GOALS[name].goal)(**arguments)
+    return getattr(granphon, GOALS[name].class_name)(**arguments)
 
 
 def named_tables_of_goal(goal: Any) -> list[str]:
@@ -213,32 +249,38 @@ def named_tables_of_goal(goal: Any) -> list[str]:
     data, refers to.
     """
     numbers = goal.get("match_frequencies", {}) if isinstance(goal, Mapping) else {}
-    names = (numbers.get(key) for key in ("measured", "sigma"))
-    # a text that begins with a digit is a standard error with its unit, such as "5 Hz"
-    return [name for name in names if isinstance(name, str) and not name[:1].isdecimal()]
+    measured = numbers.get("measured")
+    sigma = numbers.get("sigma")
+    # a standard error may be a quantity
+    names = [measured] if _is_quantity(sigma) else [measured, sigma]
+    return [name for name in names if isinstance(name, str)]
 
 
 # -- what varies -----------------------------------------------------------------------------------
 
 
+def _list_numbers(parameters: Sequence[str]) -> list[str]:
+    """Return the names of those ``parameters`` of a scene that are numbers. Without ``parameters``,
+    as the context of a packing has none, they are those of a packing. Springs to the ground are
+    left out, which vary as numbers of the network.
+    """
+    names = parameters or tuple(PARAMETERS)
+    return [name for name in names if name not in SPRING_PARAMETERS and find_unit(name) is not None]
+
+
 def _list_names(context: Any) -> tuple[list[str], list[str]]:
     """Return two lists of names that may vary: the kinds of load and the parameters of the scene
-    that are numbers; and the numbers of its network, without those that are parameters too.
+    that are numbers; and the numbers of its network, without those that are parameters too. The
+    ``context`` is that of a scene, or that of settings in Python, which has no parameters.
     """
-    all_parameters = getattr(context, "parameters", ()) or [
-        name for name in PARAMETERS if find_unit(name) is not None
-    ]
-    parameters = [
-        name for name in all_parameters if name not in SPRING_PARAMETERS and name not in LOSSES
-    ]
+    parameters = _list_numbers(getattr(context, "parameters", ()))
     return [*LOADS, *parameters], [name for name in _NUMBERS if name not in parameters]
 
 
 def _choose_kind(name: str, context: Any) -> Kind:
-    """Return the kind of value of the bounds of the variable ``name``.
-
-    The variable is a number that each ball or contact of the network has, such as a stiffness; a
-    load, whose unit depends on the lattice of the ``context``; or a parameter of a sweep.
+    """Return the kind of each bound of the variable ``name``: a number that each ball or contact of
+    the network has, such as a stiffness; a load, whose unit depends on the lattice of the
+    ``context`` of the scene; or a parameter of a sweep.
     """
     _, names_of_numbers = _list_names(context)
     if name in names_of_numbers:
@@ -250,41 +292,59 @@ def _choose_kind(name: str, context: Any) -> Kind:
 
 def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]], ...]:
     """Return the variables as pairs of a name and its bounds (low, high), SI, from a block of
-    bounds by name, or from the pairs of another scene. Refused for an unknown name, for a name
-    given twice, and for bounds that are not two ascending numbers.
+    bounds by name, or from the pairs of another scene. A name may stand behind that of its block.
+
+    Refused for a name given twice, for bounds that are not two finite, ascending numbers, and in a
+    file for an unknown name; :func:`require_variables` refuses one in Python.
     """
-    entries = dict(value) if isinstance(value, tuple) else value
+    entries = _join_pairs(value)
     if not isinstance(entries, Mapping) or not entries:
         raise Refused(show(value), "a block of names and bounds, as {mass: [10 g, 40 g]}")
     varied: dict[str, tuple[float, float]] = {}
     for written, bounds in entries.items():
-        name = str(written)
-        for prefix in _PREFIXES:
-            name = name.removeprefix(prefix)
+        name = _NAME_IN_BLOCK.sub(r"\1", str(written))
         rule: Rule = real_number
         if context.written:
-            parameters, numbers = _list_names(context)
-            names = [*parameters, *numbers]
-            if name not in names:
-                guess = closest(name, names)
-                mend = f"Did you mean {_spell(guess)!r}?" if guess else ""
-                allowed = f"one of {', '.join(map(_spell, names))}"
-                raise Refused(show(written), allowed, mend, (written,))
+            _require_known(name, written, context)
             rule = _choose_kind(name, context).rule(context)
         if name in varied:
             raise Refused(f"{name} twice", "each variable once", path=(written,))
-        pair = read_inside(written, partial(each, rule=rule, what="bounds"), bounds)
-        is_pair = len(pair) == 2 and all(isinstance(end, float) for end in pair)
-        if not is_pair or not pair[0] < pair[1]:
-            allowed = "the least and the greatest value, [low, high]"
-            raise Refused(show(bounds), allowed, path=(written,))
-        varied[name] = pair
+        varied[name] = read_inside(written, partial(_read_bounds, rule=rule), bounds)
     return tuple(varied.items())
+
+
+def _require_known(name: str, written: Any, context: Any) -> None:
+    """Raise Refused, at the key ``written``, unless a scene of the ``context`` may have the
+    variable ``name``.
+    """
+    parameters, numbers = _list_names(context)
+    names = [*parameters, *numbers]
+    if name not in names:
+        guess = closest(name, names)
+        mend = f"Did you mean {_spell(guess)!r}?" if guess else ""
+        raise Refused(show(written), _spell_allowed(names), mend, (written,))
+
+
+def _read_bounds(value: Any, rule: Rule) -> tuple[float, float]:
+    """Return the least and the greatest value of a variable from a list of the two, each read by
+    the ``rule``; Refused unless these are two finite, ascending numbers.
+    """
+    bounds = each(value, rule, "bounds")
+    # a parameter may have a word for a value, as torsion has
+    are_finite = all(isinstance(bound, float) and math.isfinite(bound) for bound in bounds)
+    if len(bounds) != 2 or not are_finite or not bounds[0] < bounds[1]:
+        raise Refused(show(value), "the least and the greatest value, both finite, [low, high]")
+    return bounds
 
 
 def _spell(name: str) -> str:
     """Return the ``name`` of a variable as a file has it: a load behind the name of its block."""
     return f"load.{name}" if name in LOADS else name
+
+
+def _spell_allowed(names: Sequence[str]) -> str:
+    """Return words for a message: one of the variables ``names``, each once."""
+    return f"one of {', '.join(map(_spell, dict.fromkeys(names)))}"
 
 
 def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, Any]:
@@ -297,10 +357,10 @@ def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, An
 
 def _read_constraints(value: Any, context: ValueContext) -> tuple[tuple[str, float], ...]:
     """Return the sums that the search keeps, pairs of the name of a number and its sum, SI, from a
-    block of sums by name, or from the pairs of another scene.
+    block of sums by name, or from the pairs of another scene. Refused for an unknown name, and for
+    a sum that is no value of the number.
     """
-    entries = dict(value) if isinstance(value, tuple) else value
-    return tuple(block_of(_NUMBERS).read(entries, context).items())
+    return tuple(block_of(_NUMBERS).read(_join_pairs(value), context).items())
 
 
 class DesignSettings(NetworkSettings):
@@ -351,15 +411,15 @@ class DesignSettings(NetworkSettings):
 
 
 def _list_parameters(scene: Any) -> list[str]:
-    """Return what may vary of a scene: the kind of its load, and the names of its parameters that
-    are numbers; nothing for a packing in files.
+    """Return what may vary of a scene beside numbers of its network: the kind of its load, unless
+    the load is a tensor, and the names of its parameters that are numbers; nothing for a packing in
+    files.
     """
     packing = scene.packing
     if packing.medium_name == NetworkMedium.name:
         return []
-    all_parameters = getattr(packing, "parameters", ()) or PARAMETERS
-    names = [name for name in all_parameters if name not in SPRING_PARAMETERS and find_unit(name)]
-    return [scene.load.kind, *names]
+    kinds_of_load = [kind for kind in LOADS if kind == scene.load.kind]
+    return [*kinds_of_load, *_list_numbers(getattr(packing, "parameters", ()))]
 
 
 def varies_parameters(scene: Any) -> bool:
@@ -369,15 +429,16 @@ def varies_parameters(scene: Any) -> bool:
 
 def require_variables(scene: Any) -> None:
     """Raise :class:`~granphon.base.errors.Refused`, with its place in the block, for variables that
-    a scene does not have or that do not go together, and for bounds that exclude its own value of a
-    parameter.
+    a scene does not have or that do not go together, for sums of parameters, and for bounds that
+    exclude its own value of a parameter.
     """
     settings = scene.design
     parameters = _list_parameters(scene)
-    for name, _ in settings.vary:
-        if name not in parameters and name not in VARIED:
-            allowed = f"one of {', '.join(map(_spell, (*parameters, *VARIED)))}"
-            raise Refused(show(name), allowed, path=("design", "vary", name))
+    allowed_names = [*parameters, *VARIED]
+    for name in settings.names:
+        if name not in allowed_names:
+            path = ("design", "vary", name)
+            raise Refused(show(name), _spell_allowed(allowed_names), path=path)
     if not varies_parameters(scene):
         return
     numbers = [name for name in settings.names if name not in parameters]
@@ -393,7 +454,14 @@ def require_variables(scene: Any) -> None:
         found = f"a sum of {settings.constraints[0][0]}"
         allowed = "sums of numbers of the network that vary"
         raise Refused(found, allowed, path=("design", "constraints"))
-    for name, (low, high) in settings.vary:
+    _require_starts(scene)
+
+
+def _require_starts(scene: Any) -> None:
+    """Raise :class:`~granphon.base.errors.Refused` for bounds that exclude the value that a scene
+    itself has for a parameter that varies; the search begins there.
+    """
+    for name, (low, high) in scene.design.vary:
         start = _find_start(scene, name)
         if not low <= start <= high:
             unit = find_unit_of_variable(scene, name)
@@ -405,8 +473,8 @@ def require_variables(scene: Any) -> None:
 
 
 def _find_start(scene: Any, name: str) -> float:
-    """Return the value, SI, that the parameter ``name`` has in a scene; of several loads, the
-    first. Refused if the balls of the scene have no such number.
+    """Return the value, SI, that the parameter or load ``name`` has in a scene; of several loads,
+    the first. Refused if the balls of the scene have no such number, as where torsion is a word.
     """
     if name == scene.load.kind:
         return float(np.ravel(scene.load.array)[0])
@@ -417,10 +485,12 @@ def _find_start(scene: Any, name: str) -> float:
 
 
 def find_unit_of_variable(scene: Any, name: str) -> str:
-    """Return the SI unit of the variable ``name`` of the design of a scene."""
+    """Return the SI unit of the variable ``name`` of the design of a scene, "1" for a pure
+    number.
+    """
     if name == scene.load.kind:
         structure = scene.packing.structure
         return find_load_unit(name, structure.periods, structure.pressed_axes)
     if name in _list_parameters(scene):
-        return find_unit(name) or ""
+        return cast("str", find_unit(name))
     return UNITS[name]

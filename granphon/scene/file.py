@@ -63,11 +63,11 @@ from granphon.waves.settings import named_tables
 if TYPE_CHECKING:
     from granphon.media.arrangement import Arrangement
 
-#: column at which the words of a key stand in a preset, and the most letters of them in a line
+#: column at which the words of a key stand in a preset, and the most letters of words in a line
 _WORDS_COLUMN = 38
 _WORDS_WIDTH = 80
-#: what is left out of the words of a key in a preset: links that say what to see, the marks of
-#: code, and of other links the brackets and the address
+#: what is left out of the words of a key in a preset: links behind "see", the marks of code, and
+#: of other links the brackets and the address
 _MARKUP = re.compile(r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)")
 #: lines below the head of a preset
 _REMARK_OF_PRESETS = (
@@ -97,8 +97,8 @@ BLOCKS: dict[str, Mapping[str, Setting]] = {
     **{name: list_settings(settings) for name, settings in SETTINGS.items()},
     "phonopy": file_keys.PHONOPY,
 }
-#: the attribute of a scene that has the values of a block, or the value of a key, where it has not
-#: the name of the block, or of the key in it
+#: the attribute of a scene that has the values of a block, or the value of a key in it, where the
+#: attribute has another name than the block or the key
 _ATTRIBUTES = {
     "material": "packing.material",
     "crystal": "packing",
@@ -117,15 +117,16 @@ _ATTRIBUTES = {
     # each key writes what it holds of the load
     **{f"load.{key}": "load" for key in (*LOAD_KINDS, "times")},
 }
-#: the blocks that a scene must have
-_NEEDED_BLOCKS = ("material", "packing", "load")
-#: the blocks of a scene with balls of several kinds, which stand in place of the first two
+#: the blocks of the balls of a packing, and the blocks that a scene of a packing must have
+_PACKING_BLOCKS = ("material", "packing")
+_NEEDED_BLOCKS = (*_PACKING_BLOCKS, "load")
+#: the blocks of a scene with balls of several kinds, which stand in place of material and packing
 _CRYSTAL_BLOCKS = ("balls", "crystal")
-#: the block of a scene with a packing in files, which stands in place of these and of a load
+#: the block of a scene with a packing in files, which stands in place of all of these blocks
 _FILES_BLOCKS = ("network",)
 #: the blocks of the balls of a scene, by the name of the medium that such balls have
 _BLOCKS_OF_MEDIA = {
-    "": _NEEDED_BLOCKS[:2],
+    "": _PACKING_BLOCKS,
     CRYSTAL: _CRYSTAL_BLOCKS,
     NETWORK: _FILES_BLOCKS,
 }
@@ -147,7 +148,7 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     :func:`read_blocks` reads the blocks again.
     """
     blocks: dict[str, Any] = {}
-    absent_blocks = {block for blocks in _BLOCKS_OF_MEDIA.values() for block in blocks}
+    absent_blocks = set().union(*_BLOCKS_OF_MEDIA.values())
     absent_blocks -= {*_BLOCKS_OF_MEDIA[scene.packing.medium_name]}
     if scene.packing.is_network:
         absent_blocks |= {"load", "medium"}
@@ -228,7 +229,7 @@ def _explain_key(line: str, block_name: str, key: str) -> str:
     itself, or of a value at the top level.
     """
     # kinds of balls have keys of the blocks material and packing
-    for name in (block_name, *_NEEDED_BLOCKS[:2]):
+    for name in (block_name, *_PACKING_BLOCKS):
         declared = BLOCKS.get(name, {}).get(key)
         if declared is not None:
             return declared.meaning
@@ -271,8 +272,8 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _convert_percent(refused: Refused, data: Any) -> Refused:
-    """Return the refusal of a width that is written in per cent, with the length to write instead,
-    which is this part of the diameter; return any other refusal unchanged.
+    """Return the refusal of a width of a packing that is written in per cent, with the length to
+    write instead, which is this part of the diameter; return any other refusal unchanged.
 
     ``data`` is the plain data of the document. Raises LookupError, TypeError, AttributeError or
     Refused where the keys of the refusal lead to no text, or the diameter cannot be read.
@@ -282,7 +283,7 @@ def _convert_percent(refused: Refused, data: Any) -> Refused:
         value = value[key]
     percent = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
     width_keys = (("packing", "spread"), ("sweep", "width"), ("sweep", "spread"))
-    if percent is None or refused.path[:2] not in width_keys:
+    if percent is None or refused.path[:2] not in width_keys or float(percent[1]) <= 0.0:
         return refused
     diameter = LENGTH.read(data["packing"]["diameter"])
     width = write_quantity(float(percent[1]) / 100.0 * diameter, "m")
@@ -296,7 +297,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     on them; the crystal that they make is in the result under "packing", key "arrangement".
     """
     data = document.data
-    packing_blocks = [name for name in _NEEDED_BLOCKS[:2] if name in data]
+    packing_blocks = [name for name in _PACKING_BLOCKS if name in data]
     if packing_blocks:
         crystal_blocks = " and ".join(name for name in _CRYSTAL_BLOCKS if name in data)
         raise Refused(
@@ -305,10 +306,10 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
             "Remove it: the balls have their materials, and the crystal its lattice.",
             (packing_blocks[0],),
         )
-    crystal_context = Context(folder=folder)
+    readers_of_all = _make_readers(Context(folder=folder))
     crystal_values = block(
         {name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
-        {name: _make_readers(crystal_context)[name] for name in _CRYSTAL_BLOCKS},
+        {name: readers_of_all[name] for name in _CRYSTAL_BLOCKS},
         _CRYSTAL_BLOCKS,
     )
     settings: dict[str, Any] = dict(crystal_values["crystal"])
@@ -319,7 +320,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     packing["arrangement"] = arrangement
     context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
-    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
+    unused = (*_CRYSTAL_BLOCKS, *_PACKING_BLOCKS, "spectrum", "pulse")
     readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
@@ -332,21 +333,21 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     "load", as the files hold the contact forces.
     """
     data = document.data
-    unused = (*_FILES_BLOCKS, *_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
-    for name in (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep"):
+    excluded = (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
+    for name in excluded:
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"
             raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
     rule = _make_readers(Context(folder=folder))["network"]
     values = read_inside("network", rule, data["network"])
     try:
-        arrangement = NetworkFiles(**values)
+        packing = NetworkFiles(**values)
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
-    context = Context(arrangement.structure, folder=folder)
-    readers = _make_readers(context, unused)
+    context = Context(packing.structure, folder=folder)
+    readers = _make_readers(context, (*_FILES_BLOCKS, *excluded))
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
-    return block(blocks, readers, ()) | {"packing": {"arrangement": arrangement}}
+    return block(blocks, readers, ()) | {"packing": {"arrangement": packing}}
 
 
 def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:
@@ -382,12 +383,13 @@ def _find_failing_step(
     make: Callable[..., Arrangement], arguments: Mapping[str, Any]
 ) -> tuple[str, ...]:
     """Return the path, a tuple of one key, of the step at which ``make`` fails to make a crystal of
-    its ``arguments``. Empty if the crystal cannot be made even without any of the steps.
+    its ``arguments``: "repeat", "cut", "replace" or "remove". The path is empty if the crystal
+    cannot be made even without any of the steps.
 
-    The crystal is made with more and more of the steps. The step that fails is the one that follows
-    the last success.
+    The crystal is made with more and more of the steps, in the order in which they are done. The
+    step that fails is the one after the last success.
     """
-    steps = ("repeat", "cut", "replace", "remove")  # in the order in which they are done
+    steps = ("repeat", "cut", "replace", "remove")
     failing_step: tuple[str, ...] = ()
     for index, step in enumerate(steps):
         arguments_before_step = {
@@ -400,7 +402,9 @@ def _find_failing_step(
 
 
 def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rule]:
-    """Return for each block but the ``unused`` ones, by name, the rule that reads its value."""
+    """Return for each block of :data:`BLOCKS`, by name, the rule that reads its value; blocks in
+    ``unused`` are left out.
+    """
     return {
         name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
     }
@@ -408,7 +412,7 @@ def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rul
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
     """Return the values of the block ``name`` by key, in SI units, from its plain ``value``; for a
-    name whose value stands alone at the top level, return this value.
+    name whose value stands alone at the top level, as that of "observe", return this value.
 
     Refused for a value that a rule refuses, and for a missing key.
     """
@@ -439,13 +443,10 @@ def _has_measured_spread(packing: Any) -> bool:
 def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
     """Raise Refused unless the plain ``value`` of the block "load" has exactly one kind of load,
     with the keys that belong to this kind. With ``of_crystal`` gravity may stand alone, without a
-    kind of load.
+    kind of load; without it the load is that of a packing, which has no tensor and no gravity.
     """
-    kinds = [kind for kind in LOAD_KINDS if kind in value]
     allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
     crystal_keys = [key for key in ("stress", "strain", "times", "gravity") if key in value]
-    has_side_force = "side_force" in value
-    has_side = "balls_per_side" in value
     if crystal_keys and not of_crystal:
         raise Refused(
             f"{crystal_keys[0]} of a packing, all contacts of which bear the same",
@@ -453,25 +454,27 @@ def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
             "Describe the balls by the blocks balls and crystal.",
             (crystal_keys[0],),
         )
-    has_gravity = of_crystal and "gravity" in value
-    if not kinds and not has_gravity:
-        problem = "balls_per_side without side_force" if has_side else "no load"
-        raise Refused(problem, allowed)
+    has_balls_per_side = "balls_per_side" in value
+    kinds = [kind for kind in LOAD_KINDS if kind in value]
     if len(kinds) > 1:
         raise Refused(" and ".join(kinds), allowed, "Remove all but one.")
+    if not kinds and "gravity" not in value:
+        problem = "balls_per_side without side_force" if has_balls_per_side else "no load"
+        raise Refused(problem, allowed)
     load = kinds[0] if kinds else "gravity"
-    if "times" in value and load not in ("stress", "strain"):
+    if "times" in value and load not in TENSORS:
         raise Refused(f"times with {load}", "times with stress or strain", path=("times",))
-    if has_side_force and not has_side:
+    if load == "side_force" and not has_balls_per_side:
         raise Refused("side_force alone", allowed)
-    if has_side and not has_side_force:
+    if load != "side_force" and has_balls_per_side:
         raise Refused(f"{load} and balls_per_side", allowed)
 
 
 def _require_known(data: Any) -> None:
     """Raise Refused for the first unknown key in the plain ``data`` of a document, and for loads
     without their kind. The top level is checked first, then the blocks in the order of
-    :data:`BLOCKS`. If the key belongs to another block, the error names this block.
+    :data:`BLOCKS`, but not what their values hold. If the key belongs to another block, the error
+    names this block.
     """
     keys_of_blocks = {"": list(BLOCKS)}  # the top level
     for name, settings in BLOCKS.items():
@@ -499,16 +502,20 @@ def _require_kind_of_load(value: Any) -> None:
 
 
 def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
-    """Return a sentence that says in which block the ``key`` belongs; empty if no block has it.
-    ``keys_of_blocks`` are the keys by the name of the block, those of the top level under "".
+    """Return a sentence that says under which block the ``key`` belongs, the first that has it; an
+    empty text if no block has it. ``keys_of_blocks`` are the keys by the name of the block, those
+    of the top level under "".
     """
-    for name, keys in keys_of_blocks.items():
-        if key in keys:
-            if name in _CRYSTAL_BLOCKS:
-                blocks = " and ".join(_CRYSTAL_BLOCKS)
-                return f"It belongs under '{name}': {blocks} in place of material and packing."
-            return f"It belongs under '{name}'." if name else "It belongs at the top level."
-    return ""
+    names = [name for name, keys in keys_of_blocks.items() if key in keys]
+    if not names:
+        return ""
+    name = names[0]
+    if not name:
+        return "It belongs at the top level."
+    if name in _CRYSTAL_BLOCKS:
+        blocks = " and ".join(_CRYSTAL_BLOCKS)
+        return f"It belongs under '{name}': {blocks} in place of material and packing."
+    return f"It belongs under '{name}'."
 
 
 def _find_lattice(data: Any) -> Lattice:
@@ -549,7 +556,9 @@ def _find_strangest(quantities: Mapping[str, float]) -> str:
     """
 
     def find_distance(name: str) -> float:
-        """Return the logarithm of the factor by which a quantity is off its ordinary value."""
+        """Return the magnitude of the logarithm of the quantity ``name`` over its ordinary
+        value.
+        """
         return abs(math.log(quantities[name]) - math.log(_ORDINARY[name]))
 
     return max(_ORDINARY, key=find_distance)
@@ -614,12 +623,14 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
 
 def _put_values(data: Any, values: Mapping[str, str]) -> Any:
     """Return a copy of the plain ``data`` of a document in which ``values`` are set: texts in YAML,
-    by paths such as "load.force". Blocks that the document lacks are made. InputError for a path
-    that leads to no place.
+    by paths such as "load.force", or "load.force.0" in a list. Blocks that the document lacks are
+    made. InputError for a path that leads to no place, and for a text that is not YAML.
     """
     changed_data = deepcopy(data)
     for name, text in values.items():
-        keys: list[Any] = [int(key) if key.isdecimal() else key for key in name.split(".")]
+        keys: list[Any] = [
+            int(key) if re.fullmatch("[0-9]{1,9}", key) else key for key in name.split(".")
+        ]
         try:
             entry: Any = changed_data
             for key in keys[:-1]:
@@ -644,10 +655,13 @@ class SceneSource(Places):
     ----------
     document : the document without standard errors; None for a scene made in Python.
     path : path of the file; None for a scene made in Python or read from a text.
-    errors : standard errors of quantities of the document, each with its path there; taken out of
-        the document when the source is made, as are the next two.
-    correlations : the paths of two quantities, and the correlation of their errors.
+    errors : standard errors of quantities of the document, texts of a number and a unit, each
+        behind its path there.
+    correlations : the names of two quantities of the same fit, such as "material.young_modulus",
+        and the correlation of their errors.
     fits : the files of fits that the document names.
+
+    A source is made of a document with errors, which are moved to the last three attributes.
     """
 
     document: Document | None = None
@@ -686,7 +700,9 @@ class SceneSource(Places):
         """Return the source of a scene in the file ``path``. The ``values`` take the place of those
         in the file: texts in YAML, by paths such as "load.force".
 
-        :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML;
+        :class:`~granphon.base.errors.MissingSceneError` if there is no such file;
+        :class:`~granphon.base.errors.SceneError` if the file cannot be read, its text is not YAML,
+        or a standard error in it cannot be read;
         :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
         to nothing.
         """
@@ -702,21 +718,24 @@ class SceneSource(Places):
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that the scene reads: the scene file first, if there is one, and what
-        it names: tables of measured diameters, of the drives of a motion and of measured
-        frequencies, the files of a packing, and fits.
+        """Paths of the files that a valid scene reads: the scene file first, if there is one, and
+        the files that it names: tables of measured diameters, of the drives of a motion and of
+        measured frequencies, the files of a packing, and fits. Empty without a document.
         """
         if self.document is None:
             return ()
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
+        spreads += [ball.get("spread") for ball in data.get("balls", {}).values()]
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
         if "design" in data:
             names += named_tables_of_goal(data["design"]["goal"])
         files = data.get("network", {}).get("files", [])
-        names += [files] if isinstance(files, str) else files
+        if isinstance(files, str):
+            files = [files]
+        names += files
         paths = [self.folder / name for name in names] + list(self.fits)
         if self.path is not None:
             paths.insert(0, self.path)
@@ -724,8 +743,8 @@ class SceneSource(Places):
 
     @property
     def written_units(self) -> dict[str, str]:
-        """The units in which the document gives loads and swept parameters, by name; empty where
-        values have different units.
+        """The units in which a valid document gives loads and swept parameters, by name; a unit is
+        empty where values have none, different ones, or are rows of a matrix.
         """
         if self.document is None:
             return {}
@@ -771,8 +790,9 @@ class SceneSource(Places):
     ) -> tuple[tuple[Any, ...], str]:
         """Return the path of the key at which an error is placed, and the words before its text.
 
-        These are those of its ``option`` or ``block``, if the error has one; otherwise the given
-        ``path``, or without one the path of the error, and the ``prefix``.
+        An error with an attribute ``option`` or ``block`` is placed at this option or block. For
+        any other error the result is the given ``path``, or without one the path of the error, and
+        the ``prefix``.
         """
         option = getattr(error, "option", None)
         if option is not None:
@@ -787,8 +807,8 @@ class SceneSource(Places):
         return path or getattr(error, "path", ()), prefix
 
     def _find_written_path(self, path: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return a ``path`` with its keys as the document writes them: the key "force" of a path is
-        "load.force" where a design varies the load under this name.
+        """Return a ``path`` with its keys as the document writes them: the key "force" is
+        "load.force" where the document has that key in its place, as a design may.
         """
         assert self.document is not None
         value: Any = self.document.data
@@ -804,7 +824,8 @@ class SceneSource(Places):
 
     def _find_option(self, option: str) -> tuple[tuple[Any, ...], str]:
         """Return the path of the key ``option`` in the block "medium", and its value in words. If
-        no medium of the document has the option, or several have it, return the path of the block.
+        no medium of the document has the option, or several have it, return the path of the block,
+        and words that say so.
         """
         assert self.document is not None
         paths = [
@@ -879,7 +900,8 @@ class SceneSource(Places):
     # -- what a scene is made of -------------------------------------------------------------------
 
     def read(self) -> dict[str, Any]:
-        """Return the arguments of :class:`~granphon.Scene` that the document gives, by name.
+        """Return the arguments of :class:`~granphon.Scene` that the document gives, by name. Files
+        that the document names are read.
 
         SceneError names the first mistake; ValueError if there is no document.
         """
@@ -909,8 +931,8 @@ class SceneSource(Places):
         return arguments
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
-        """Return the load of the ``values`` of the block "load", SI; gravity alone is a pressure of
-        zero. Errors are placed at the key of the kind of load.
+        """Return the load of the ``values`` of the block "load", SI by key; gravity alone is kept
+        as a pressure of zero with gravity. Errors are placed at the key of the kind of load.
         """
         kind = next((key for key in values if key in LOAD_KINDS), None)
         path = ("load",) if kind is None else ("load", kind)
@@ -923,8 +945,8 @@ class SceneSource(Places):
             return Load(kind, values[kind], values.get("balls_per_side"), gravity=gravity)
 
     def _make_packing(self, blocks: Mapping[str, Any]) -> Packing:
-        """Return the packing of the values of the ``blocks`` material and packing, SI. Errors are
-        placed at their keys.
+        """Return the packing of the ``blocks`` material and packing, values in SI by key. Errors
+        are placed at their keys.
         """
         assert self.document is not None
         data: Any = self.document.data

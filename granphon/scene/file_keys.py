@@ -6,6 +6,7 @@ A reader takes a value of the file and the :class:`Context` of the scene.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -46,6 +47,7 @@ from granphon.balls.packing import (
     find_double,
     find_unit,
 )
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     ACCELERATION,
@@ -77,7 +79,7 @@ from granphon.base.settings import (
     word_of,
     write_values,
 )
-from granphon.base.text import closest, show
+from granphon.base.text import closest, counted, show
 from granphon.base.validation import (
     Rule,
     above_zero,
@@ -127,6 +129,17 @@ DIFFERENTIATED = frozenset({"cutoffs", "surface"})
 #: beside it
 MOST_DIAMETERS = 1000
 
+#: largest component of a direction, of a vector of a cell and of a site, in the units of each: a
+#: larger one is a mistake
+_LARGEST_COMPONENT = 1e3
+#: words for a direction, an example and the axes of a lattice, by the number of its periods
+_DIRECTION_WORDS = {
+    1: ("one number", "[1]", "one axis"),
+    2: ("two numbers", "[1, 1]", "two axes"),
+    3: ("three numbers", "[1, 1, 0]", "three axes"),
+}
+#: difference of the components of unit vectors below which two directions are the same: rounding
+_SAME_DIRECTION = 1e-12
 #: where the balls of a lattice of one, two or three dimensions lie, in words
 _POSITIONS = ("on a line", "in a plane", "in space")
 
@@ -168,7 +181,7 @@ _DIAMETERS = listed(with_unit(LENGTH), "diameters")
 
 def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
     """Return the spread of the ``lists`` "diameters", m, and "fractions", both (n,); Refused for
-    fractions that do not add up to 1, or that are not one for each diameter.
+    fractions that do not add up to 1, that are not one for each diameter, or that are too small.
     """
     allowed = "one fraction for each diameter, with the sum 1"
     with refusing(lists["fractions"], allowed, "fractions"):
@@ -176,8 +189,8 @@ def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
 
 
 def _read_normal(value: Any, context: Context) -> Normal:
-    """Return the normal spread of a ``value``: its standard deviation alone, or a block {std,
-    cutoff}.
+    """Return the normal spread that a ``value`` gives: its standard deviation alone, or a block
+    {std, cutoff}.
     """
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
@@ -268,7 +281,7 @@ def read_lattice(value: Any) -> str | Lattice:
     describes. Refused for any other value; also for "hexagonal", as several lattices are called so.
     """
     if isinstance(value, dict):
-        read_row = partial(each, rule=partial(fraction, largest=1e3), what="numbers")
+        read_row = partial(each, rule=partial(fraction, largest=_LARGEST_COMPONENT), what="numbers")
         read_rows = partial(each, rule=read_row, what="lists of numbers")
         rules: dict[str, Rule] = {"name": label, "cell": read_rows, "sites": read_rows}
         # without sites the lattice has one ball, at the origin
@@ -451,7 +464,9 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of the values of the parameter ``name`` of a sweep."""
+    """Return the kind of the values of the parameter ``name`` of a sweep; KeyError for any other
+    name.
+    """
     if name in SPRING_PARAMETERS:
         # "on_site.x" is that of one motion, "on_site" that of all displacements
         return _SPRING_KINDS.get(name.partition(".")[2], _SPRING)
@@ -463,7 +478,7 @@ def find_kind(name: str) -> Kind:
 
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
     """Return the values of the parameter ``name`` of a sweep, numbers in SI units, from a list, or
-    for numbers also from a range. Refused for a value that is given twice.
+    for numbers also from one number or a range. Refused for a value that is given twice.
     """
     rule = find_kind(name).rule(context)
     values: tuple[Any, ...]
@@ -501,6 +516,8 @@ def _write_parameters(
     return {name: write(name, values) for name, values in parameters} or None
 
 
+#: rule of a correlation
+_CORRELATION: Rule = partial(number, low=-1.0, high=1.0)
 SWEEP = Setting(
     Kind(_read_parameters, _write_parameters),
     "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
@@ -511,10 +528,12 @@ SWEEP = Setting(
 def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
     """Return correlations as triples: the names of two parameters, and a number from -1 to 1. The
     ``value`` is a block whose keys are the two names with a comma between them; or a tuple of such
-    triples, those of another scene, which is returned as it is.
+    triples, those of another scene.
     """
     if isinstance(value, tuple):
-        return value
+        return tuple(
+            read_inside(index, _read_correlation, triple) for index, triple in enumerate(value)
+        )
     example = "'young_modulus, diameter: 0.3'"
     if not isinstance(value, Mapping):
         raise Refused(show(value), f"a block of pairs of parameters, such as {example}")
@@ -523,21 +542,29 @@ def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
         names = [name.strip() for name in str(key).split(",")]
         if len(names) != 2 or not all(names):
             raise Refused(show(key), f"two parameters, such as {example}", path=(key,))
-        correlation = read_inside(key, partial(number, low=-1.0, high=1.0), entry)
-        correlations.append((*names, correlation))
+        correlations.append((*names, read_inside(key, _CORRELATION, entry)))
     return tuple(correlations)
 
 
-def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float]:
-    """Return the block of ``correlations``, numbers by the two names with a comma between them."""
-    return {f"{first}, {second}": value for first, second, value in correlations}
+def _read_correlation(triple: Any) -> tuple[str, str, float]:
+    """Return the names of two parameters and the correlation of their errors, from a ``triple`` of
+    these; Refused for any other value.
+    """
+    if not isinstance(triple, tuple) or len(triple) != 3:
+        raise Refused(show(triple), "the names of two parameters and a correlation")
+    first, second, correlation = triple
+    return text(first), text(second), _CORRELATION(correlation)
+
+
+def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float] | None:
+    """Return the block of ``correlations``, numbers by the two names with a comma between them;
+    None if there are none.
+    """
+    return {f"{first}, {second}": value for first, second, value in correlations} or None
 
 
 CORRELATIONS = Setting(
-    Kind(
-        lambda value, _: _read_correlations(value),
-        lambda value, _: _write_correlations(value) if value else None,
-    ),
+    Kind.plain(_read_correlations, _write_correlations),
     "correlations of standard errors, by two parameters: `young_modulus, diameter: 0.3`, see"
     " [standard errors](../how-to/errors.md)",
     "none",
@@ -549,10 +576,12 @@ FIT = "fit"
 # -- loads, media and observables ------------------------------------------------------------------
 
 
-def _load_kind(name: str) -> Kind:
+def _make_load_kind(name: str) -> Kind:
     """Return the kind of the values of a load of the kind ``name``, "force", "pressure", "overlap"
-    or "side_force". The unit of the kind is that of the reference of scenes: of a pressure, that of
-    a layer; values of a pressure are read and written in the unit of their lattice.
+    or "side_force".
+
+    Pressures are read and written in the unit of their lattice. The unit of the kind, which the
+    reference of scenes shows, is that of a pressure in a plane.
     """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
@@ -563,6 +592,7 @@ def _load_kind(name: str) -> Kind:
         """Return the values of a ``load`` with units; None for a load of another kind, and for
         gravity alone, which is a pressure of zero.
         """
+        # a force or pressure of zero is no load, an overlap of zero is one
         is_gravity_alone = name != "overlap" and not any(load.values)
         if load.kind != name or is_gravity_alone:
             return None
@@ -573,21 +603,21 @@ def _load_kind(name: str) -> Kind:
 
 
 def _read_load(value: Any, name: str, lattice: Lattice) -> float:
-    """Return one value, SI, of a load of the kind ``name`` from a text of a number and its unit. If
-    the unit is that of a pressure on a lattice of another dimension, the refusal says which unit
+    """Return one value, SI, of a load of the kind ``name`` from a text of a number and its unit.
+    The refusal of a pressure that has the unit of a lattice of another dimension says which unit
     the pressure of this ``lattice`` has.
     """
     quantity = load_quantities(lattice.pressed_axes)[name]
     try:
         return quantity.read(value)
     except Refused as refused:
-        if not _has_unit_of_other_lattices(value, name):
+        if not _is_load_of_any_lattice(value, name):
             raise
         mend = f"The pressure of the {lattice.name} lattice is in {quantity.unit}. {refused.mend}"
         raise Refused(refused.found, refused.allowed, mend.rstrip()) from None
 
 
-def _has_unit_of_other_lattices(value: Any, name: str) -> bool:
+def _is_load_of_any_lattice(value: Any, name: str) -> bool:
     """Whether a ``value`` is a valid load of the kind ``name`` on a lattice of some number of
     periods, one, two or three.
     """
@@ -651,17 +681,14 @@ def _read_observables(value: Any) -> tuple[str, ...]:
 
     Refused for an empty list, an unknown name, and a name that is given twice.
     """
-    # registered observables and outputs, with what they are found from
-    added = {name: entry.cost for name, entry in CATALOGUE.added.items()}
-    for name in list_added("output"):
-        added.setdefault(name, "state")
-    observables = (*OBSERVABLES, *added)
+    added_costs = _list_added_costs()
+    observables = (*OBSERVABLES, *added_costs)
     allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:
         is_name = isinstance(value, str) and value in observables
         mend = f"Did you mean [{value}]?" if is_name else ""
-        words = "an empty list" if value == [] else show(value)
-        raise Refused(words, allowed, mend)
+        is_empty_list = isinstance(value, list) and not value
+        raise Refused("an empty list" if is_empty_list else show(value), allowed, mend)
     for name in value:
         try:
             choice(name, observables)
@@ -673,9 +700,19 @@ def _read_observables(value: Any) -> tuple[str, ...]:
     for name in names:
         if names.count(name) > 1:
             raise Refused(f"{name!r} twice", allowed + ", each once")
-    if any(added.get(name, "state") != "state" for name in names):
+    if any(added_costs.get(name, "state") != "state" for name in names):
         names.append("velocities")
     return tuple(name for name in observables if name in names)
+
+
+def _list_added_costs() -> dict[str, str]:
+    """Return what each registered observable and output is found from, by its name: the cost of an
+    observable as the catalogue has it, and "state" for an output.
+    """
+    costs: dict[str, str] = {name: entry.cost for name, entry in CATALOGUE.added.items()}
+    for name in list_added("output"):
+        costs.setdefault(name, "state")
+    return costs
 
 
 OBSERVE = Setting(
@@ -686,7 +723,7 @@ OBSERVE = Setting(
 )
 
 
-def _grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
+def _make_grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
     """Return the kind of whole numbers, one for each period of the lattice, from ``low`` to
     ``high``; on lattices of three periods from ``low_in_space``. The ``examples`` in messages are
     those for one, two and three periods.
@@ -712,9 +749,9 @@ def write_grid(numbers: Sequence[int]) -> str:
     return " ".join(map(str, (*numbers, 1, 1)[:3]))
 
 
-def _by_periods(texts: Sequence[str]) -> str:
-    """Return words for a default that depends on the lattice, from the ``texts`` for one, two and
-    three periods.
+def _spell_by_periods(texts: Sequence[str]) -> str:
+    """Return words, in Markdown, for a default that depends on the lattice, from the ``texts`` for
+    one, two and three periods.
     """
     on_line, in_plane, in_space = texts
     return f"`{in_plane}`; `{on_line}` on a chain; `{in_space}` in space"
@@ -729,16 +766,16 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
     of zeros, and for a direction that is given twice.
     """
     plain = value.tolist() if isinstance(value, np.ndarray) else value
-    is_list = isinstance(plain, list | tuple) and any(map(_has_numbers, plain))
+    is_list = isinstance(plain, list | tuple) and any(map(_is_direction, plain))
     written_directions = plain if is_list else [plain]
     directions: list[tuple[float, ...]] = []
-    unit_vectors: list[list[float]] = []
+    unit_vectors: list[Array] = []
     for index, written in enumerate(written_directions):
         path = (index,) if is_list else ()
         components = _read_direction(written, lattice, path)
-        # directions of different lengths may be the same
-        unit_vector = as_direction(components, lattice.periods).tolist()
-        if unit_vector in unit_vectors:
+        # directions of different lengths may be the same, but for rounding
+        unit_vector = as_direction(components, lattice.periods)
+        if any(np.max(np.abs(unit_vector - other)) < _SAME_DIRECTION for other in unit_vectors):
             raise Refused(f"{show(written)} twice", "each direction once", path=path)
         directions.append(components)
         unit_vectors.append(unit_vector)
@@ -746,8 +783,8 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
 
 
 def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tuple[float, ...]:
-    """Return the Cartesian components of one direction, (p,), from a text, a list or a number; a
-    refusal is placed at ``path``.
+    """Return the Cartesian components of one direction, (p,), from a text, a list or, on a lattice
+    of one period, a number. Refused, at ``path``, for any other value and for zeros.
     """
     words = [value]
     if isinstance(value, str):
@@ -755,21 +792,19 @@ def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tupl
     elif isinstance(value, list | tuple):
         words = list(value)
     try:
-        components = tuple(fraction(word, 1e3) for word in words)
+        components = tuple(fraction(word, _LARGEST_COMPONENT) for word in words)
         as_direction(components, lattice.periods)
     except InputError:
-        count = ("one number", "two numbers", "three numbers")[lattice.periods - 1]
-        example = ("[1]", "[1, 1]", "[1, 1, 0]")[lattice.periods - 1]
+        count, example, axes = _DIRECTION_WORDS[lattice.periods]
         allowed = f"{count}, not all zero, such as {example}; or a list of these"
-        axes = ("one axis", "two axes", "three axes")[lattice.periods - 1]
         mend = f"The {lattice.name} lattice repeats along {axes}."
         raise Refused(show(value), allowed, mend, path) from None
     return components
 
 
-def _has_numbers(value: Any) -> bool:
-    """Whether a ``value`` is a whole direction, a list or a text of several numbers; not one of the
-    numbers of a direction.
+def _is_direction(value: Any) -> bool:
+    """Whether a ``value`` in a list is written as a whole direction, a list or a text of several
+    words, and not as one of the numbers of a direction.
     """
     return isinstance(value, list | tuple) or (isinstance(value, str) and len(value.split()) > 1)
 
@@ -784,7 +819,7 @@ _SUPERCELLS = tuple(write_grid((3,) * periods) for periods in (1, 2, 3))
 #: the keys of the block "phonopy"
 PHONOPY: dict[str, Setting] = {
     "dim": Setting(
-        _grid_kind(_SUPERCELLS, 2, 100, 2),
+        _make_grid_kind(_SUPERCELLS, 2, 100, 2),
         "cells of the supercell for force constants, along each period;"
         f" `{_SUPERCELLS[0]}` on a chain, `{_SUPERCELLS[2]}` in space",
         "the smallest that is large enough",
@@ -804,9 +839,9 @@ PHONOPY: dict[str, Setting] = {
     "band_points": Setting(whole_from(2, 100_000), "points on each segment, both ends counted"),
     "mesh": Setting(
         # in space a 1 would be the mesh of a plane
-        _grid_kind(tuple(map(write_grid, MESHES)), 1, 4096, 2),
+        _make_grid_kind(tuple(map(write_grid, MESHES)), 1, 4096, 2),
         "wave vectors for the density of states, along each period",
-        _by_periods(tuple(map(write_grid, MESHES))),
+        _spell_by_periods(tuple(map(write_grid, MESHES))),
     ),
 }
 
@@ -814,14 +849,15 @@ PHONOPY: dict[str, Setting] = {
 # -- crystals: balls of several kinds, how they are arranged, and their loads ----------------------
 
 
-def _law_numbers(name: str) -> dict[str, Kind]:
+def _list_law_kinds(name: str) -> dict[str, Kind]:
     """Return the kind of each number of the contact law ``name``, by its key."""
     return {key: _make_number_kind(entry) for key, entry in LAWS[name].numbers.items()}
 
 
 def _make_number_kind(entry: Any) -> Kind:
-    """Return the kind of a number of a contact law from its entry in the law: a quantity, a tuple
-    of the quantity of whose values there is a list, or the rule of a number without a unit.
+    """Return the kind of a number of a contact law from its ``entry`` in the table of laws: a
+    quantity, a tuple of one quantity for a list of its values, or the rule of a number without a
+    unit.
     """
     if isinstance(entry, Quantity):
         return with_unit(entry)
@@ -834,14 +870,14 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     """Return the kinds of balls as pairs of a name and a ball, from a block of kinds by name.
 
     A kind has a material and a diameter; a mass and an inertia if these are not those of a solid
-    ball; and a spread if the diameters differ. Refused for a name that would be mistaken.
+    ball; and a spread if the diameters differ. Refused for a name that something else may have.
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
         raise Refused(show(value), allowed)
     kinds = list[tuple[str, Ball]]()
     for name, written in value.items():
-        kind = label(name)
+        kind = read_inside(name, label, name)
         # "A.diameter" names a parameter, "A B" a pair of kinds, and "floor" the other body of
         # contacts with a floor
         if "." in kind or " " in kind or kind == "floor":
@@ -921,50 +957,68 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
     """Return pairs of the number of a ball and the kind of ball that takes its place, from a block
-    of kinds by number.
+    of kinds by number; Refused for a number that is given twice, as 1 and "01".
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of numbers of balls and the kinds that take their places, as {12: S}"
         raise Refused(show(value), allowed)
-    balls = list[int]()
-    kinds = [read_inside(key, label, kind) for key, kind in value.items()]
-    for key in value:
+    kinds: dict[int, str] = {}
+    for key, kind in value.items():
         # a file may hold the number as a text
-        is_text = isinstance(key, str) and key.isdecimal()
-        balls.append(whole(int(key) if is_text else key, 0))
-    return tuple(zip(balls, kinds, strict=True))
+        is_text = isinstance(key, str) and re.fullmatch("[0-9]{1,9}", key)
+        ball = whole(int(key) if is_text else key, 0)
+        if ball in kinds:
+            raise Refused(f"ball {ball} more than once", "the number of each ball once")
+        kinds[ball] = read_inside(key, label, kind)
+    return tuple(kinds.items())
 
 
 def _read_law(value: Any) -> Any:
     """Return the law that a ``value`` describes: its name, or the block of its numbers under the
     name. For a block of laws by pairs of kinds, "A B", return pairs of the two names and the law.
     """
-    name = value
-    numbers: Any = {}
-    if isinstance(value, dict) and len(value) == 1:
-        ((name, numbers),) = value.items()
-    if isinstance(name, str) and name in LAWS:
-        return _read_single_law(name, numbers)
-    has_pairs = isinstance(value, dict) and all(
-        isinstance(pair, str) and len(pair.split()) == 2 for pair in value
-    )
-    if not has_pairs:
-        allowed = (
-            f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
-        )
+    law = _read_single_law(value)
+    if law is not None:
+        return law
+    is_block = isinstance(value, dict) and bool(value)
+    if not is_block or not all(isinstance(key, str) and len(key.split()) == 2 for key in value):
+        allowed = f"{_describe_laws()}, or a block of pairs of kinds, as {{A B: hertz}}"
         raise Refused(show(value), allowed, LAWS.failures)
     return tuple(
-        (tuple(pair.split()), read_inside(pair, _read_law, law)) for pair, law in value.items()
+        (tuple(pair.split()), read_inside(pair, _read_law_of_pair, law_of_pair))
+        for pair, law_of_pair in value.items()
     )
 
 
-def _read_single_law(name: str, numbers: Any) -> Any:
-    """Return the law called ``name``, with the ``numbers`` of its block, plain data that may be
-    empty. Refused for numbers that the law does not have, or does not accept.
+def _read_law_of_pair(value: Any) -> Any:
+    """Return the law of a pair of kinds, from its name or the block of its numbers under the
+    name.
     """
-    kinds = _law_numbers(name)
+    law = _read_single_law(value)
+    if law is None:
+        raise Refused(show(value), _describe_laws(), LAWS.failures)
+    return law
+
+
+def _describe_laws() -> str:
+    """Return words for a message: the laws by name."""
+    return f"{', '.join(LAWS)}, with its numbers"
+
+
+def _read_single_law(value: Any) -> Any:
+    """Return the law that a ``value`` names, alone or with the block of the numbers of the law;
+    None if the value names no law. Refused for numbers that the law does not have, or does not
+    accept.
+    """
+    name = value
+    numbers: Any = None
+    if isinstance(value, dict) and len(value) == 1:
+        ((name, numbers),) = value.items()
+    if not isinstance(name, str) or name not in LAWS:
+        return None
+    kinds = _list_law_kinds(name)
     read_numbers = block_of(kinds, tuple(kinds)).rule(Context())
-    arguments = read_inside(name, read_numbers, numbers or {})
+    arguments = read_inside(name, read_numbers, {} if numbers is None else numbers)
     with refusing(numbers or name, f"numbers of the law {name}", name):
         law = LAWS[name].law
         return law(**arguments) if isinstance(law, type) else law
@@ -984,7 +1038,7 @@ def _write_law(law: Any) -> Any:
             plural = "s" if entry.law is TabulatedLaw else ""
             numbers = {
                 key: kind.write(getattr(law, key + plural), Context())
-                for key, kind in _law_numbers(name).items()
+                for key, kind in _list_law_kinds(name).items()
             }
             return {name: numbers} if numbers else name
     mend = f"Use {', '.join(LAWS)}, granphon.register_law for your own, or granphon.sweep"
@@ -1117,7 +1171,7 @@ CRYSTAL: dict[str, Setting] = {
 }
 
 
-def _tensor_kind(name: str) -> Kind:
+def _make_tensor_kind(name: str) -> Kind:
     """Return the kind of the tensor ``name``, "stress" or "strain", along the periods: in a file a
     list in Voigt order, or a symmetric matrix.
     """
@@ -1131,8 +1185,9 @@ def _tensor_kind(name: str) -> Kind:
         return _read_tensor(value, name, periods, component.rule(context))
 
     def write(load: Any, context: Context) -> Any:
-        """Return the components, in Voigt order and with units, of the tensor of a ``load``; None
-        for a load of another kind. Of several loads it is the tensor that the factors multiply.
+        """Return the components of the tensor of a ``load`` in Voigt order, those of a stress with
+        units; None for a load of another kind. Of several loads it is the tensor that the factors
+        multiply.
         """
         if load.kind != name:
             return None
@@ -1152,7 +1207,7 @@ def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> t
     The ``value`` is a list in this order, or the rows (p, p) of a symmetric matrix, whose entries
     ``read_component`` reads. Refused for any other value, and for a tensor of zeros.
     """
-    n_components = len(voigt_pairs(periods)) if periods else 0
+    n_components = len(voigt_pairs(periods))
     rows = list(value) if isinstance(value, list | tuple) else [value]
     are_rows = all(isinstance(row, list | tuple) and len(row) == periods for row in rows)
     if periods > 1 and len(rows) == periods and are_rows:
@@ -1163,27 +1218,29 @@ def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> t
         tensor = ()
     if any(tensor):
         return tensor
-    sort = "numbers" if name == "strain" else "quantities"
+    words = ("number", "numbers") if name == "strain" else ("quantity", "quantities")
+    rows_allowed = f", or {periods} rows of {periods}" if periods > 1 else ""
     allowed = (
-        f"{n_components} {sort} in Voigt order, or {periods} rows of {periods}; tension and"
-        " extension are positive"
+        f"{counted(n_components, *words)} in Voigt order{rows_allowed}; tension and extension are"
+        " positive"
     )
     problem = f"{show(value)}, which is zero" if tensor else show(value)
     raise Refused(problem, allowed)
 
 
 def _read_matrix(value: Sequence[Any], name: str, read_component: Rule) -> tuple[float, ...]:
-    """Return the components, in Voigt order, of a "stress" or "strain" from the rows (p, p) of a
-    matrix; Refused for a matrix that is not symmetric.
+    """Return the components, in Voigt order, of the tensor ``name``, "stress" or "strain", from the
+    rows (p, p) of a matrix; Refused for a matrix that is not symmetric.
     """
     read_row = partial(each, rule=read_component, what="numbers")
     matrix = np.array(each(list(value), read_row, "rows"))
     if not np.array_equal(matrix, matrix.T):
         raise Refused(show(value), "a symmetric matrix")
     # in Voigt order a shear strain is that of the angle, xy + yx
-    shear = 2.0 if name == "strain" else 1.0
+    factor_of_shear = 2.0 if name == "strain" else 1.0
     return tuple(
-        float(matrix[a, b]) * (shear if a != b else 1.0) for a, b in voigt_pairs(len(matrix))
+        float(matrix[row, column]) * (1.0 if row == column else factor_of_shear)
+        for row, column in voigt_pairs(len(matrix))
     )
 
 
@@ -1192,10 +1249,11 @@ def _join_tensor(load: Any) -> tuple[float, ...] | None:
     needs no factors. None for several loads, and where :func:`split_tensor` would not give the
     tensor and the factor again to the last bit.
     """
+    if load.size != 1:
+        return None
     tensor = tuple(component * load.values[0] for component in load.tensor)
-    greatest = max(map(abs, tensor))
-    is_split_again = tuple(component / greatest for component in tensor) == load.tensor
-    return tensor if load.size == 1 and is_split_again else None
+    is_split_again = split_tensor({load.kind: tensor})["tensor"] == load.tensor
+    return tensor if is_split_again else None
 
 
 def _write_times(load: Any) -> Any:
@@ -1207,27 +1265,25 @@ def _write_times(load: Any) -> Any:
     return write_values(load.values, float)
 
 
-def _load(kind: str, meaning: str) -> Setting:
-    """Return the declaration of the key of a ``kind`` of load; ``meaning`` are words for it. A
-    scene has exactly one such key.
-    """
-    make_kind = _tensor_kind if kind in TENSORS else _load_kind
+def _declare_load(kind: str, meaning: str) -> Setting:
+    """Return the declaration of the key of a ``kind`` of load, with the words ``meaning``."""
+    make_kind = _make_tensor_kind if kind in TENSORS else _make_load_kind
     return Setting(make_kind(kind), meaning, "one load is required")
 
 
 #: the keys of the block "load"
 LOAD: dict[str, Setting] = {
-    "force": _load("force", "mean force between touching balls"),
-    "pressure": _load(
+    "force": _declare_load("force", "mean force between touching balls"),
+    "pressure": _declare_load(
         "pressure",
         "force per length of the boundary; on a chain the force, N; in space the force per"
         " area, Pa",
     ),
-    "overlap": _load(
+    "overlap": _declare_load(
         "overlap",
         "how far touching balls are pressed into each other; may be negative if balls differ",
     ),
-    "side_force": _load(
+    "side_force": _declare_load(
         "side_force", "push F on each side of a hexagonal frame: the contact force is F/(n √3)"
     ),
     "balls_per_side": Setting(
@@ -1235,10 +1291,10 @@ LOAD: dict[str, Setting] = {
         "the number n of balls that lean on a side of that frame",
         "required with `side_force`",
     ),
-    "stress": _load(
+    "stress": _declare_load(
         "stress", "of a crystal: the stress in Voigt order, or as a matrix; tension is positive"
     ),
-    "strain": _load(
+    "strain": _declare_load(
         "strain",
         "of a crystal: the strain of its periods from where balls touch; extension is positive",
     ),

@@ -9,10 +9,10 @@ difference of X in two scenes, in one of which p is larger by its standard error
 smaller: a central difference, through all that the scene computes. The part of p in the variance is
 its row of the sum. Errors of sampling, which simulations have, add up with these.
 
-Waves of an edge enter the bands and leave them as parameters change, gaps close, and peaks of a
-response come and go: at the two ends of an error the first of them may be another one than at its
-centre, or there may be none. Their derivative is that of a small change, within which each stays
-itself.
+As parameters change, waves of an edge enter the bands and leave them, gaps close, and peaks of a
+response come and go: the first wave, gap or peak at the two ends of an error may be another one
+than that at its centre, or there may be none. So their derivatives are those of a small change,
+within which each wave, gap and peak stays itself.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,9 +32,8 @@ from granphon.base.errors import GranphonError, Refused
 from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_unit
 from granphon.base.settings import space_evenly
 from granphon.base.text import Document, list_names, show
-from granphon.base.validation import require
+from granphon.base.validation import real_number
 from granphon.runs.tasks import to_json
-from granphon.scene import file_keys
 from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.file_keys import Context
 from granphon.scene.written_errors import Keys, name_keys
@@ -48,17 +48,19 @@ _VALUE = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 _ERROR = "_error"
 #: relative change of a number that is put down to rounding
 _ROUNDING = 1e-12
-#: the same of numbers that are less precise, by name: derivatives by parameters are differences
+#: relative change that is put down to rounding of the numbers that are less precise, by name:
+#: derivatives by parameters are differences
 _ROUNDINGS = {"sensitivity": 1e-8}
 #: second difference of a frequency for a small change, over the frequency, above which another peak
-#: or wave has taken the place at one end; of the same one it is about the square of the change
+#: or wave has taken the place at one end; for the same peak or wave it is about the square of the
+#: change, 1e-8
 _JUMP = 1e-3
-#: dimension along which a density has its own frequencies in each state, and the variable of these:
-#: densities are compared at equal frequencies
+#: dimension along which a density of states has its own frequencies in each state, and the variable
+#: that holds these frequencies, at equal values of which densities are compared
 _NODE = "node"
 _OF_NODES = "dos_frequency"
-#: dimensions along which results stand by rank, the last of their variables, and the variable that
-#: has a number for each: peaks of a response, and waves of an edge
+#: the last dimension of variables whose numbers stand by rank, and the variable with the frequency
+#: of each rank: peaks of a response, and waves of an edge
 _RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
 #: the observables whose numbers have the derivatives of small changes, and how the names of these
 #: begin
@@ -70,12 +72,14 @@ _BY_SMALL_CHANGES = {
         *(f"peak_{word}" for word in ("frequency", *RESPONSES.values(), "quality")),
     ),
 }
-#: small change of a parameter, over its value: the frequencies of waves, which are known to 1e-10,
-#: change by so much more than that, and by so little that no other wave comes between
+#: the beginnings of all these names
+_BEGINNINGS = tuple(chain.from_iterable(_BY_SMALL_CHANGES.values()))
+#: small change of a parameter, over its value: frequencies of waves change by far more than the
+#: 1e-10 to which they are known, and by so little that no other wave comes between
 _SMALL = 1e-4
 #: small change of a parameter that is zero, over its error
 _PART = 1e-2
-#: relative change of such a number that is put down to rounding
+#: relative change of a number by a small change of a parameter that is put down to rounding
 _ROUNDING_OF_SMALL = 1e-10
 
 
@@ -83,33 +87,47 @@ def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
     """Return the standard errors of a scene, SI, each behind the path of its parameter in the file.
     The scene may have an error as a text of a number and a unit, such as "1 %".
 
-    Raises :class:`~granphon.base.errors.Refused` for an error that is not above zero, is as large
-    as its value, or has a unit of another kind; and for an error of a whole number, or of anything
-    that is not a single quantity.
+    Raises :class:`~granphon.base.errors.Refused` for an error that is no finite number above zero,
+    is as large as its value, or has a unit of another kind; and for an error of a whole number, or
+    of anything that is not a single quantity.
     """
     blocks = _write(scene)
     settled = []
     for keys, error in scene.errors:
         number, unit = _split_plain(_look_up(blocks, keys), keys)
-        size = error
-        if isinstance(error, str):
-            text, _, unit_of_error = error.partition(" ")
-            size = float(text) * _find_size(unit_of_error, number, unit, keys)
+        size = _read_error(error, number, unit, keys)
         if not 0.0 < size < np.inf:
-            raise Refused(f"a standard error of {size:g}", "one above zero", path=keys)
+            raise Refused(f"a standard error of {size:g}", "a finite one above zero", path=keys)
         if number and size >= abs(number):
             raise Refused(
                 f"a standard error of {size:g}, as large as the value {number:g}",
                 "one below the value, as errors are of first order",
                 path=keys,
             )
-        settled.append((keys, float(size)))
+        settled.append((keys, size))
     return tuple(settled)
 
 
+def _read_error(error: Any, number: float, unit: str, keys: Keys) -> float:
+    """Return the size, in the SI ``unit`` of a ``number``, of its standard ``error``: a number in
+    this unit, or a text of a number and a unit, "1 %". Refused, at the path ``keys`` of the number,
+    for any other error.
+    """
+    if isinstance(error, str):
+        match = _VALUE.fullmatch(error)
+        if match is not None:
+            size, unit_of_error = match.groups()
+            return float(size) * _find_size(unit_of_error, number, unit, keys)
+    size_in_unit = real_number(error)
+    if np.isnan(size_in_unit):
+        raise Refused(f"a standard error {show(error)}", "a number, or a text as '1 %'", path=keys)
+    return size_in_unit
+
+
 def _find_size(unit_of_error: str, number: float, unit: str, keys: Keys) -> float:
-    """Return the size, in the SI ``unit`` of a ``number``, of one unit of its standard error;
-    Refused if the two are of different kinds.
+    """Return the size, in the SI ``unit`` of a ``number``, of one ``unit_of_error``, the unit of
+    its standard error: for "%" a hundredth of the number. Refused, at the path ``keys`` of the
+    number, if the two units are of different kinds.
     """
     if unit_of_error == PERCENT:
         return 0.01 * abs(number)
@@ -122,17 +140,16 @@ def _find_size(unit_of_error: str, number: float, unit: str, keys: Keys) -> floa
 
 def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
     """Return the correlations of the errors of a scene, each as the full names of two parameters,
-    such as "material.young_modulus", and the correlation. The scene may have shorter names.
+    such as "material.young_modulus", and the correlation. The scene may have the ends of these
+    names, such as "young_modulus".
 
     Raises :class:`~granphon.base.errors.Refused` for a name that fits no parameter with a standard
     error, or several; for a pair that is given twice, or that is one parameter twice; and for
     correlations whose matrix is not positive semidefinite, which no errors have.
     """
-    rule = file_keys.CORRELATIONS.kind.rule(Context())
-    correlations_given = require("correlations", rule, scene.correlations)
     names = [name_keys(keys) for keys, _ in scene.errors]
     settled: dict[frozenset[str], tuple[str, str, float]] = {}
-    for first, second, value in correlations_given:
+    for first, second, value in scene.correlations:
         path = ("correlations", f"{first}, {second}")
         pair = [_find_name(name, names, path) for name in (first, second)]
         if len(set(pair)) < 2 or frozenset(pair) in settled:
@@ -154,8 +171,8 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
 
 
 def _find_name(name: str, names: Sequence[str], path: tuple[str, ...]) -> str:
-    """Return that of the full ``names`` of parameters which is ``name``, or ends in ``name`` behind
-    a point. Refused, at ``path`` in the file, if there is no such name, or if there are several.
+    """Return the one of the full ``names`` of parameters that is ``name``, or ends in a point and
+    ``name``. Refused, at ``path`` in the file, if there is no such name, or if there are several.
     """
     matches = [full_name for full_name in names if f".{full_name}".endswith(f".{name}")]
     if len(matches) != 1:
@@ -166,7 +183,7 @@ def _find_name(name: str, names: Sequence[str], path: tuple[str, ...]) -> str:
 
 def make_matrix(names: Sequence[str], correlations: Sequence[tuple[str, str, float]]) -> Array:
     """Return the matrix (p, p) of the correlations of the errors of the parameters ``names``, from
-    the ``correlations`` of pairs of names; others are zero.
+    the ``correlations`` of pairs of these names; pairs that are not among them have zero.
     """
     matrix = np.eye(len(names))
     for first, second, value in correlations:
@@ -179,7 +196,7 @@ def make_matrix(names: Sequence[str], correlations: Sequence[tuple[str, str, flo
 
 def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
     """Return the name, the value, the standard error and the SI unit of each parameter of a scene
-    that has an error.
+    that has an error; the unit of a pure number is empty.
     """
     blocks = _write(scene)
     parameters = []
@@ -192,8 +209,8 @@ def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
 def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return the standard errors of ``numbers`` of the states of a scene as
     :meth:`ErrorPropagation.summarise` does. The ``numbers`` are by name, as
-    :meth:`granphon.runs.plan.Plan.collect` returns them; they are found again in the two shifted
-    scenes of each parameter.
+    :meth:`granphon.runs.plan.Plan.collect` returns them; the same numbers are computed for the two
+    shifted scenes of each parameter.
     """
     names = [*numbers]
     pairs = [
@@ -214,8 +231,11 @@ def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
 
 def shift_scene(scene: Any, keys: Keys, change: float, observed: Sequence[str] = ()) -> Any:
     """Return the scene without standard errors whose parameter at the path ``keys`` is larger by
-    ``change``, SI; it observes only what is ``observed``, if anything is. Refused, at this path,
-    if the scene is not valid with the changed value, or if its sweep replaces the parameter.
+    ``change``, SI, or smaller if ``change`` is below zero. The scene observes the names in
+    ``observed``, or without names what the given ``scene`` observes.
+
+    Refused, at this path, if the scene is not valid with the changed value, or if its sweep
+    replaces the parameter.
     """
     blocks = _write(scene)
     if observed:
@@ -238,8 +258,8 @@ def shift_scene(scene: Any, keys: Keys, change: float, observed: Sequence[str] =
 
 def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float) -> None:
     """Raise Refused, at the path ``keys`` of a parameter, if the sweep of a ``scene`` gives all
-    values of the parameter, so that no state has its standard ``error``: the states of the
-    ``shifted_scene`` are then the same.
+    values of the parameter, so that no state has its standard ``error``, SI: the states of the
+    ``shifted_scene``, in which the parameter is changed, are then those of the ``scene``.
     """
     grids = scene.plan.grid, shifted_scene.plan.grid
     axes = grids[0].axes
@@ -252,24 +272,26 @@ def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float)
         for case, shifted_case in pairs_of_cases
     ):
         return
-    values = {axis.name: axis.values[0] for axis in axes}
+    # the axes that alone undo the change; it may take several of them
     replacing = [
-        name
-        for name, value in values.items()
-        if _are_same(*(grid.change({name: value}) for grid in grids))
+        axis.name
+        for axis in axes
+        if _are_same(*(grid.change({axis.name: axis.values[0]}) for grid in grids))
     ]
+    names = replacing or [axis.name for axis in axes]
     raise Refused(
         f"a standard error of {error:g}, which no state has",
         "standard errors of what the sweep leaves",
-        f"The sweep of {' and '.join(replacing or values)} gives all values. Write an error behind"
+        f"The sweep of {' and '.join(names)} gives all values. Write an error behind"
         " each of them, as in '8 mm +- 4 um'.",
         keys,
     )
 
 
 def _are_same(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
-    """Return whether two pairs of balls and the request of their states, of scenes that differ in
-    one number, are of the same states.
+    """Return whether the ``first`` and the ``second`` pair, each of balls and of the request of
+    their states, describe the same states. The pairs are those of two scenes that differ in one
+    number, so that only what has numbers is compared.
     """
     (balls, request), (other_balls, other_request) = first, second
     settings = (request.waves, request.surface, request.bands)
@@ -283,14 +305,13 @@ def is_by_small_change(name: str) -> bool:
     """Return whether the standard error of the number called ``name``, of a summary or a data set,
     is found by a small change of each parameter: that of a wave of an edge, a gap or a peak.
     """
-    beginnings = (beginning for of_word in _BY_SMALL_CHANGES.values() for beginning in of_word)
-    return name == "gaps" or name.startswith((*beginnings,))
+    return name == "gaps" or name.startswith(_BEGINNINGS)
 
 
 def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
-    """Return for each parameter with a standard error two scenes that observe alone what has waves
-    of an edge, gaps or peaks: the parameter is a little smaller in the first, and larger in the
-    second. Empty if the scene observes none of these.
+    """Return for each parameter with a standard error two scenes that observe nothing but waves of
+    an edge, gaps and responses, of what the given ``scene`` observes: the parameter is a little
+    smaller in the first, and larger in the second. Empty if the scene observes none of these.
     """
     observed = [word for word in scene.observe if word in _BY_SMALL_CHANGES]
     if not observed:
@@ -304,30 +325,44 @@ def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
 def list_errors_by_small_changes(dataset: Dataset, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return the standard errors of those ``numbers`` of a summary that small changes give, see
     :func:`is_by_small_change`, from the ``dataset`` of its only state, in the form of
-    :meth:`ErrorPropagation.summarise`.
+    :meth:`ErrorPropagation.summarise`. A number without an error in the ``dataset`` has none.
     """
     errors: dict[str, Any] = {}
     sources: dict[str, str] = {}
+    error: Any
     for name in filter(is_by_small_change, numbers):
-        names = ("gap_lower", "gap_upper") if name == "gaps" else (name,)
-        found = [dataset.get(f"{variable}{_ERROR}") for variable in names]
-        known = [error for error in found if error is not None]
-        if not known:
-            continue
-        # an edge on which no parameter acts, as the lower one at zero, has no variable
-        values = [np.zeros(known[0].size) if x is None else x.values.ravel() for x in found]
         if name == "gaps":
-            is_gap = np.isfinite(dataset["gap_lower"].values.ravel())
-            errors[f"{name}{_ERROR}"] = np.transpose(values)[is_gap].tolist()
+            error, variable = _list_gap_errors(dataset)
         else:
-            errors[f"{name}{_ERROR}"] = values[0].item()
-        sources[name] = known[-1].attrs["mostly_from"]
+            variable = dataset.get(f"{name}{_ERROR}")
+            error = None if variable is None else variable.values.item()
+        if variable is not None:
+            errors[f"{name}{_ERROR}"] = error
+            sources[name] = variable.attrs["mostly_from"]
     return errors | {"errors_from": sources}
 
 
+def _list_gap_errors(dataset: Dataset) -> tuple[list[list[float]], Any]:
+    """Return the standard errors, Hz, of the lower and the upper edge of each gap of the only state
+    in a ``dataset``, and the variable of the errors of the upper edges, or of the lower edges if no
+    parameter acts on the upper; no errors and None if no parameter acts on any edge.
+    """
+    variables = [dataset.get(f"{edge}{_ERROR}") for edge in ("gap_lower", "gap_upper")]
+    known = [variable for variable in variables if variable is not None]
+    if not known:
+        return [], None
+    # edges on which no parameter acts, as the lower one at zero, have no variable
+    errors = [
+        np.zeros(known[0].size) if variable is None else variable.values.ravel()
+        for variable in variables
+    ]
+    is_gap = np.isfinite(dataset["gap_lower"].values.ravel())
+    return np.transpose(errors)[is_gap].tolist(), known[-1]
+
+
 def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
-    """Return a small change of each parameter that has a standard error, the error itself at most:
-    over the error, and in SI.
+    """Return for each parameter that has a standard error a small change of it, at most the error
+    itself: as a part of the error, and in SI.
     """
     changes = []
     for _, value, error, _ in list_parameters(scene):
@@ -342,10 +377,10 @@ class ErrorPropagation:
     Attributes
     ----------
     names : names of the p parameters.
-    pairs : for each parameter the results, by name, in two scenes, in which the parameter is
-        smaller and larger by its standard error, or by a part of it.
+    pairs : for each parameter the results, by name, in two scenes: in the first the parameter is
+        smaller by its standard error, or by a part of it, and in the second larger.
     correlations : (p, p) of the errors of the parameters.
-    parts : (p,) parts of the errors by which the parameters change, all one by default.
+    parts : (p,) parts of the errors by which the parameters change; all 1 if none are given.
     rounding : relative change of a number that is put down to rounding.
     lacking : names of results without a known error: the scenes have different numbers of their
         values, as of gaps or peaks. :meth:`find` and :meth:`add_to` add to these names.
@@ -359,6 +394,9 @@ class ErrorPropagation:
         parts: Sequence[float] = (),
         rounding: float = _ROUNDING,
     ) -> None:
+        """Prepare a propagation, to which no result is known to lack its error; the arguments are
+        the attributes.
+        """
         self.names = names
         self.pairs = pairs
         self.correlations = correlations
@@ -387,13 +425,14 @@ class ErrorPropagation:
     def find(
         self, name: str, value: Any, sampling: Any = None, unit: str = ""
     ) -> tuple[Array, str] | None:
-        """Return the standard errors of a result, of the shape of its ``value``, and the name of
-        the parameter that gives most of them.
+        """Return the standard errors of the result ``name``, an array of the shape of its
+        ``value``, and the name of the parameter that gives most of them.
 
-        None if no parameter has an effect, for a value that is not numbers, and if a shifted scene
-        has another number of values; ``name`` is then added to ``lacking``. The errors of
-        ``sampling``, of the same shape, add up with those that the parameters cause. A value in the
-        ``unit`` rad is an angle, which a full turn does not change.
+        None if no parameter has an effect, and for a value that is not numbers. None too if a
+        shifted scene has no numbers of the shape of the value: ``name`` is then added to
+        ``lacking``. The standard errors of ``sampling``, of the same shape, add up with those that
+        the parameters cause. A value in the ``unit`` rad is an angle, which a full turn does not
+        change.
         """
         base = _as_numbers(value)
         if base is None:
@@ -419,9 +458,10 @@ class ErrorPropagation:
         return np.sqrt(variances), self.names[int(np.argmax(shares))]
 
     def find_along(self, columns: Mapping[str, Any], along: str) -> dict[str, Array]:
-        """Return the standard errors of the ``columns`` of a table, arrays by name, that the
-        parameters change. Where rows lie ``along`` one of the columns, such as a time, the others
-        are compared at equal values of it.
+        """Return the standard errors, by name, of those of the ``columns`` of a table, arrays (n,)
+        by name, that the parameters change. Where rows lie ``along`` one of the columns, such as a
+        time, the other columns are compared at its values, and it has no errors itself; ``along``
+        is empty otherwise.
         """
         propagation = self
         if along:
@@ -429,9 +469,9 @@ class ErrorPropagation:
             propagation = self._change_results(lambda results: _resample(results, along, places))
         errors: dict[str, Array] = {}
         for name, values in columns.items():
-            found = None if name == along else propagation.find(name, values)
-            if found is not None:
-                errors[name], _parameter = found
+            errors_and_parameter = None if name == along else propagation.find(name, values)
+            if errors_and_parameter is not None:
+                errors[name], _ = errors_and_parameter
         return errors
 
     def _change_results(self, change: Callable[[Any], Any]) -> ErrorPropagation:
@@ -445,16 +485,17 @@ class ErrorPropagation:
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
         for each name the parameter that gives most of its error. An entry NAME_error among the
-        ``numbers`` is the error of sampling of NAME.
+        ``numbers`` is the error of sampling of NAME. Numbers on which no parameter acts are left
+        out.
         """
         errors: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for name, value in numbers.items():
             if name.endswith(_ERROR):
                 continue
-            found = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
-            if found is not None:
-                errors_of_value, parameter = found
+            errors_and_parameter = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
+            if errors_and_parameter is not None:
+                errors_of_value, parameter = errors_and_parameter
                 errors[f"{name}{_ERROR}"] = errors_of_value.tolist()
                 sources[name] = parameter
         return errors | {"errors_from": sources}
@@ -462,10 +503,10 @@ class ErrorPropagation:
     def add_to(self, dataset: Dataset, names: Collection[str] | None = None) -> Dataset:
         """Return the ``dataset`` with a variable NAME_error for the standard error of each
         variable, or of those called ``names``, that the parameters change; its attribute
-        ``mostly_from`` is the parameter that gives most of the error. Densities of states have
-        errors at the frequencies of the ``dataset``. At a receiver whose number of peaks differs
-        between the scenes the errors of its peaks are nan, and at a wave vector whose number of
-        waves of an edge differs the errors of these; ``lacking`` then has the name.
+        ``mostly_from`` is the parameter that gives most of the error.
+
+        Densities of states have errors at the frequencies of the ``dataset``. Errors of peaks of a
+        response, and of waves of an edge, are nan as :meth:`_leave_out_changed` says.
         """
         added = {}
         propagation = self
@@ -474,50 +515,62 @@ class ErrorPropagation:
                 lambda results: _resample_densities(results, dataset)
             )
         for name, variable in dataset.data_vars.items():
-            if str(name).endswith(_ERROR) or name == _OF_NODES:
-                continue
-            if names is not None and name not in names:
+            is_asked = names is None or name in names
+            if not is_asked or str(name).endswith(_ERROR) or name == _OF_NODES:
                 continue
             sampling = dataset.get(f"{name}{_ERROR}")
             sampling_errors = None if sampling is None else sampling.values
             unit = str(variable.attrs.get("units", ""))
-            found = propagation.find(str(name), variable.values, sampling_errors, unit)
-            if found is not None:
-                errors, parameter = found
+            errors_and_parameter = propagation.find(
+                str(name), variable.values, sampling_errors, unit
+            )
+            if errors_and_parameter is not None:
+                errors, parameter = errors_and_parameter
                 attributes = {"units": unit} if unit else {}
                 attributes["mostly_from"] = parameter
-                counted = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
-                if counted is not None:
-                    errors = np.where(self._stay_the_same(dataset, counted), errors, np.nan)
-                    if np.any(np.isnan(errors) & np.isfinite(variable.values)):
-                        self.lacking[str(name)] = None
+                errors = self._leave_out_changed(errors, dataset, str(name))
                 added[f"{name}{_ERROR}"] = (variable.dims, errors, attributes)
         return dataset.assign(added)
 
-    def _stay_the_same(self, dataset: Dataset, counted: str) -> Flags:
-        """Return, of the shape of the variable ``counted`` in the ``dataset``, whether each of its
-        numbers is that of the same peak, or of the same wave, in all shifted scenes.
-
-        It is not where a scene has more numbers along the last dimension, or fewer; nor where one
-        peak enters and another leaves, so that a frequency jumps.
+    def _leave_out_changed(self, errors: Array, dataset: Dataset, name: str) -> Array:
+        """Return the ``errors`` of the variable ``name`` of the ``dataset``, nan for peaks and for
+        waves of an edge that are not the same in all scenes: ``name`` is added to ``lacking`` if
+        one of these has a number. Errors of other variables are returned unchanged.
         """
-        base = dataset[counted].values
-        # numbers beyond the count are nan
+        variable = dataset[name]
+        name_of_frequencies = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
+        if name_of_frequencies is None:
+            return errors
+        known_errors = np.where(self._find_same(dataset, name_of_frequencies), errors, np.nan)
+        if np.any(np.isnan(known_errors) & np.isfinite(variable.values)):
+            self.lacking[name] = None
+        return known_errors
+
+    def _find_same(self, dataset: Dataset, name: str) -> Flags:
+        """Return, of the shape of the frequencies ``name`` in the ``dataset``, whether each is that
+        of the same peak, or of the same wave of an edge, in all shifted scenes.
+
+        The peaks of a receiver, and the waves at a wave vector, are not the same where a scene has
+        more of them, or fewer; nor where one peak enters and another leaves, so that the frequency
+        of their rank jumps.
+        """
+        base = dataset[name].values
+        # ranks beyond the last peak or wave are nan
         count = np.sum(np.isfinite(base), axis=-1, keepdims=True)
         is_same = np.ones(base.shape, bool)
         for pair in self.pairs:
             for results in pair:
-                is_number = np.isfinite(results[counted].values)
+                is_number = np.isfinite(results[name].values)
                 is_same &= np.sum(is_number, axis=-1, keepdims=True) == count
-            lower, upper = (_pad_ranks(results[counted].values, base.shape[-1]) for results in pair)
-            second = np.abs(upper + lower - 2.0 * base)
-            is_same &= ~(second > _JUMP * np.abs(base))
+            lower, upper = (_pad_ranks(results[name].values, base.shape[-1]) for results in pair)
+            second_difference = np.abs(upper + lower - 2.0 * base)
+            is_same &= ~(second_difference > _JUMP * np.abs(base))
         return is_same
 
 
 def warn_of_lacking(dataset: Dataset, propagations: Sequence[ErrorPropagation]) -> Dataset:
     """Return the ``dataset`` with one more warning, which names the results whose standard errors
-    the ``propagations`` have not found; the same data set if there are none.
+    the ``propagations`` have not found; the same data set if no result lacks its errors.
     """
     # each name once, in order
     names = dict.fromkeys(name for propagation in propagations for name in propagation.lacking)
@@ -533,8 +586,9 @@ def _find_change(lower: Array, upper: Array, base: Array, unit: str, rounding: f
     """Return half the difference of the numbers ``upper`` and ``lower``, which are results of the
     two shifted scenes of a parameter, in the shape of ``base``, the results of the scene itself.
 
-    The difference is zero where it is ``rounding`` of ``base``, and nan where one of the two is not
-    finite. For angles, in the ``unit`` rad, it is taken between -pi and pi.
+    Half the difference is zero where it is at most ``rounding`` times ``base``, and nan where one
+    of the two numbers is not finite. The difference of angles, in the ``unit`` rad, is taken
+    between -pi and pi.
     """
     is_known = np.isfinite(lower) & np.isfinite(upper)
     difference = np.subtract(upper, lower, out=np.full(base.shape, np.nan), where=is_known)
@@ -546,7 +600,8 @@ def _find_change(lower: Array, upper: Array, base: Array, unit: str, rounding: f
 
 def _resample(columns: Mapping[str, Any], along: str, places: Array) -> dict[str, Array]:
     """Return the ``columns`` of a table, arrays (n,) by name, at the ``places`` (m,) of the column
-    ``along``, which ascends: linear between its values, and nan beyond them; empty without columns.
+    ``along``, which ascends: linear between its values, and nan beyond them. Empty if the table has
+    no such column, as that of a scene without the result.
     """
     if along not in columns:
         return {}
@@ -559,8 +614,8 @@ def _resample(columns: Mapping[str, Any], along: str, places: Array) -> dict[str
 
 def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
     """Return the data set of a shifted scene, ``results``, with its densities of states at the
-    frequencies of ``base``; nan where the scene has no density there. A data set without densities
-    is returned as it is.
+    frequencies of ``base``, the data set of the scene itself; nan beyond the frequencies of the
+    shifted scene. A data set without densities is returned as it is.
     """
     if _OF_NODES not in results:
         return results
@@ -581,9 +636,10 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
 
 
 def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:
-    """Return a value as :func:`_as_numbers` does; one whose last dimension is of numbers by rank
-    has the last length of ``shape``: it is cut there, or goes on with nan. Only the counts of the
-    whole value tell which ranks can be compared.
+    """Return a result of a shifted scene as :func:`_as_numbers` does; a variable whose numbers
+    stand by rank has the last length of ``shape``: it is cut there, or goes on with nan. So the
+    result can be compared with one of another number of ranks;
+    :meth:`ErrorPropagation._find_same` says which ranks are those of the same peak or wave.
     """
     numbers = _as_numbers(value)
     dims = getattr(value, "dims", ())
@@ -617,7 +673,7 @@ def _write(scene: Any) -> dict[str, Any]:
 
     Masses and moments of inertia are left out where they follow from the density and the diameter
     of a solid ball: if one of these two is shifted, the mass and the inertia are to follow. Values
-    that the file has as lists with standard errors are lists.
+    are lists where the path of a standard error leads into a list.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))
     blocks.pop("correlations", None)
@@ -652,7 +708,9 @@ def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
 
 
 def _list_range(entry: Mapping[str, Any]) -> list[Any]:
-    """Return the quantities of a range as :func:`write_blocks` writes it, each as plain data."""
+    """Return the quantities of a range, each as plain data; the ``entry`` is the range as
+    :func:`write_blocks` writes it.
+    """
     ends = [str(entry[key]).partition(" ") for key in ("from", "to")]
     first, last = (float(number) for number, _, _ in ends)
     unit = ends[0][2]

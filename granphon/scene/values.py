@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
-from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
@@ -20,7 +20,7 @@ from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings, read_block
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, show, spell
-from granphon.base.validation import read_inside, require
+from granphon.base.validation import read_inside, require, text
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.medium import CRYSTAL
 from granphon.phonons.paths import MESHES, BandPath, read_paths
@@ -61,8 +61,11 @@ _CHECKED = {
     "observe": file_keys.OBSERVE,
     **{name: file_keys.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
     "direction": file_keys.DIRECTION,
+    "correlations": file_keys.CORRELATIONS,
 }
-#: what a sweep may vary of losses and of walls
+#: those of these attributes that may be None
+_MAY_BE_NONE = frozenset({"direction", "dim"})
+#: words for the losses and walls that a sweep may vary
 _ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
 _MOST_DESCRIBED = 4
@@ -131,61 +134,106 @@ class SceneValues:
         and defaults that depend on other values are filled in. Refused or InputError for a value
         that is not allowed.
         """
-        # the dataclass is frozen: attributes are set past it
-        assign = partial(object.__setattr__, self)
-        assign("packing", _read_balls(self.packing))
+        self._settle_balls_and_load()
+        lattice = self._settle_parameters()
+        context = Context(lattice, written=False)
+        self._settle_single_values(context)
+        given_path = self.band
+        self._settle_path(lattice)
+        self._settle_blocks(context)
+        self._require_consistency(given_path)
+        self._settle_errors()
+
+    def _assign(self, name: str, value: Any) -> None:
+        """Set the attribute ``name``, past the frozen dataclass."""
+        object.__setattr__(self, name, value)
+
+    def _settle_balls_and_load(self) -> None:
+        """Set the balls of the scene, and for a packing in files whether it keeps the terms of
+        finite overlap, which the files say. InputError for an argument that is no balls or no load,
+        and for loads in more than one dimension.
+        """
+        self._assign("packing", _read_balls(self.packing))
         if self.packing.is_network:
-            # files say themselves whether static forces act; so the scene is that of its own text
+            # so that a scene which is read from the text of this one is the same
             files = cast("NetworkFiles", self.packing)
-            assign("finite_overlap", files.network.prestress)
+            self._assign("finite_overlap", files.network.prestress)
         if not isinstance(self.load, Load):
             raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
-        parameters = dict(_read_pairs("parameters", self.parameters))
-        axes = tuple(Axis.of(name, values) for name, values in parameters.items())
-        assign("parameters", tuple((axis.name, axis.values) for axis in axes))
-        lattices = dict(self.parameters).get("lattice", ())
-        lattice = file_keys.choose_lattice(self.packing.structure, lattices)
-        if lattice != self.packing.structure:
-            assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
-        if not self.mesh:
-            assign("mesh", MESHES[lattice.periods - 1])
-        # media of another type than a list are read below, by the rule of their key
-        if isinstance(cast("object", self.media), tuple | list) and not self.media:
-            assign("media", default_medium(self.packing, self.balls_differ))
-        context = Context(lattice, written=False)
-        for name, declared in _CHECKED.items():
-            value = getattr(self, name)
-            if value is not None:
-                assign(name, require(name, declared.kind.rule(context), value))
-        if self.modes is None and "modes" in self.observe:
-            assign("modes", ModesSettings())
-        # a scene without bands in space does not ask ASE, which knows the path there
-        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
-        given_path = self.band
-        if given_path is None and has_path:
-            is_of_waves = self.packing.is_network and "bands" not in self.observe
-            path = _find_wave_path(self.packing) if is_of_waves else BandPath.default(lattice)
-            assign("band", path)
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
+
+    def _settle_parameters(self) -> Lattice:
+        """Set the swept parameters, and return the lattice to which other values refer. Where the
+        swept lattices have another number of periods than that of the packing, or lie in another
+        dimension, the first of them takes its place.
+        """
+        parameters = dict(_read_pairs("parameters", self.parameters))
+        for name in parameters:
+            require("the name of a parameter", text, name)
+        axes = tuple(Axis.of(name, values) for name, values in parameters.items())
+        self._assign("parameters", tuple((axis.name, axis.values) for axis in axes))
+        lattices = dict(self.parameters).get("lattice", ())
+        lattice = file_keys.choose_lattice(self.packing.structure, lattices)
+        if lattice != self.packing.structure:
+            self._assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
+        return lattice
+
+    def _settle_single_values(self, context: Context) -> None:
+        """Set each value that the rule of a key reads, by this rule; the default media and the
+        default mesh, which depend on the balls and the lattice, first.
+        """
+        if _is_left_out(self.mesh):
+            self._assign("mesh", MESHES[context.lattice.periods - 1])
+        if _is_left_out(self.media):
+            self._assign("media", default_medium(self.packing, self.balls_differ))
+        for name, declared in _CHECKED.items():
+            value = getattr(self, name)
+            if value is not None or name not in _MAY_BE_NONE:
+                self._assign(name, require(name, declared.kind.rule(context), value))
+
+    def _settle_path(self, lattice: Lattice) -> None:
+        """Set the default path of the bands where none is given. A scene in space that observes no
+        bands and no spectrum keeps None: it does not ask ASE, which knows the paths there.
+        """
+        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
+        if self.band is None and has_path:
+            is_of_waves = self.packing.is_network and "bands" not in self.observe
+            path = _find_wave_path(self.packing) if is_of_waves else BandPath.default(lattice)
+            self._assign("band", path)
+
+    def _settle_blocks(self, context: Context) -> None:
+        """Set the settings of each block, from settings or from mappings. Modes are observed with
+        default settings if none are given. Refused for a wall of a kind that there is not.
+        """
+        if self.modes is None and "modes" in self.observe:
+            self._assign("modes", ModesSettings())
         for block, settings in SETTINGS.items():
             value = getattr(self, block)
             if value is not None:
-                assign(block, require(block, partial(read_block, settings, context=context), value))
-            self.observed_settings(block)  # which refuses a wall of a kind that there is not
-        self._require_consistency(given_path)
-        assign("errors", _read_pairs("errors", self.errors))
+                rule = partial(read_block, settings, context=context)
+                self._assign(block, require(block, rule, value))
+            self.observed_settings(block)  # which refuses such a wall
+
+    def _settle_errors(self) -> None:
+        """Set the standard errors, SI, and their correlations. Refused or InputError for errors
+        that the parameters of the scene cannot have.
+        """
+        self._assign("errors", _read_pairs("errors", self.errors))
+        _require_paths(self.errors)
         if self.errors or self.correlations:
             # imported here: few scenes have errors
             from granphon.scene.uncertainty import settle_correlations, settle_errors
 
-            assign("errors", settle_errors(self))
-            assign("correlations", settle_correlations(self))
+            self._assign("errors", settle_errors(self))
+            self._assign("correlations", settle_correlations(self))
 
     @property
     def path(self) -> BandPath:
-        """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
+        """Path of the bands in reciprocal space: ``band``, or the default of the lattice where that
+        is None.
+        """
         return BandPath.default(self.packing.structure) if self.band is None else self.band
 
     @property
@@ -214,9 +262,9 @@ class SceneValues:
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """The waves that the scene observes: in simulated arrays a density of states, spectral
-        functions and a pulse, and in the network of each state what the blocks of networks ask for;
-        None for a scene that observes none of these.
+        """The waves that the scene observes: in simulated arrays and in packings in files a density
+        of states, spectral functions and a pulse, and in the network of each state what the blocks
+        of networks ask for; None for a scene that observes none of these.
         """
         blocks = map(self.observed_settings, NETWORK_BLOCKS)
         settings_of_networks = tuple(settings for settings in blocks if settings is not None)
@@ -262,15 +310,15 @@ class SceneValues:
             from granphon.scene.uncertainty import write_errors
 
             write_errors(self, blocks)
-        text = dump_yaml(blocks)
-        n_bytes = len(text.encode())
+        document = dump_yaml(blocks)
+        n_bytes = len(document.encode())
         if n_bytes > MOST_SCENE_BYTES:
             problem = (
                 f"the scene takes {n_bytes // 1000} kB as a text; a scene file holds"
                 f" {MOST_SCENE_BYTES // 1000} kB"
             )
             raise InputError(problem, mend="Give long lists as a range, or call granphon.sweep")
-        return text
+        return document
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of the settings of the scene, of many directions the
@@ -293,11 +341,6 @@ class SceneValues:
             ("sweep of " + (name if "." in name else spell(name)), values, find_unit(name) or "")
             for name, values in self.parameters
         ]
-        directions: list[tuple[str, Any, str]] = [
-            ("direction", direction, "") for direction in self.directions[:_MOST_DESCRIBED]
-        ]
-        if len(self.directions) > _MOST_DESCRIBED:
-            directions.append(("further directions", len(self.directions) - _MOST_DESCRIBED, ""))
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
             (load.kind.replace("_", " "), load.array, load_unit),
@@ -308,10 +351,21 @@ class SceneValues:
             *sweeps,
             ("finite overlap", self.finite_overlap, ""),
             ("observe", self.observe, ""),
-            *directions,
+            *self._describe_directions(),
             *self._describe_observed(),
         ]
         return [(name, value, unit) for name, value, unit in rows if value is not None]
+
+    def _describe_directions(self) -> list[tuple[str, Any, str]]:
+        """Return rows (name, value, unit) of the directions of sound, of many the first and the
+        number of the others; directions have no unit.
+        """
+        described = self.directions[:_MOST_DESCRIBED]
+        rows: list[tuple[str, Any, str]] = [("direction", direction, "") for direction in described]
+        n_others = len(self.directions) - len(described)
+        if n_others:
+            rows.append(("further directions", n_others, ""))
+        return rows
 
     def _describe_observed(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of the settings of the observables that the scene
@@ -395,7 +449,7 @@ class SceneValues:
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
             for name in file_keys.OBSERVABLES
-            if name not in ("pulse", *NETWORK_BLOCKS, "design")
+            if name not in ("pulse", *NETWORK_BLOCKS, "design")  # these need no period
         ]
         pulse = Conflict(
             "pulse",
@@ -577,21 +631,9 @@ class SceneValues:
         """
         structure = self.packing.structure
         self._require_supercell()
-        if self.finite_overlap:
-            with file_keys.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
-                require_finite_overlap(self.media)
-        for choice in self.media:
-            with file_keys.refusing(choice.label, "a medium of these balls", "medium"):
-                choice.require_for(self.packing)
+        self._require_media()
         self._require_arrays()
-        if self.parameters:
-            from granphon.media.arrangement import find_kinds  # other scenes have no kinds
-
-            observed = [*map(self.observed_settings, WAVE_BLOCKS)]
-            for name, _values in self.parameters:
-                with file_keys.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
-                    require_losses([name], observed)
-                    require_walls([name], observed, find_kinds(self.packing))
+        self._require_swept()
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"
@@ -613,10 +655,35 @@ class SceneValues:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
 
+    def _require_media(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` for a medium that these balls cannot have,
+        or that does not keep the terms of finite overlap if the scene keeps these.
+        """
+        if self.finite_overlap:
+            with file_keys.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
+                require_finite_overlap(self.media)
+        for choice in self.media:
+            with file_keys.refusing(choice.label, "a medium of these balls", "medium"):
+                choice.require_for(self.packing)
+
+    def _require_swept(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` for a swept loss that nothing observed has,
+        or that a block gives, and for a swept wall that stands at no edge of what is observed.
+        """
+        if not self.parameters:
+            return
+        from granphon.media.arrangement import find_kinds  # other scenes have no kinds
+
+        observed = [self.observed_settings(block) for block in WAVE_BLOCKS]
+        for name, _ in self.parameters:
+            with file_keys.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
+                require_losses([name], observed)
+                require_walls([name], observed, find_kinds(self.packing))
+
     def _require_supercell(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if two balls of the supercell would touch
-        twice, through different periodic images, as in a supercell that is too small; the refusal
-        names the smallest that is large enough, with as many cells along each period.
+        """Raise :class:`~granphon.base.errors.Refused` if the supercell is so small that two of its
+        balls touch twice, through different periodic images; the refusal names the smallest
+        supercell that is large enough, of those with as many cells along each period.
         """
         structure = self.packing.structure
         touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
@@ -629,14 +696,21 @@ class SceneValues:
 
 
 def _read_balls(packing: Any) -> Packing | Arrangement | NetworkFiles:
-    """Return the balls of a scene; a crystal becomes its arrangement. InputError for an argument
-    that is no balls.
+    """Return the balls of a scene from its argument ``packing``; a crystal becomes its arrangement.
+    InputError for an argument of another type than :class:`granphon.Scene` takes.
     """
     if isinstance(packing, Packing) or getattr(packing, "is_network", False):
         return cast("Packing | NetworkFiles", packing)
     from granphon.media.arrangement import given_balls  # other scenes have no kinds
 
     return given_balls(packing)
+
+
+def _is_left_out(value: object) -> bool:
+    """Whether an argument is None or an empty list, in place of which a default stands; an argument
+    of any other type is for a rule to read.
+    """
+    return value is None or (isinstance(value, tuple | list) and not value)
 
 
 def _read_pairs(name: str, value: Any) -> tuple[tuple[Any, Any], ...]:
@@ -649,6 +723,17 @@ def _read_pairs(name: str, value: Any) -> tuple[tuple[Any, Any], ...]:
     except (TypeError, ValueError):
         mend = "Give a mapping, or a list of pairs"
         raise InputError(f"{name} is {brief(value)}", mend=mend) from None
+
+
+def _require_paths(errors: Sequence[tuple[Any, Any]]) -> None:
+    """Raise InputError unless the first of each pair in ``errors`` is a path in a scene file: keys,
+    and indices in lists.
+    """
+    for path, _ in errors:
+        is_path = isinstance(path, tuple) and all(isinstance(key, str | int) for key in path)
+        if not is_path or not path:
+            mend = 'Give the keys that lead to the quantity, as ("material", "young_modulus")'
+            raise InputError(f"errors has the path {brief(path)}", mend=mend)
 
 
 def _find_wave_path(packing: Any) -> BandPath:

@@ -1,7 +1,7 @@
-"""Standard errors as they are written in a scene: behind a quantity, as in "8 mm +- 4 um", or in a
-fit.
+"""Standard errors as they stand in a scene file: behind a quantity, as in "8 mm +- 4 um", or in the
+file of a fit.
 
-A value "{fit: fit.yaml}" stands for what ``granphon fit`` has found of its key: the value, the
+A value {fit: fit.yaml} stands for what ``granphon fit`` has found for its key: the value, the
 standard error, and the correlations with other values of the same fit.
 """
 
@@ -24,19 +24,19 @@ from granphon.base.quantities import NUMBER, split_error
 from granphon.base.text import list_names, read_yaml, show
 from granphon.scene.file_keys import FIT
 
-#: the keys that lead to a value of a scene
+#: a path: the keys, and the indices in lists, that lead to a value of a scene
 Keys = tuple[str | int, ...]
 #: what may be written for a quantity with its standard error
 _ALLOWED = "a quantity with its standard error, such as '8 mm +- 4 um' or '211 GPa +- 1 %'"
-#: magnitude of a correlation that rounding leaves of zero, in a covariance that is found from
-#: derivatives or goes through a file
+#: error of a correlation by rounding, in a covariance that is found from derivatives and read from
+#: a file
 _ROUNDING = 1e-9
-#: the number of a spread of each kind that a fit of the width gives
+#: the number of each kind of spread that follows from the width that a fit has found
 _NUMBERS_OF_SPREADS = {"uniform": "width", "normal": "std"}
 
 
 def name_keys(keys: Keys) -> str:
-    """Return the name of the parameter to which ``keys`` lead, "material.young_modulus"."""
+    """Return the name of the parameter at the path ``keys``, such as "material.young_modulus"."""
     return ".".join(map(str, keys))
 
 
@@ -49,8 +49,9 @@ class WrittenErrors:
     values : the values without their errors, by their paths in the document, as the document would
         have them if they had no error.
     errors : the standard errors, texts of a number and a unit, by the paths of :func:`_spell_out`.
-    correlations : the names of two values, and the correlation of their errors.
-    fits : the files of fits.
+    correlations : for each two values of the same fit their names, those of :func:`name_keys`, and
+        the correlation of their errors.
+    fits : the files of fits, each once.
     """
 
     values: dict[Keys, Any] = field(default_factory=dict)
@@ -60,47 +61,60 @@ class WrittenErrors:
 
     @classmethod
     def read(cls, entries: Mapping[Keys, Any], folder: Path) -> WrittenErrors:
-        """Return the errors in the ``entries`` of a document, by their paths: texts with a standard
-        error, and mappings that name the file of a fit. Files are sought in ``folder``.
+        """Return the errors in the ``entries`` of a document, by their paths: texts with the sign
+        of a standard error, and mappings that name the file of a fit. Files are sought in
+        ``folder``.
 
-        Two values of the same fit have its correlation. Refused for a quantity with an error that
-        cannot be read, and for a fit that does not have the value.
+        Refused for a quantity with an error that cannot be read, for a file that holds no fit, and
+        for a fit that does not have the value or its error.
         """
         written = cls()
-        # for each file of a fit, the paths of values that it gives, and the numbers of the
-        # parameters of the fit that these are
-        numbers_of_fits: dict[Path, dict[Keys, int]] = {}
         fits: dict[Path, Any] = {}
+        # for each file, by the paths of the values that its fit gives, the numbers of their
+        # parameters in the fit
+        numbers_in_fits: dict[Path, dict[Keys, int]] = {}
         for keys, entry in entries.items():
-            if isinstance(entry, Mapping):
-                file = folder / _read_name(keys, entry)
-                if file not in fits:
-                    fits[file] = _read_fit(keys, file)
-                number = written._add_fitted(keys, file.name, fits[file])
-                numbers_of_fits.setdefault(file, {})[keys] = number
+            if not isinstance(entry, Mapping):
+                written._add_text(keys, entry)
                 continue
-            value_and_error = split_error(entry)
-            if value_and_error is not None:
-                value, error = value_and_error
-                written._add(keys, value, error)
-            elif re.match(rf"\s*\(?\s*{NUMBER}", entry):
-                # another text with the sign of an error is no quantity, and stays as it is
-                raise Refused(show(entry), _ALLOWED, path=keys)
-        for file, numbers in numbers_of_fits.items():
-            for first, second in combinations(numbers, 2):
-                correlation = fits[file].correlation[numbers[first], numbers[second]]
-                # rounding may put a correlation beyond -1 or 1
-                bounded = float(np.clip(correlation, -1.0, 1.0))
-                names = name_keys(_spell_out(first)), name_keys(_spell_out(second))
-                written.correlations.append((*names, bounded))
+            file = folder / _read_name(keys, entry)
+            if file not in fits:
+                fits[file] = _read_fit(keys, file)
+            number = written._add_fitted(keys, file.name, fits[file])
+            numbers_in_fits.setdefault(file, {})[keys] = number
+        for file, numbers in numbers_in_fits.items():
+            written._add_correlations(numbers, fits[file].correlation)
         written.fits = list(fits)
         return written
 
-    def _add_fitted(self, keys: Keys, name_of_file: str, fit: Any) -> int:
-        """Add the value that the ``fit`` in the file ``name_of_file`` has found for the path
-        ``keys`` of a scene, with its standard error; return the number of the parameter in the fit.
+    def _add_text(self, keys: Keys, text: str) -> None:
+        """Add the value and the standard error in a ``text`` at the path ``keys``. A text that does
+        not begin with a number is no quantity, and nothing is added. Refused for a quantity whose
+        error cannot be read.
+        """
+        value_and_error = split_error(text)
+        if value_and_error is not None:
+            self._add(keys, *value_and_error)
+        elif re.match(rf"\s*\(?\s*{NUMBER}", text):
+            raise Refused(show(text), _ALLOWED, path=keys)
 
-        Refused if the fit does not have the parameter, or its errors are not known.
+    def _add_correlations(self, numbers: Mapping[Keys, int], correlation: Array) -> None:
+        """Add the correlation of each two values of a fit. The ``numbers`` are those of their
+        parameters in the fit, by the paths of the values, and ``correlation`` (p, p) is that of the
+        errors of all parameters of the fit.
+        """
+        for first, second in combinations(numbers, 2):
+            # rounding may put a correlation beyond -1 or 1
+            bounded = float(np.clip(correlation[numbers[first], numbers[second]], -1.0, 1.0))
+            names = name_keys(_spell_out(first)), name_keys(_spell_out(second))
+            self.correlations.append((*names, bounded))
+
+    def _add_fitted(self, keys: Keys, name_of_file: str, fit: Any) -> int:
+        """Add the value that the ``fit``, whose file messages call ``name_of_file``, has found for
+        the path ``keys`` of a scene, with its standard error; return the number, from 0, of the
+        parameter in the fit.
+
+        Refused if the fit does not have the parameter, or if its errors are not known.
         """
         name, scale = _find_parameter(keys, fit)
         if name not in fit.parameters:
@@ -127,7 +141,7 @@ class WrittenErrors:
 
 def _spell_out(keys: Keys) -> Keys:
     """Return the path at which :func:`granphon.scene.file.write_blocks` writes the value that the
-    document has at the path ``keys``: it is a longer path for {normal: 20 um}, which is written as
+    document has at the path ``keys``: the same path, but for {normal: 20 um}, which is written as
     {normal: {std: 20 um, cutoff: ...}}.
     """
     return (*keys, "std") if keys[-1] == "normal" else keys
@@ -147,7 +161,7 @@ def _read_fit(keys: Keys, file: Path) -> Any:
     """Return the fit in a ``file``, which a scene names at the path ``keys``; Refused if the file
     cannot be read or holds no fit, and for a covariance that no errors have.
     """
-    from granphon.fits.transfer import read_fit
+    from granphon.fits.transfer import read_fit  # other scenes need no fits
 
     try:
         fit = read_fit(read_yaml(file))
@@ -161,11 +175,11 @@ def _read_fit(keys: Keys, file: Path) -> Any:
 
 
 def _find_fault(covariance: Array) -> str:
-    """Return what is wrong with a ``covariance`` (p, p) that no errors have; an empty text if
-    nothing is, and of one that is not known.
+    """Return words for the reason why no errors have a ``covariance`` (p, p); an empty text without
+    such a reason.
     """
     if not np.all(np.isfinite(covariance)):
-        return ""
+        return ""  # the errors are not known
     variances = np.diag(covariance)
     if np.any(variances <= 0.0):
         return f"has the variance {np.min(variances):.3g}"
@@ -181,21 +195,22 @@ def _find_fault(covariance: Array) -> str:
 
 def _find_parameter(keys: Keys, fit: Any) -> tuple[str, float]:
     """Return the name that a ``fit`` has for the parameter at the path ``keys`` of a scene, and the
-    factor by which the value of the fit is multiplied to give that of the scene.
+    factor by which the value of the fit is multiplied to give that of the scene. The fit need not
+    have the parameter.
 
     The factor is not 1 for a spread, whose number in the scene may be a standard deviation where
     the fit has the width. Refused for a spread of another kind than that of the fit.
     """
     if "spread" in keys:
         spread = getattr(getattr(fit, "packing", None), "spread", None)
-        kind = type(spread).__name__.lower()
-        number = _NUMBERS_OF_SPREADS.get(kind)
-        if number is None or kind not in keys:
-            raise Refused(f"a fit of a spread that is {kind}", "the same kind of spread", path=keys)
-        return "width", getattr(spread, number) / fit.width
-    key = keys[-1]
-    if isinstance(key, int):
-        # the value stands in a list: the first has the name of the key, as a loss has, and the
-        # second loss a name of its own
-        key = keys[-2] if key == 0 else SECOND_LOSSES.get(str(keys[-2]), key)
-    return str(key), 1.0
+        kind = getattr(spread, "kind", "")
+        if kind not in _NUMBERS_OF_SPREADS or kind not in keys:
+            found = f"a fit of a spread that is {kind}" if kind else "a fit without a spread"
+            raise Refused(found, "the same kind of spread", path=keys)
+        return "width", getattr(spread, _NUMBERS_OF_SPREADS[kind]) / fit.width
+    index = keys[-1]
+    if not isinstance(index, int):
+        return index, 1.0
+    # a value in a list has the name of the key of the list, but for the second number of a loss
+    key = str(keys[-2])
+    return SECOND_LOSSES.get(key, key) if index == 1 else key, 1.0

@@ -784,6 +784,11 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "numbers",
         "three axes",
     ),
+    "one direction in two lengths": (
+        pack("lattice: triangular", more="direction: [[1, 3], [0.1, 0.3]]"),
+        "4: direction.1",
+        "twice",
+    ),
     "direction of space in a plane": (
         pack("lattice: square", more="direction: [[1, 0], [1, 0, 0]]"),
         "4: direction.1",
@@ -901,6 +906,31 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         kinds("crystal: {lattice: chain, kinds: [A, T]}\nload: {force: 1 N}"),
         "5: crystal",
         "'T'",
+    ),
+    "no pair of laws": (
+        kinds("crystal: {lattice: chain, law: {}}\nload: {force: 1 N}"),
+        "5: crystal.law",
+        "hertz",
+    ),
+    "pairs inside a pair of laws": (
+        kinds("crystal: {lattice: chain, law: {A S: {A S: hertz}}}\nload: {force: 1 N}"),
+        "5: crystal.law.A S",
+        "hertz",
+    ),
+    "a law without its numbers": (
+        kinds("crystal: {lattice: chain, law: {hertz: 0}}\nload: {force: 1 N}"),
+        "5: crystal.law.hertz",
+        "found 0",
+    ),
+    "a ball that is replaced twice": (
+        kinds("crystal: {lattice: chain, replace: {1: A, '01': S}}\nload: {force: 1 N}"),
+        "5: crystal.replace",
+        "ball 1",
+    ),
+    "a kind whose name is a formula": (
+        kinds("crystal: {lattice: chain}\nload: {force: 1 N}").replace("  A: {", "  =A: {"),
+        "4: balls.=A",
+        "begin",
     ),
     "no law": (
         kinds("crystal: {lattice: chain, law: hooke}\nload: {force: 1 N}"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 import pickle
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.cli.main import main
 from granphon.inverse.search import Problem
 from granphon.scene.report import read_report
@@ -116,6 +118,46 @@ def test_measured_frequencies_may_stand_in_a_table(tmp_path):
     scene = gp.Scene.from_yaml(path)
     assert scene.design.goal == gp.Scene.from_text(EDGE.replace("1 Hz", "[1 Hz]")).design.goal
     assert table in scene.origin.inputs
+
+
+def test_a_table_may_have_a_name_that_begins_with_a_digit(tmp_path):
+    table = tmp_path / "2024.csv"
+    table.write_text("frequency (kHz)\n8\n", encoding="utf-8")
+    path = tmp_path / "scene.yaml"
+    path.write_text(EDGE.replace("[8 kHz]", "2024.csv"), encoding="utf-8")
+    scene = gp.Scene.from_yaml(path)
+    assert scene.design.goal == gp.Scene.from_text(EDGE).design.goal
+    assert table in scene.origin.inputs
+
+
+@pytest.mark.parametrize("sigma", [".5 Hz", " 0.5 Hz", "+0.5 Hz"])
+def test_a_standard_error_is_a_quantity_however_it_begins(sigma):
+    design = gp.Scene.from_text(EDGE.replace("1 Hz", f"'{sigma}'")).design
+    assert dict(design.goal[1])["sigma"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"goal": ("widest_gap", 5)}, "goal.widest_gap: found 5"),
+        ({"goal": {"widest_gap": False}}, "goal.widest_gap: found false"),
+        ({"vary": (1, 2)}, "vary: found"),
+        ({"vary": {"mass": (0.0, math.inf)}}, "vary.mass: found"),
+        ({"constraints": (1, 2)}, "constraints: found"),
+    ],
+)
+def test_settings_of_a_design_in_python_are_refused_by_name(changes, words):
+    with pytest.raises(InputError) as caught:
+        gp.DesignSettings(**{"goal": "widest_gap", "vary": {"mass": (0.01, 0.04)}} | changes)
+    assert words in str(caught.value)
+
+
+def test_a_tensor_of_a_load_does_not_vary():
+    text = CHAIN.replace("{force: 20 N}", "{stress: [-20 N]}").replace("[design]", "[velocities]")
+    scene = gp.Scene.from_text(text)
+    settings = gp.DesignSettings(goal="widest_gap", vary={"stress": (-30.0, -10.0)})
+    with pytest.raises(InputError, match="'stress'"):
+        dataclasses.replace(scene, observe=("design",), design=settings)
 
 
 @pytest.mark.parametrize(

@@ -38,3 +38,13 @@ def test_a_mistake_that_a_run_finds_is_one_error(name, tmp_path):
         scene.run(tmp_path / "out", figures=False)
     assert_told(str(caught.value), place, words)
     assert not list(tmp_path.glob("out/*.nc"))
+
+
+@pytest.mark.parametrize("width", ["-1 %", "0 %"])
+def test_a_width_in_per_cent_that_is_not_above_zero_has_no_length(width):
+    text, _, _, _, length = MISTAKES["width in per cent"]
+    with pytest.raises(SceneError) as caught:
+        check(text.replace("1 %", width))
+    assert "9: packing.spread.uniform" in str(caught.value)
+    assert length.strip("'") not in str(caught.value)
+    assert "0 m" not in str(caught.value)

@@ -1169,3 +1169,26 @@ def test_a_scene_prints_itself_in_three_short_lines():
     frame = "{side_force: {from: 10 N, to: 1 kN, points: 4}, balls_per_side: 31}"
     text = str(Scene.from_text(BALLS.replace("{force: 5 N}", frame)))
     assert "side force 10 N to 1 kN (4 loads)" in text
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"observe": None}, {"parameters": {5: [1.0]}}, {"finite_overlap": None}]
+)
+def test_arguments_of_another_kind_are_refused(arguments):
+    packing = gp.Packing(gp.Material(2.1e11, 0.28, 7840.0), 8e-3)
+    with pytest.raises(InputError, match=r"observe|parameter|finite_overlap"):
+        Scene(packing, Load("force", 1.0), **arguments)
+
+
+def test_a_mesh_may_be_an_array_and_media_may_be_none():
+    packing = gp.Packing(gp.Material(2.1e11, 0.28, 7840.0), 8e-3)
+    load = Load("force", 1.0)
+    scene = Scene(packing, load, mesh=np.array([16, 8]), media=None)
+    assert scene == Scene(packing, load, mesh=(16, 8))
+
+
+@pytest.mark.parametrize("observe", [np.array(["velocities"]), np.array([]), (), {"velocities"}])
+def test_observables_in_python_stand_in_a_list(observe):
+    packing = gp.Packing(gp.Material(2.1e11, 0.28, 7840.0), 8e-3)
+    with pytest.raises(InputError, match="observe"):
+        Scene(packing, Load("force", 1.0), observe=observe)

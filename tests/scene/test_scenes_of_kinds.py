@@ -263,6 +263,15 @@ load: {pressure: 20 kN/m}
         gp.Scene.from_text(text.replace("seed: 3", "remove: [3]"))
 
 
+def test_the_table_of_the_diameters_of_a_kind_is_read_by_the_scene(tmp_path):
+    table = tmp_path / "balls.csv"
+    table.write_text("diameter (mm)\n19\n19.1\n", encoding="utf-8")
+    path = tmp_path / "scene.yaml"
+    kinds = BALLS.replace("mass: 28.84 g", "spread: {measured: balls.csv}")
+    path.write_text(f"{kinds}crystal: {{lattice: chain, repeat: 8}}\nload: {{force: 20 N}}\n")
+    assert gp.Scene.from_yaml(path).origin.inputs == (path, table)
+
+
 @pytest.mark.parametrize(
     "command",
     [

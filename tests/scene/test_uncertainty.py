@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import GranphonError
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.text import read_yaml
 from granphon.cli.main import main
 from granphon.figures.motions import motions_figure
@@ -237,6 +238,10 @@ def test_numbers_of_a_fit_have_its_errors_and_correlations(tmp_path):
     assert (first, second) == ("material.young_modulus", "packing.spread.normal.std")
     assert_allclose(correlation, fit.correlation[0, 1], rtol=1e-12)
     assert gp.Scene.from_text(scene.to_yaml()) == scene
+    path.write_text(SPREAD.replace(" +- 0.05", "") + "sweep: {width: [1 um, {fit: fit.yaml}]}\n")
+    swept = gp.Scene.from_yaml(path)
+    assert swept.parameters == (("width", (1e-6, fit.width)),)
+    assert_allclose(dict(swept.errors)["sweep", "width", 1], fit.stderr, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -245,6 +250,8 @@ def test_numbers_of_a_fit_have_its_errors_and_correlations(tmp_path):
         ("8 mm", "{fit: fit.yaml}", "diameter.*width"),
         ("{normal: 0.6 +- 0.05 um}", "{uniform: {fit: fit.yaml}}", "spread.uniform.*normal"),
         ("211 +- 5 GPa", "{fit: scene.yaml}", "young_modulus.*scene.yaml"),
+        ("18.4 +- 1 N", "[5 N, {fit: fit.yaml}]", "force.1.*a fit of width.*a fit of force"),
+        ("{normal: 0.6 +- 0.05 um}", "{discrete: {fit: fit.yaml}}", "spread.discrete.*normal"),
     ],
 )
 def test_fits_without_a_value_are_refused(tmp_path, old, new, place):
@@ -277,6 +284,50 @@ def test_fits_whose_covariance_no_errors_have_are_refused(tmp_path, covariance, 
     path.write_text(SPREAD.replace("211 +- 5 GPa", "{fit: fit.yaml}"))
     with pytest.raises(GranphonError, match=f"young_modulus.*{word}"):
         gp.Scene.from_yaml(path)
+
+
+YOUNG = ("material", "young_modulus")
+DIAMETER = ("packing", "diameter")
+
+
+@pytest.mark.parametrize(
+    ("errors", "word"),
+    [
+        ({YOUNG: "abc"}, "'abc'"),
+        ({YOUNG: None}, "nothing"),
+        ({YOUNG: [1.0, 2.0]}, "[1.0, 2.0]"),
+        ({YOUNG: math.inf}, "inf"),
+        ({YOUNG: "1e400 Pa"}, "inf"),
+        ({"material.young_modulus": 1e9}, "path 'material.young_modulus'"),
+        ({5: 1.0}, "path 5"),
+        ({(): 1.0}, "path ()"),
+    ],
+)
+def test_errors_in_python_are_refused_by_what_is_wrong(errors, word):
+    scene = gp.Scene.from_text(SPREAD.replace("+- 5 ", "").replace("+- 1 ", ""))
+    with pytest.raises(InputError) as caught:
+        gp.Scene(scene.packing, scene.load, errors=errors)
+    assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "correlations", [5, (1, 2), (("young_modulus", "diameter"),), (("young_modulus", 8, 0.5),)]
+)
+def test_correlations_in_python_are_refused_by_name(correlations):
+    scene = gp.Scene.from_text(SPREAD.replace("+- 5 ", "").replace("+- 1 ", ""))
+    errors = {YOUNG: 1e9, DIAMETER: 1e-5}
+    with pytest.raises(InputError, match="correlations"):
+        gp.Scene(scene.packing, scene.load, errors=errors, correlations=correlations)
+
+
+def test_correlations_in_python_may_be_a_mapping():
+    scene = gp.Scene.from_text(SPREAD.replace("+- 5 ", "").replace("+- 1 ", ""))
+    errors = {YOUNG: 1e9, DIAMETER: "8 um"}
+    correlations = {"young_modulus, diameter": 0.5}
+    changed = gp.Scene(scene.packing, scene.load, errors=errors, correlations=correlations)
+    assert changed.correlations == (("material.young_modulus", "packing.diameter", 0.5),)
+    assert dict(changed.errors) == {YOUNG: 1e9, DIAMETER: 8.0 * 1e-6}
+    assert gp.Scene.from_text(changed.to_yaml()) == changed
 
 
 def test_check_and_run_tell_errors_and_where_they_come_from(work, capsys):
