@@ -218,16 +218,19 @@ def read_records(
     stays in the file: it is a :class:`numpy.memmap`, whose numbers are read as they are used.
     ``path`` may be an open binary file too, which is read into memory.
 
-    Raises :class:`~granphon.base.errors.InputError` for a file that does not exist, that is no file
-    of records, or whose texts are not those of ``about``. Of a file that was cut the whole records
-    are read into memory, and a :class:`~granphon.base.errors.StoppedEarlyWarning` is issued; an
-    open file that was cut is refused.
+    Raises :class:`~granphon.base.errors.MissingFileError` if there is no such file, and
+    :class:`~granphon.base.errors.InputError` for a file that is no file of records, or whose texts
+    are not those of ``about``. Of a file that was cut the whole records are read into memory, and a
+    :class:`~granphon.base.errors.StoppedEarlyWarning` is issued; an open file that was cut is
+    refused.
     """
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:
         return _read_whole(path, name, about, frames)
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
+    except InputError:  # which is a ValueError, and says what is wrong
+        raise
     except (
         OSError,
         TypeError,
@@ -237,8 +240,6 @@ def read_records(
         IndexError,
         struct.error,
     ) as error:
-        if isinstance(error, InputError):
-            raise
         mended = _mend(path, name) if isinstance(path, str | os.PathLike) else None
         if mended is not None:
             return read_records(mended, about, frames)

@@ -167,7 +167,7 @@ def choice(value: Any, options: Collection[str]) -> str:
 
 
 def text(value: Any) -> str:
-    """A text that is not blank and has no null character."""
+    """Return a text that is not blank and has no null character."""
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
     raise Refused(show(value), "a name")

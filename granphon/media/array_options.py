@@ -187,9 +187,9 @@ class FrictionHistory:
         if isinstance(self.start, Load):
             (start,) = prescribe(packing, self.start.applied, is_exact)
             return start
-        if isinstance(self.start, str):
-            return self.start
-        return ReducedLoad(overlap=self.start - 0.5)  # y = a* - 1/2
+        if self.from_gas:
+            return "gas"
+        return ReducedLoad(overlap=float(self.start) - 0.5)  # y = a* - 1/2
 
     def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
         """Return the indices of the ``prescribed`` loads in the order in which they are applied: as

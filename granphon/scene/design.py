@@ -139,9 +139,9 @@ class DesignTask(Task):
         return _make_problem(self.case, self.load, self.settings, self.of_parameters)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Search from the start, and return the goal at each evaluation, (h,), the best variables,
-        (n,) SI, and the reason for an early end, a text that may be empty. A search keeps no
-        intermediate results, so that ``begun`` is not used.
+        """Search from the start, and return "history", the goal at each evaluation, (h,), "best",
+        the best variables, (n,) SI, and "stopped", the reason for an early end, a text that may be
+        empty. A search keeps no intermediate results, so that ``begun`` is not used.
         """
         found = self.problem.search(self.number)
         return {

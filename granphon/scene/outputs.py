@@ -731,7 +731,9 @@ def _write_diameters(run: Any, folder: Path) -> None:
 
 
 def _write_states(run: Any, folder: Path) -> None:
-    """Write the data set of every state, sweep.nc, and the table sweep.csv of the same states."""
+    """Write the data set of every state, sweep.nc, and the table sweep.csv of the variables with
+    one number for each state, or for each state and direction of sound.
+    """
     from granphon.runs.dataset import write_sweep
 
     write_sweep(run.dataset, folder / "sweep.nc")
@@ -1036,15 +1038,13 @@ def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
 
 
 def _draw_surface(results: Any) -> Any:
-    """Return the figure of the spectrum at an edge, with the standard errors of its waves."""
+    """Return the figure of the spectrum at an edge, with the standard errors of its waves if the
+    data set of the states has them.
+    """
     from granphon.figures.plot import plot
     from granphon.runs.dataset import find_wave_errors
 
-    spectrum = results["surface"]
-    errors = find_wave_errors(results["states"])
-    if errors is None or spectrum is None:
-        return plot(spectrum)
-    return plot(spectrum, errors=errors)
+    return plot(results["surface"], errors=find_wave_errors(results["states"]))
 
 
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:

@@ -199,8 +199,8 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
 
 
 def _write_number(value: float, unit: str) -> str:
-    """Return the text of a number in the SI ``unit``, or of a whole number without a unit with all
-    its digits.
+    """Return the text of a number in the SI ``unit``; a whole number without a unit has all its
+    digits.
     """
     if isinstance(value, int) and not unit:
         return str(value)
