@@ -598,6 +598,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "resume": "no"}, "resume: found 'no'"),
         ({"force": 1.0, "overwrite": "no"}, "overwrite: found 'no'"),
         ({"force": 1.0, "labels": ["G", "K"]}, "labels"),
+        ({"force": 1.0, "npoints": 11}, "npoints"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
         ({"force": 1.0, "executor": 3}, "executor is 3"),
         ({"force": 1.0, "store": 3}, "store is 3"),
