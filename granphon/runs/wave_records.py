@@ -519,8 +519,7 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
         law,
         friction_coefficient=_find_friction(settings),
         geometry=settings.geometry,
-        # a dashpot that is swept may be none in this state
-        viscous_pull=settings.viscous_pull if settings.has_dashpots else "whole",
+        viscous_pull=settings.viscous_pull,
         coulomb=settings.coulomb,
         **settings.losses,
     )

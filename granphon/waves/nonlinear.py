@@ -173,7 +173,8 @@ class NonlinearWaves:
         contacts of balls that meet have their means. A collision of two balls has the
         ``restitution`` by Hertz's law alone; by other laws its restitution is another.
     viscous_pull : "whole": dashpots also pull while balls part. "limited": they pull by no more
-        than the law pushes, so that both together never pull; a collision then loses less.
+        than the law pushes, so that both together never pull; a collision then loses less. Without
+        dashpots, as with a restitution of 1, both are the same.
     coulomb : "elastic": the forces of springs obey Coulomb's limit, T <= mu f. "total": the forces
         of springs and dashpots together obey it, as in LAMMPS.
     geometry : "lattice": contacts are those of the network, in their directions at rest, and
@@ -191,8 +192,7 @@ class NonlinearWaves:
         a law that needs the balls of a crystal; for a network with ``prestress`` and the geometry
         "lattice", in which its static forces act sideways; for one with ``prestress`` and the
         ``slip_levers`` "yade"; for numbers out of range; for a coefficient of friction above zero
-        where no contact resists slip, ``coulomb="total"`` without a coefficient, and
-        ``viscous_pull="limited"`` without a dashpot.
+        where no contact resists slip, and ``coulomb="total"`` without a coefficient.
     """
 
     def __init__(
@@ -245,10 +245,6 @@ class NonlinearWaves:
             why = "Without a friction_coefficient contacts do not slide"
             mend = "Give a friction_coefficient, or leave coulomb out"
             raise InputError('coulomb is "total", and there is no limit of slip', why, mend)
-        if viscous_pull == "limited" and not self.losses.has_dashpots:
-            why = "Contacts pull by their dashpots alone"
-            mend = "Give a damping, dashpot or restitution, or leave viscous_pull out"
-            raise InputError('viscous_pull is "limited", and no contact has a dashpot', why, mend)
         self.rules = Rules(
             turns=geometry == "exact",
             mu=self.mu,

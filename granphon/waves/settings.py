@@ -387,10 +387,9 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def has_dashpots(self) -> bool:
-        """Whether contacts have dashpots: a damping, a dashpot or a restitution below 1."""
+        """Whether contacts have dashpots: a damping, a dashpot or a restitution."""
         dashpots = (self.damping, self.dashpot)
-        is_lossy = self.restitution not in (None, 1.0)
-        return is_lossy or any(loss and np.any(loss) for loss in dashpots)
+        return self.restitution is not None or any(loss and np.any(loss) for loss in dashpots)
 
     @property
     def losses(self) -> dict[str, Any]:

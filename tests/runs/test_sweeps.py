@@ -1495,7 +1495,7 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
         ({"force": [18.446]}, "force .*4 .*1 "),
         ({"npoints": 6}, r"qpoints\[0\] .*5 .*6 "),
         ({"bands": "GM"}, r"labels\[1\] is 'K' .*'M' .*qpoints"),
-        ({"bands": None}, "labels .*there only.*qpoints .*there only"),
+        ({"bands": None, "npoints": None}, "labels .*there only.*qpoints .*there only"),
         ({"finite_overlap": True}, "finite_overlap .*false .*true "),
         ({"poisson_ratio": 0.3}, "poisson_ratio .*here only"),
         (
