@@ -244,7 +244,7 @@ def read_records(
         return _read_whole(path, name, about, frames)
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
-    except InputError:
+    except InputError:  # which is a ValueError, and says what is wrong
         raise
     except _FAULTS_OF_CONTENT as error:
         mended = _mend(path, name) if isinstance(path, str | os.PathLike) else None

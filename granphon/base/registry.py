@@ -181,6 +181,7 @@ class Registry(Mapping[str, T]):
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names as they are now; plug-ins are loaded first."""
         load_plugins()
+        # a copy, as entries may be added or taken out while a loop runs
         return iter(tuple(self._entries))
 
     def __len__(self) -> int:

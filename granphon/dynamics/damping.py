@@ -88,11 +88,19 @@ class GivenLosses:
     def with_tangential(self, damping: float | None) -> Self:
         """Return the losses with another ``damping``, s, of all other than normal motion; None
         leaves it as it is.
+
+        Raises :class:`~granphon.base.errors.InputError` if the losses have a pair of values of
+        their damping, the second of which would be dropped.
         """
         if damping is None:
             return self
-        normal = self.damping[0] if isinstance(self.damping, tuple) else self.damping
-        return replace(self, damping=(normal, damping))
+        if isinstance(self.damping, tuple):
+            raise InputError(
+                f"damping is {brief(self.damping)}, and tangential_damping is {brief(damping)}",
+                "The second of the pair is that of slip, twist and rolling too",
+                "Give damping=(normal, tangential) alone, or one number with tangential_damping",
+            )
+        return replace(self, damping=(self.damping, damping))
 
 
 #: what is given of contacts and balls that lose nothing

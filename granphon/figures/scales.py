@@ -408,10 +408,12 @@ def draw_densities(
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
 
 
-def list_balls(network: ContactNetwork) -> Index:
+def order_balls(network: ContactNetwork) -> Index:
     """Return the indices of the balls of a network, without its flat walls, in the order in which
-    they are drawn: in space the nearest to the viewer, who looks along z, come last.
+    they are drawn: in space by ascending z, as z points to the viewer, so that the nearest come
+    last.
     """
+    # the radius of a flat wall is infinite
     balls = np.flatnonzero(np.isfinite(network.radii))
     if network.dimension < 3:
         return balls
@@ -423,9 +425,9 @@ def draw_balls(
 ) -> EllipseCollection:
     """Draw the balls of a network, seen along z, coloured by their ``values`` (n,), one for each
     ball and wall, through a map of ``colours`` and its ``norm``; axes are in mm. Return the drawn
-    balls, in the order of :func:`list_balls`.
+    balls, in the order of :func:`order_balls`.
     """
-    numbers = list_balls(network)
+    numbers = order_balls(network)
     diameters = 2.0 * _MM_PER_M * network.radii[numbers]
     centres = _MM_PER_M * network.positions[numbers, :2]
     repeats_along_x = network.pbc[0] and not np.any(network.cell[0, 1:])

@@ -758,7 +758,9 @@ def _write_diameters(run: Any, folder: Path) -> None:
 
 
 def _write_states(run: Any, folder: Path) -> None:
-    """Write the data set of every state, sweep.nc, and the table sweep.csv of the same states."""
+    """Write the data set of every state, sweep.nc, and the table sweep.csv of the variables with
+    one number for each state, or for each state and direction of sound.
+    """
     from granphon.runs.dataset import write_sweep
 
     write_sweep(run.dataset, folder / "sweep.nc")

@@ -254,9 +254,9 @@ class TurningDescent(ListDescent):
             ahead = self._advance_by_energy(place)
         if self.problem.assembly.differs:
             options = self.options
-            than_before = options.failed * place.residual * ahead.force_size
-            than_worst = options.worst * float(np.max(ahead.force_on_balls))
-            shaken = ahead.force_on_balls > max(than_before, than_worst)
+            left_before = options.failed * place.residual * ahead.force_size
+            part_of_worst = options.worst * float(np.max(ahead.force_on_balls))
+            shaken = ahead.force_on_balls > max(left_before, part_of_worst)
             if np.mean(shaken) <= options.most_shaken:
                 self.loose = self.loose | shaken
         return ahead

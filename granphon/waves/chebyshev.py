@@ -336,7 +336,9 @@ class Refinable(Result):
     _finder: Callable[..., Any] | None = None
 
     def _check(self) -> None:
-        """Check the shapes, and that the frequencies are those of the kernel of the moments."""
+        """Check the shapes, and that the frequencies are those of the kernel of this number of
+        moments.
+        """
         super()._check()
         self._kernel.check_points(self.frequencies)
 

@@ -255,7 +255,7 @@ class WaveEstimate:
         restitution: Any = 1.0,
         quantity: str = "displacement",
         direction: Any = None,
-        polarisation: Any = "longitudinal",
+        polarisation: Any = None,
         distance: float | None = None,
         method: str | None = None,
         tolerance: float = TOLERANCE,

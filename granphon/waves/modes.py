@@ -385,8 +385,14 @@ def require_motions(count: int, available: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a request of more modes, ``count``, than
     the number of motions that are ``available``.
     """
+    request = counted(count, "mode is", "modes are")
+    if not available:
+        raise InputError(
+            f"{request} asked for, and no motion of the network deforms a contact",
+            "Each ball is held, or touches nothing but its own images, which move with it",
+            "Repeat the network, or give it balls that move",
+        )
     if count > available:
-        request = counted(count, "mode is", "modes are")
         fault = f"{request} asked for, and the network has {counted(available, 'motion')}"
         raise InputError(fault, mend="Ask for fewer")
 

@@ -173,7 +173,8 @@ class NonlinearWaves:
         contacts of balls that meet have their means. A collision of two balls has the
         ``restitution`` by Hertz's law alone; by other laws its restitution is another.
     viscous_pull : "whole": dashpots also pull while balls part. "limited": they pull by no more
-        than the law pushes, so that both together never pull; a collision then loses less.
+        than the law pushes, so that both together never pull; a collision then loses less. Without
+        dashpots, as with a restitution of 1, both are the same.
     coulomb : "elastic": the forces of springs obey Coulomb's limit, T <= mu f. "total": the forces
         of springs and dashpots together obey it, as in LAMMPS.
     geometry : "lattice": contacts are those of the network, in their directions at rest, and
@@ -190,7 +191,8 @@ class NonlinearWaves:
     InputError : if there is no network; for contacts without force, whose overlap is not known; for
         a law that needs the balls of a crystal; for a network with ``prestress`` and the geometry
         "lattice", in which its static forces act sideways; for one with ``prestress`` and the
-        ``slip_levers`` "yade"; for numbers out of range.
+        ``slip_levers`` "yade"; for numbers out of range; for a coefficient of friction above zero
+        where no contact resists slip, and ``coulomb="total"`` without a coefficient.
     """
 
     def __init__(
@@ -218,8 +220,14 @@ class NonlinearWaves:
                 "static forces act sideways in this network", why, 'Give geometry="exact"'
             )
         if network.prestress and network.slip_levers == "yade":
-            why = "Its slip is that of YADE, which motions of any amplitude do not have"
-            mend = 'Read it with slip_levers="radii", whose small motions differ by its overlaps'
+            why = (
+                "YADE counts slip (R_i + R_j)/r times, by the present distance r of the centres;"
+                " motions of any amplitude have slip by levers alone, arms or radii"
+            )
+            mend = (
+                'Read it with slip_levers="radii", whose small motions differ by parts of the order'
+                " of overlap/diameter, or take the small motions of gp.Waves"
+            )
             raise InputError('the network has slip_levers="yade"', why, mend)
         self._laws = self._find_laws(
             law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal)
@@ -232,6 +240,11 @@ class NonlinearWaves:
         )
         given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         self.losses = Losses.of(network, given)
+        require_slip(network, self.mu)
+        if coulomb == "total" and self.mu == math.inf:
+            why = "Without a friction_coefficient contacts do not slide"
+            mend = "Give a friction_coefficient, or leave coulomb out"
+            raise InputError('coulomb is "total", and there is no limit of slip', why, mend)
         self.rules = Rules(
             turns=geometry == "exact",
             mu=self.mu,
@@ -653,6 +666,21 @@ def require_steps(count: float) -> None:
         raise InputError(
             f"the run takes {count:.3g} steps", f"More than {_MOST_STEPS:.0e} are not made", mend
         )
+
+
+def require_slip(network: ContactNetwork, mu: float) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a coefficient of friction ``mu`` above
+    zero and not infinite, if no contact of the ``network`` resists slip, or if balls move along a
+    line, so that contacts do not slip.
+    """
+    slips = network.ball_motions.count > 1 and bool(np.any(network.shear_stiffness))
+    if slips or mu == 0.0 or mu == math.inf:
+        return
+    raise InputError(
+        f"friction_coefficient is {mu:g}, and no contact resists slip",
+        "The balls have no friction, or move along a line",
+        "Leave friction_coefficient out, or give a network with friction",
+    )
 
 
 def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:

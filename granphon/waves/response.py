@@ -76,7 +76,15 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
-from granphon.waves.sensors import FLOOR, Sensor, SensorPlaces, find_open_axis, is_contact
+from granphon.waves.sensors import (
+    FLOOR,
+    Sensor,
+    SensorPlaces,
+    find_open_axis,
+    find_unused,
+    is_contact,
+    is_plane,
+)
 
 #: memory of the response of a ball at one frequency, bytes
 _RESPONSE_BYTES = 100.0
@@ -381,6 +389,7 @@ def find_response(
     The response keeps functions that compute its derivatives and, unless nothing loses energy, its
     values at other frequencies.
     """
+    places.require_use(source, receiver)
     options = options._replace(quantity=places.find_quantity(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
@@ -485,19 +494,39 @@ class Places:
     are pushed and heard.
 
     ``direction``, ``polarisation`` and ``distance``, m, of planes are arguments of
-    ``Waves.response``.
+    ``Waves.response``, None where they are not given.
     """
 
     def __init__(
         self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None
     ) -> None:
         self.network = network
+        self._given = {
+            "direction": direction,
+            "polarisation": polarisation,
+            "distance": distance,
+        }
         if direction is None:
             direction = find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
-        self.polarisation = polarisation
+        self.polarisation = "longitudinal" if polarisation is None else polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
         self._sensor_places = SensorPlaces.of(network)
+
+    def require_use(self, source: Any, receiver: Any) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for an argument of planes that is given
+        and has no use for a response between ``source`` and ``receiver``.
+        """
+        name = find_unused(_list_items(source), _list_items(receiver), self._given)
+        if not name:
+            return
+        of_which = "the receiver" if name == "distance" else "neither source nor receiver"
+        verb = "is no plane" if name == "distance" else "is a plane"
+        raise InputError(
+            f"{name} is given, and {of_which} {verb}",
+            f"The {name} is that of a plane of balls",
+            f"Leave {name} out, or give 'plane'; of a ball give (ball, direction)",
+        )
 
     def find_quantity(self, quantity: str, source: Any) -> str:
         """Return the quantity of a response: the given ``quantity``, or "stiffness" in place of
@@ -572,7 +601,7 @@ class Places:
 
         Raises :class:`~granphon.base.errors.InputError` for any other item.
         """
-        if isinstance(item, str) and item == "plane":
+        if is_plane(item):
             balls = self._find_plane(name, held)
             return balls, read_push(self.network, self.along, self.polarisation)
         if isinstance(item, str) and item == FLOOR:

@@ -96,6 +96,10 @@ ENDS = ("free", "walls", "periodic")
 GEOMETRIES = ("lattice", "exact")
 #: schemes of the steps of a motion
 SCHEMES = ("verlet", "midpoint")
+#: losses by dashpots of contacts
+DASHPOTS = ("damping", "dashpot", "restitution")
+#: settings of planes in a response
+KEYS_OF_PLANES = ("direction", "polarisation", "distance")
 #: polarisations in which a source pushes, and sources of a pulse
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
@@ -744,10 +748,11 @@ class ResponseSettings(NetworkSettings, LinearLossSettings):
         default=None,
         absent="the first axis along which nothing repeats, or x",
     )
-    polarisation: str = setting(
+    polarisation: str | None = setting(
         word_of(*_PUSHES),
         "the way in which a plane is driven and heard",
-        default="longitudinal",
+        default=None,
+        absent="`longitudinal`",
     )
     distance: float | None = setting(
         with_unit(LENGTH),
@@ -1029,7 +1034,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`."""
 
     block = "motion"
-    of_network = ("repeat", "cut", "drive")
+    of_network = ("repeat", "cut", "friction_coefficient", "drive")
 
     duration: float = setting(
         with_unit(TIME), "how long the balls move", title="duration of the motion"

@@ -370,7 +370,7 @@ class Waves:
         restitution: Any = 1.0,
         quantity: str = "displacement",
         direction: ArrayLike | None = None,
-        polarisation: str | ArrayLike = "longitudinal",
+        polarisation: str | ArrayLike | None = None,
         distance: float | None = None,
         method: str | None = None,
         tolerance: float = TOLERANCE,
@@ -418,7 +418,8 @@ class Waves:
             "force" if the source is held.
         direction : (1,) to (3,) vector across the planes; by default the first axis along which the
             network does not repeat, or x.
-        polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`.
+        polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`; by
+            default "longitudinal".
         distance : distance of the receiving plane from the first one, m.
         method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
             for the faster of both.
@@ -429,8 +430,9 @@ class Waves:
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there; a
             ball of the source that is held, unless a wall is displaced; no receiver; a sensor
-            without a contact; a loss below zero, a restitution of zero or above 1; a mode without
-            losses at one of the frequencies.
+            without a contact; a direction or polarisation where no plane is driven or heard, or a
+            distance where none is heard; a loss below zero, a restitution of zero or above 1; a
+            mode without losses at one of the frequencies.
         ConvergenceError : a network that is too large to be factorised, and damped too little or
             unevenly; or, unless a ``method`` is given, a response that would take more than an
             hour.
@@ -549,7 +551,7 @@ class Waves:
         damping : viscosity of each contact over its stiffness, s, as in :meth:`response`: a mode of
             the angular frequency omega decays as exp(-damping omega^2 t/2).
         tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
-            normal motion.
+            normal motion, as the second of a pair ``damping=(normal, tangential)`` is.
         drag, dashpot, restitution : further losses, as in :meth:`response`. If losses differ
             between contacts or motions, or act beside static forces, modes exchange energy, and the
             propagation takes several times as long.
@@ -565,9 +567,10 @@ class Waves:
         InputError : planes across the direction meet themselves in the periodic network before
             twice the distance (with ends, before the distance); there are no balls at the distance,
             or they are those of the source, or no contacts join them with the source; nothing
-            resists the polarisation; a number is out of range; the record takes more than 2^20
-            products with D; in a periodic network the pulse that runs the other way round ends the
-            record before the burst and its flight are over.
+            resists the polarisation; a number is out of range; ``tangential_damping`` is given
+            beside a pair of ``damping``; the record takes more than 2^20 products with D; in a
+            periodic network the pulse that runs the other way round ends the record before the
+            burst and its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative, or leaves no array
             between free ends.

@@ -1039,6 +1039,7 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
         ({"frequency": 1e-7 * HERTZ}, "products with the matrix"),
         ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "record of .* products"),
         ({"damping": 1e200}, "damping up to"),
+        ({"damping": (1e-6, 2e-6), "tangential_damping": 1e-6}, "and tangential_damping is"),
         ({"damping": 1e30, "tangential_damping": 0.0}, "nothing moves"),
         ({"distance": 1e308}, "would meet itself"),
         ({"planes": [1e308]}, "would meet itself"),
