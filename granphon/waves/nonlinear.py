@@ -126,8 +126,8 @@ _SAME_MATERIAL = 1e-2
 #: share do so at once, and no larger share of the energy of the jump is lost by that
 _SWITCH_SHARE = 1e-6
 #: displacement of a ball since pairs were listed, over the margin of the list, above which they are
-#: listed anew. At a half, two balls that are not listed may touch; the difference is for what a ball
-#: moves until the next check
+#: listed anew. At a half, two balls that are not listed may touch; the difference is for what balls
+#: move until the next check
 _RELISTED = 0.45
 #: most times that a contact may join or part within one step
 _MOST_SWITCHES = 20
