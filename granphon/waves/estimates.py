@@ -360,7 +360,6 @@ class WaveEstimate:
         frames: Any = (),
     ) -> Cost:
         """Return the cost of a pulse; arguments are those of ``Waves.transmit``."""
-        losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
             frequency,
             direction,
@@ -369,7 +368,11 @@ class WaveEstimate:
             polarisation,
             source=source,
             ends=ends,
-            losses=losses.with_tangential(tangential_damping),
+            damping=damping,
+            tangential_damping=tangential_damping,
+            drag=drag,
+            dashpot=dashpot,
+            restitution=restitution,
             duration=duration,
             planes=planes,
             frames=frames,

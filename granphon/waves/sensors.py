@@ -133,7 +133,9 @@ class SensorPlaces:
 
 
 def is_contact(value: Any) -> bool:
-    """Whether the ``value`` of a receiver is a contact: a tuple of two whole numbers, of bodies."""
+    """Return whether the ``value`` of a receiver names a contact: a tuple of two whole numbers, the
+    indices of its bodies.
+    """
     if not isinstance(value, tuple) or len(value) != 2:
         return False
     return all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in value)

@@ -577,7 +577,6 @@ class Waves:
 
         If the time of flight is not known, it is nan, and the warnings of the result say why.
         """
-        losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
             frequency,
             direction,
@@ -586,7 +585,11 @@ class Waves:
             polarisation,
             source=source,
             ends=ends,
-            losses=losses.with_tangential(tangential_damping),
+            damping=damping,
+            tangential_damping=tangential_damping,
+            drag=drag,
+            dashpot=dashpot,
+            restitution=restitution,
             duration=duration,
             planes=planes,
             frames=frames,

@@ -1066,7 +1066,7 @@ def test_a_shift_on_the_diagonal_of_a_space_does_not_end_its_solution():
         shifts=shifts,
         scale=ones,
         bound=ones,
-        direct=np.zeros((2, 1)),
+        direct_signals=np.zeros((2, 1)),
     )
     process = _KrylovProcess(space, lambda x: x[:1])
     for size in (1, 2, 3):
