@@ -271,11 +271,12 @@ class AllModes:
         self._frequencies = omega / (2.0 * math.pi)
         self._dimension = operator.network.dimension
         self._warnings = network_warnings(operator.network)
+        # vectors are mass-weighted: the square of an entry is the share of its motion in the
+        # kinetic energy of the mode
         energies = modes**2
         translations = np.sum(energies[~operator.is_rotation], axis=0)
         rotations = np.sum(energies[operator.is_rotation], axis=0)
-        # (2, modes) of translations and of rotations, as vectors are weighted with masses
-        self._energy_shares = np.stack([translations, rotations])
+        self._energy_shares = np.stack([translations, rotations])  # (2, modes)
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by a number of ``moments``.
@@ -288,8 +289,8 @@ class AllModes:
         n_modes = self._frequencies.size
         # the moments of all modes at once, (modes, moments), would take too much memory
         n_blocks = 1 + n_modes * moments // _BLOCK
-        for modes in np.array_split(np.arange(n_modes), n_blocks):
-            traces += self._energy_shares[:, modes] @ kernel.moments_of(self._frequencies[modes])
+        for block in np.array_split(np.arange(n_modes), n_blocks):
+            traces += self._energy_shares[:, block] @ kernel.moments_of(self._frequencies[block])
         translational, rotational = kernel.densities(traces / self._n_balls)
         no_error = np.zeros(kernel.count)
         return SpectralDensity(

@@ -609,27 +609,37 @@ class _Quotient(NamedTuple):
             return None
         position = brentq(self._find_slope, *sides, xtol=_POSITION_ERROR)
         half_square = 0.5 * float(self.find_square(position))
-
-        def exceed_half(end: float) -> float:
-            """Return by how much the square exceeds half of that of the peak at an ``end``."""
-            return float(self.find_square(end)) - half_square
-
-        ends = [math.nan, math.nan]
-        is_open = [False, False]
-        for number, side in enumerate((-1, 1)):
-            steps, still_falls = _count_fall(squares[top::side], half_square)
-            is_open[number] = still_falls and bool(may_widen[number])
-            if steps:
-                bracket = mesh[top + side * (steps - 1)], mesh[top + side * steps]
-                ends[number] = brentq(exceed_half, *bracket, xtol=_POSITION_ERROR)
-        has_end = np.isfinite(ends)
+        low, falls_below = self._find_end(mesh[top::-1], squares[top::-1], half_square)
+        high, falls_above = self._find_end(mesh[top:], squares[top:], half_square)
+        has_end = np.isfinite([low, high])
+        is_open = np.array([falls_below, falls_above]) & may_widen
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
         if np.all(has_end):
-            margin = 0.5 * (_MARGIN - 1.0) * (ends[1] - ends[0])
-            next_ends = ends[0] - margin, ends[1] + margin
-        elif is_wider:
-            next_ends = (-1.0 - 2.0 * is_open[0], 1.0 + 2.0 * is_open[1])
+            margin = 0.5 * (_MARGIN - 1.0) * (high - low)
+            next_ends = low - margin, high + margin
+        elif is_wider:  # by the width of this window at each open end
+            next_ends = -1.0 - 2.0 * float(is_open[0]), 1.0 + 2.0 * float(is_open[1])
         else:  # the magnitude rises again: half of the window, about the maximum
             next_ends = position - 0.5, position + 0.5
         height = self.scale * math.sqrt(2.0 * half_square)
-        return _PeakShape(position, height, ends[0], ends[1], next_ends, is_wider)
+        return _PeakShape(position, height, low, high, next_ends, is_wider)
+
+    def _find_end(self, mesh: Array, squares: Array, half_square: float) -> tuple[float, bool]:
+        """Return the position at which the square of the magnitude has fallen to ``half_square``,
+        nan if it does not fall so far, and whether it still falls at the end of the window.
+
+        ``squares`` (n,) are those at the positions ``mesh`` (n,), from the maximum of the peak to
+        one end of the window.
+        """
+        from scipy.optimize import brentq
+
+        steps, still_falls = _count_fall(squares, half_square)
+        if not steps:
+            return math.nan, still_falls
+
+        def find_excess(position: float) -> float:
+            """Return by how much the square at a ``position`` exceeds ``half_square``."""
+            return float(self.find_square(position)) - half_square
+
+        end = brentq(find_excess, mesh[steps - 1], mesh[steps], xtol=_POSITION_ERROR)
+        return float(end), still_falls
