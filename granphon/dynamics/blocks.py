@@ -150,8 +150,8 @@ class Block:
         Balls that turn like gears are an example. Near Gamma the columns of the single rotations
         would cancel each other, and lose digits.
         """
-        turn, free = self._find_free_motions()
-        if not free.size:
+        turn, free_columns = self._find_free_motions()
+        if not free_columns.size:
             return self
         odd = self.deforming.odd @ turn
         even = self.deforming.even @ turn
@@ -159,8 +159,8 @@ class Block:
         # if a motion deforms nothing at any q, such as the spin of a ball between two others. Gears
         # whose arms differ a little leave more than rounding, which is kept
         lengths = _find_lengths(self.deforming)
-        odd[..., free] = _clear_rounding(odd[..., free], lengths)
-        even[..., free] = _clear_rounding(even[..., free], lengths)
+        odd[..., free_columns] = _clear_rounding(odd[..., free_columns], lengths)
+        even[..., free_columns] = _clear_rounding(even[..., free_columns], lengths)
         # `bent` keeps its numbers: a displacement of all balls has a column of zeros at q = 0, and
         # `turn` leaves such motions as they are
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
@@ -182,13 +182,13 @@ class Block:
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         even = self.deforming.even.reshape(self.n_rows, self.size)
         turn = np.eye(self.size, dtype=even.dtype)
-        deforming = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if deforming.size < 2:  # a single column that is not zero depends on no other
+        columns = np.flatnonzero(np.any(even != 0.0, axis=0))
+        if columns.size < 2:  # a single column that is not zero depends on no other
             return turn, np.zeros(0, np.intp)
         sizes = np.abs(odd) + np.abs(even)
-        free, complement = find_dependent(even[:, deforming], sizes[:, deforming])
-        turn[np.ix_(deforming, deforming)] = np.concatenate([free, complement], axis=1)
-        return turn, deforming[: free.shape[1]]
+        free_motions, complement = find_dependent(even[:, columns], sizes[:, columns])
+        turn[np.ix_(columns, columns)] = np.concatenate([free_motions, complement], axis=1)
+        return turn, columns[: free_motions.shape[1]]
 
     @property
     def size(self) -> int:
@@ -408,11 +408,11 @@ class Block:
             matrices = slopes.compute_along(points, vectors, branches.start, along[points])
             slope, turn = np.linalg.eigh(matrices)
             modes[points, :, branches] = vectors @ turn
-            # branches of this set that have one slope, with the numbers of the points, among
-            # `points`, at which they do
-            for sets, equal in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
-                run = slice(branches.start + equal.start, branches.start + equal.stop)
-                equal_slopes.append((points[sets], run))
+            # runs of branches within this set that have one slope, each with the numbers of the
+            # points, among `points`, at which they do
+            for numbers, run in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
+                equal_branches = slice(branches.start + run.start, branches.start + run.stop)
+                equal_slopes.append((points[numbers], equal_branches))
         if equal_slopes:
             self._split_equal_slopes(point, modes, equal_slopes, along)
 
@@ -434,14 +434,14 @@ class Block:
         Branches that still have one frequency after the step have no vectors of their own, and
         theirs are left as they are.
         """
-        solved = np.unique(np.concatenate([points for points, _ in equal_slopes]))
-        q_beside = point.q[solved] + _STEP_BESIDE * along[solved]
+        solved_points = np.unique(np.concatenate([points for points, _ in equal_slopes]))
+        q_beside = point.q[solved_points] + _STEP_BESIDE * along[solved_points]
         rows_beside = self.deforming.compute_rows(q_beside)
         across = None if self.pushing is None else self.pushing.compute_rows(q_beside)
         matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
-            steps = np.searchsorted(solved, points)
+            steps = np.searchsorted(solved_points, points)
             highest = squares[steps, branches.stop - 1]
             lowest = squares[steps, branches.start]
             is_split = highest - lowest > DEGENERATE * highest
@@ -792,19 +792,19 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     n_columns = effects.shape[1]
     if effects.all(axis=1).any():  # a single row joins all columns
         return [np.arange(n_columns)]
-    unassigned = np.ones(n_columns, bool)
+    is_unassigned = np.ones(n_columns, bool)
     blocks = []
-    while np.any(unassigned):
+    while np.any(is_unassigned):
         # a block begins with the first unassigned column, and grows by the columns that its rows
         # join to it
-        block = np.arange(n_columns) == np.argmax(unassigned)
-        count = 0
-        while count < int(np.count_nonzero(block)):
-            count = int(np.count_nonzero(block))
-            rows_of_block = np.any(effects[:, block], axis=1)
-            block = block | np.any(effects[rows_of_block], axis=0)
-        unassigned &= ~block
-        blocks.append(np.flatnonzero(block))
+        is_in_block = np.arange(n_columns) == np.argmax(is_unassigned)
+        size = 0
+        while size < int(np.count_nonzero(is_in_block)):
+            size = int(np.count_nonzero(is_in_block))
+            rows_of_block = np.any(effects[:, is_in_block], axis=1)
+            is_in_block = is_in_block | np.any(effects[rows_of_block], axis=0)
+        is_unassigned &= ~is_in_block
+        blocks.append(np.flatnonzero(is_in_block))
     return blocks
 
 

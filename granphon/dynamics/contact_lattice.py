@@ -141,21 +141,18 @@ class ContactLattice(LongWaves):
                 f"spacing is {distance:g}",
                 "The distance of touching balls, in diameters, must be below 2",
             )
-        eta = not_negative("mindlin_ratio", mindlin_ratio)
-        push = not_negative("prestress", prestress)
         structure = find_lattice(lattice)
-        chosen_motions = default_motions(structure.dimension) if motions is None else motions
-        require_instance("motions", chosen_motions, Motions, "Give gp.Motions, or leave them out")
-        twist = not_negative("torsion", torsion)
-        roll = not_negative("bending", bending)
+        if motions is None:
+            motions = default_motions(structure.dimension)
+        require_instance("motions", motions, Motions, "Give gp.Motions, or leave them out")
         return cls._make_of_equal_balls(
             structure,
-            chosen_motions,
-            mindlin_ratio=eta,
+            motions,
+            mindlin_ratio=not_negative("mindlin_ratio", mindlin_ratio),
             spacing=distance,
-            prestress=push,
-            torsion=twist,
-            bending=roll,
+            prestress=not_negative("prestress", prestress),
+            torsion=not_negative("torsion", torsion),
+            bending=not_negative("bending", bending),
         )
 
     @classmethod
@@ -287,8 +284,8 @@ class ContactLattice(LongWaves):
         q, _ = self._fold(wavevectors)
         self._require_memory_of_results(len(q), 1)
         omega = np.concatenate(self._share_out(lambda points: self._solve(q[points]), len(q)))
-        # almost at Gamma powers of the deformations of contacts would underflow. Frequencies are
-        # found farther out, and follow from those by their powers of |q|
+        # almost at Gamma the deformations of contacts would underflow. There each frequency follows
+        # from that at a longer wave vector, by its power of |q|
         is_almost_gamma = _is_almost_gamma(q)
         if np.any(is_almost_gamma):
             near = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
@@ -619,7 +616,7 @@ class ContactLattice(LongWaves):
     def _split_energy(self, motion: Complex, direction: Array) -> tuple[Array, Array, Array]:
         """Return three parts (n_q, n_branches) of the kinetic energy: that of rotation, that of
         displacements along a ``direction`` (n_q, p), unit vectors, and that of displacements out of
-        a plane of balls.
+        a plane of balls, which is zero on a line and in space.
 
         ``motion`` (n_q, n_balls, motions, n_branches) are eigenvectors of norm one.
         """
@@ -836,7 +833,7 @@ class ContactLattice(LongWaves):
         if not count:
             return ()
         vanish, them = ("vanishes", "it") if count == 1 else ("vanish", "them")
-        remedy = self.find_remedy(lambda stiffer: stiffer.free_branches == 0)
+        remedy = self.find_remedy(lambda lattice: lattice.free_branches == 0)
         return (
             f"{count} of {self.n_branches} branches {vanish} at every wave vector, as these"
             f" motions deform no contact; to stop {them}, {remedy}",
@@ -844,10 +841,11 @@ class ContactLattice(LongWaves):
 
     def find_remedy(self, stops: Callable[[Self], bool]) -> str:
         """Return words for what would stop a motion that costs nothing: the fewest kinds of
-        stiffness that do, as "add torsion", or more contacts if no kind does.
+        stiffness that stop the motion, such as "add torsion"; or more contacts, if no kind of
+        stiffness does.
 
-        ``stops`` says whether the motion costs energy on a lattice: this one with further kinds of
-        stiffness.
+        ``stops`` is called with this lattice plus further kinds of stiffness, and returns whether
+        the motion costs energy on that lattice.
         """
         stiffness = {
             "friction": self.mindlin_ratio,
@@ -934,22 +932,23 @@ class ContactLattice(LongWaves):
         """
         direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]  # without symmetry
         # motions of the frame, as columns: displacements of all balls come first
-        rigid = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
+        sound_motions = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
         if np.any(self.contacts.j[: self.n_between] == self.n_balls):
-            rigid[:] = 0.0
+            sound_motions[:] = 0.0
         elif self.periods == 1:
-            rigid = np.column_stack([rigid, self._turn_about_line()])
-        rigid[:, self._are_anchored(rigid)] = 0.0
+            sound_motions = np.column_stack([sound_motions, self._turn_about_line()])
+        sound_motions[:, self._are_anchored(sound_motions)] = 0.0
         if self._large is not None and not self.free_branches:
-            return int(np.linalg.matrix_rank(rigid, tol=_INDEPENDENT))
+            return int(np.linalg.matrix_rank(sound_motions, tol=_INDEPENDENT))
         total = 0
         for block in self._blocks:
-            zeros = rigid[block.columns]
+            zero_motions = sound_motions[block.columns]
             if block.n_free:
                 _, modes = block.solve(_BESIDE_GAMMA * direction)
-                free = modes[0][:, : block.n_free]
-                zeros = np.concatenate([zeros, free], axis=1)
-            total += int(np.linalg.matrix_rank(zeros, tol=_INDEPENDENT))
+                free_motions = modes[0][:, : block.n_free]
+                zero_motions = np.concatenate([zero_motions, free_motions], axis=1)
+            # a motion of sound may also be free: only independent motions count
+            total += int(np.linalg.matrix_rank(zero_motions, tol=_INDEPENDENT))
         return total
 
     def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
@@ -959,10 +958,10 @@ class ContactLattice(LongWaves):
         if self.on_site is None:
             return np.zeros(motions.shape[1], bool)
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
-        held = of_balls[self.contacts.i[self.n_between :]]
+        at_springs = of_balls[self.contacts.i[self.n_between :]]
         springs = self.on_site[:, : self.motions.count]
-        resists = (springs[..., None] > 0.0) & (np.abs(held) > _AT_REST)
-        return np.asarray(np.any(resists, axis=(0, 1)))
+        is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _AT_REST)
+        return np.asarray(np.any(is_resisted, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
         """Return the amplitudes (n_branches,) of the motions of the frame, of norm one, in the
@@ -975,11 +974,12 @@ class ContactLattice(LongWaves):
         # an amplitude of one in the frame is a rotation phi = i, as rotations are divided by i
         shifts = 1.0j * np.cross([1.0, 0.0, 0.0], arms)
         turns = self.gyration[:, None] * np.eye(3)[:1]
-        chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-        motions = np.concatenate([shifts, turns], axis=1)[:, chosen]
-        turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ motions
-        length = max(float(np.linalg.norm(turned)), np.finfo(float).tiny)
-        return np.asarray(turned.ravel() / length)
+        # of the six motions of a ball in space those that balls have
+        columns = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
+        motions = np.concatenate([shifts, turns], axis=1)[:, columns]
+        amplitudes = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ motions
+        length = max(float(np.linalg.norm(amplitudes)), np.finfo(float).tiny)
+        return np.asarray(amplitudes.ravel() / length)
 
 
 class _LatticeContacts(NamedTuple):

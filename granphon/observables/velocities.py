@@ -796,7 +796,7 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
     """Return the reduced angular frequency (n,) at the last point before the maximum of the branch
     number ``wave``, in each direction; zero where the first point is the maximum.
     """
-    n_rising = branches.rising[wave]
+    n_rising = branches.n_rising[wave]
     directions = np.arange(len(n_rising))
     last = branches.frequencies[wave, directions, n_rising - 1]
     return np.where(n_rising > 0, last, 0.0)
