@@ -95,15 +95,17 @@ class _SoundMass(NamedTuple):
 
     Attributes
     ----------
-    couples : whether some of these motions take part in sound.
-    moved : (n_u, n_u) the mass that sound moves, over all mass: the unit matrix if it moves all.
-    staying : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their amplitudes in
-        the n_u shifts of all balls, then those in the n_free inner motions that cost no energy.
+    is_coupled : whether some of these motions take part in sound.
+    moving_mass : (n_u, n_u) the mass that sound moves, over all mass: the unit matrix if sound
+        moves all mass.
+    staying_motions : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their
+        amplitudes in the n_u shifts of all balls, then those in the n_free inner motions that cost
+        no energy.
     """
 
-    couples: bool
-    moved: Array
-    staying: Array
+    is_coupled: bool
+    moving_mass: Array
+    staying_motions: Array
 
 
 class LongWaves(Compatibility):
@@ -251,18 +253,18 @@ class LongWaves(Compatibility):
             return True
         table = self.contacts
         count = self.n_balls
+        is_joint = np.broadcast_to(self.mindlin_ratio, len(table)) > 0.0
         # springs to the ground, and bodies that do not move, join no balls
-        resists = np.broadcast_to(self.mindlin_ratio, len(table)) > 0.0
-        resists &= (np.arange(len(table)) < self.n_between) & (table.j < count)
-        i = table.i[resists]
-        j = table.j[resists]
+        is_joint &= (np.arange(len(table)) < self.n_between) & (table.j < count)
+        i = table.i[is_joint]
+        j = table.j[is_joint]
 
         def count_sets(first: Index, second: Index, n_balls: int) -> int:
             """Return the number of sets into which contacts of balls ``first`` (m,) and ``second``
             (m,) join ``n_balls`` balls.
             """
-            joined = coo_array((np.ones(len(first)), (first, second)), shape=(n_balls, n_balls))
-            return int(connected_components(joined, directed=False)[0])
+            graph = coo_array((np.ones(len(first)), (first, second)), shape=(n_balls, n_balls))
+            return int(connected_components(graph, directed=False)[0])
 
         n_sets = count_sets(i, j, count)
         # ball n of the second copy has the number n + count
@@ -280,14 +282,11 @@ class LongWaves(Compatibility):
         sparse ``push`` (n_branches, n_branches) is the form of their energy: motions on which they
         act do not stay behind.
         """
-        if (
-            isinstance(self._sparse_relaxation, IterativeRelaxation)
-            and self._touching_lattice is not self
-        ):
-            return self._sparse_relaxation.keep_back(
-                _leave_pushed(self._sparse_relaxation.staying, push)
-            )
-        return self._sparse_relaxation
+        relaxation = self._sparse_relaxation
+        has_limit = self._touching_lattice is not self
+        if has_limit and isinstance(relaxation, IterativeRelaxation):
+            return relaxation.keep_back(_leave_pushed(relaxation.staying, push))
+        return relaxation
 
     @property
     def _n_gradients(self) -> int:
@@ -370,8 +369,8 @@ class LongWaves(Compatibility):
             return self
         arm_i = table.arm_i.copy()
         arm_j = table.arm_j.copy()
-        evened = np.where(is_evened[balls], mean_arm[balls], arms)
-        arm_i[between], arm_j[between] = np.split(evened, 2)
+        even_arms = np.where(is_evened[balls], mean_arm[balls], arms)
+        arm_i[between], arm_j[between] = np.split(even_arms, 2)
         return type(self)(
             self.cell,
             self.positions,
@@ -505,25 +504,29 @@ class LongWaves(Compatibility):
         free = self._free_motions
         count = len(self.motions.translations)
         no_staying = np.zeros((0, count + free.shape[1]))
-        all_mass_moves = _SoundMass(couples=False, moved=np.eye(count), staying=no_staying)
+        whole_mass = _SoundMass(
+            is_coupled=False, moving_mass=np.eye(count), staying_motions=no_staying
+        )
         if not free.size:
-            return all_mass_moves
+            return whole_mass
         unrelaxed = self._deform_in_wave(free)
         waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
         # a wave whose deformations relax altogether leaves the rounding of the unrelaxed ones
         rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed)
 
-        def couple(waves: Array) -> bool:
-            """Return whether ``waves`` (n_rows, p, n) couple with sound to second order in q."""
+        def are_coupled(deformations: Array) -> bool:
+            """Return whether waves with ``deformations`` (n_rows, p, n) couple with sound to second
+            order in q.
+            """
             # sum over the rows r of the products of a displacement i with gradient j in sound, and
             # of the component l of q with motion m; q_j q_l is the same for j and l exchanged
-            products = np.einsum("rij,rlm->ijlm", sound, waves)
+            products = np.einsum("rij,rlm->ijlm", sound, deformations)
             coupling = products + products.swapaxes(1, 2)
             return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
-        if not couple(waves):
-            return all_mass_moves
+        if not are_coupled(waves):
+            return whole_mass
         # sound as a mass-weighted motion, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
@@ -533,10 +536,13 @@ class LongWaves(Compatibility):
         staying_shifts = staying[:, :count]
         staying_inner = staying[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
-        deforming = waves @ _find_null(staying_inner, 1.0).T
+        deforming_waves = waves @ _find_null(staying_inner, 1.0).T
         mass = np.eye(count) - staying_shifts.T @ staying_shifts
-        moved = np.where(np.abs(mass) > _COUPLED, mass, 0.0)
-        return _SoundMass(couples=couple(deforming), moved=moved, staying=staying)
+        return _SoundMass(
+            is_coupled=are_coupled(deforming_waves),
+            moving_mass=np.where(np.abs(mass) > _COUPLED, mass, 0.0),
+            staying_motions=staying,
+        )
 
     def _deform_in_wave(self, free: Array) -> Array:
         """Return the derivatives (n_rows, p, n_free), divided by i, of the deformations with
@@ -589,7 +595,7 @@ class LongWaves(Compatibility):
         if self._touching_lattice is not self:
             return self._touching_lattice.mechanism
         can_turn = self.motions.rotate
-        if self._sound_mass.couples:
+        if self._sound_mass.is_coupled:
             example = " (as gears do, on a lattice without odd rings)" if can_turn else ""
             return (
                 f"The balls of a cell can shift or turn against each other without a cost in"
@@ -868,12 +874,12 @@ class LongWaves(Compatibility):
         if not self.is_prestressed:
             return rows, stack
         # the balls turn along, so that the row has no coefficients of their motions
-        none = np.zeros((len(table), self.motions.count))
+        zeros = np.zeros((len(table), self.motions.count))
         for axis in np.flatnonzero(self._is_across):
-            turned = np.zeros(shape)
-            turned[:, axis] = vector
-            rows.append(Row("push", 1.0, none, none))
-            stack = np.concatenate([stack, turned[None]])
+            push = np.zeros(shape)
+            push[:, axis] = vector
+            rows.append(Row("push", 1.0, zeros, zeros))
+            stack = np.concatenate([stack, push[None]])
         return rows, stack
 
     @cached_property
@@ -883,7 +889,7 @@ class LongWaves(Compatibility):
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
-        staying = self._sound_mass.staying
+        staying = self._sound_mass.staying_motions
         if not len(staying):
             return unit
         # the projection of a displacement of all balls on the motions that stay behind: a shift of
@@ -999,7 +1005,7 @@ class LongWaves(Compatibility):
     def loose_warnings(self) -> tuple[str, ...]:
         """One sentence about balls that sound leaves behind; empty if there are none."""
         count = len(self.motions.translations)
-        missing = count - float(np.trace(self._sound_mass.moved))
+        missing = count - float(np.trace(self._sound_mass.moving_mass))
         if missing <= _COUPLED:
             return ()
         return (
@@ -1012,7 +1018,7 @@ class LongWaves(Compatibility):
         """(n_u, n_u) square root of the ratio of all mass to the mass that sound moves; zero along
         displacements that move no mass.
         """
-        mass_parts, vectors = np.linalg.eigh(self._sound_mass.moved)
+        mass_parts, vectors = np.linalg.eigh(self._sound_mass.moving_mass)
         inverse = np.zeros_like(mass_parts)
         np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _COUPLED)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)

@@ -68,8 +68,9 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
 
 def find_rounded_columns(size: Array, is_turn: Flags, soft: float) -> Flags:
     """Return (n,) whether each column of the deformations by inner motions is only rounding, so
-    that its motion deforms nothing: if its ``size`` (n,) is no more than the part ``soft`` of the
-    largest of its kind, rotations, for which ``is_turn`` (n,) is true, or displacements.
+    that its motion deforms nothing. That is so if the ``size`` (n,) of the column, over the largest
+    size of its kind, is ``soft`` or less; kinds are rotations, for which ``is_turn`` (n,) is true,
+    and displacements.
     """
     largest_turn = np.max(size, where=is_turn, initial=0.0)
     largest_shift = np.max(size, where=~is_turn, initial=0.0)
@@ -174,8 +175,9 @@ class SparseRelaxation:
         column_lengths = np.sqrt(motions.power(2).sum(axis=0))
         rounding = soft * row_lengths[change.row] * column_lengths[change.col]
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
-        is_idle = costs_nothing
-        is_idle[change.col[np.abs(change.data) > rounding]] = False
+        deforms_in_wave = np.zeros(costs_nothing.shape, bool)
+        deforms_in_wave[change.col[np.abs(change.data) > rounding]] = True
+        is_idle = costs_nothing & ~deforms_in_wave
         active_motions = scaled[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
             active_motions -= self._fronts.solve(self._columns @ (self._rows @ active_motions))
@@ -199,8 +201,8 @@ class SparseRelaxation:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
-        remaining, _ = self._relax(deformations)
-        return remaining
+        relaxed, _ = self._relax(deformations)
+        return relaxed
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
@@ -273,18 +275,19 @@ class SparseRelaxation:
             # motions that cost nothing are left out. Static forces do not act on them; that
             # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest
-            free = motions[:, ~is_stiff]
-            acting = mixed - free @ (free.T @ mixed)
-            pull = np.asarray(scale @ acting)
+            free_motions = motions[:, ~is_stiff]
+            forces = mixed - free_motions @ (free_motions.T @ mixed)
+            pull = np.asarray(scale @ forces)
             response = np.zeros_like(pull)
             for _ in range(1 + _CORRECTIONS):
                 response += fronts.solve(pull - matrix @ response)
         saved_by_factors = pull.T @ response
-        forces = motions[:, is_stiff].T @ acting
-        amplitudes = forces / energies[is_stiff, None]
-        saved_by_set_aside = forces.T @ amplitudes
-        motion = scale @ response + motions[:, is_stiff] @ amplitudes
-        return saved_by_factors + saved_by_set_aside, np.asarray(motion)
+        stiff_motions = motions[:, is_stiff]
+        forces_on_stiff = stiff_motions.T @ forces
+        amplitudes = forces_on_stiff / energies[is_stiff, None]
+        saved_by_stiff = forces_on_stiff.T @ amplitudes
+        motion = scale @ response + stiff_motions @ amplitudes
+        return saved_by_factors + saved_by_stiff, np.asarray(motion)
 
     def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
         """Return the energies (k,), ascending, of the motions that factors have set aside, and
