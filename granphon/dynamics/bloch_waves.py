@@ -116,8 +116,8 @@ class BlochWaves(NamedTuple):
         basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         # motions that reach no other block leave the other block at rest
         n_still = self.still_motions.shape[1]
-        continued = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
-        return np.asarray(np.linalg.solve(basis.T, continued.T).T)
+        image_of_basis = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
+        return np.asarray(np.linalg.solve(basis.T, image_of_basis.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
         """Return the amplitudes (running, ...) of the running waves of which, with those that
@@ -127,29 +127,30 @@ class BlochWaves(NamedTuple):
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
 
 
-def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
+def require_bloch_memory(count: int, size: int, n_contacts: int = 0) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if waves at ``count`` frequencies do not fit
     into memory.
 
-    A block has ``size`` motions. If couplings differ from frequency to frequency, ``contacts`` is
-    the number of contacts from which they are made at each.
+    A block has ``size`` motions. If energy is lost, the couplings are made anew at each frequency,
+    from ``n_contacts`` contacts; otherwise ``n_contacts`` is zero.
     """
     mend = (
         "Take fewer frequencies" if count > 1 else "Take a narrower block: fewer balls in a layer"
     )
     require_memory(
         f"waves of {size:,} motions at {counted(count, 'frequency', 'frequencies')}",
-        count_bloch_bytes(count, size, contacts),
+        count_bloch_bytes(count, size, n_contacts),
         mend,
     )
 
 
-def count_bloch_bytes(count: int, size: int, contacts: int = 0) -> float:
-    """Return the bytes that waves at ``count`` frequencies take. ``size`` and ``contacts`` are as
+def count_bloch_bytes(count: int, size: int, n_contacts: int = 0) -> float:
+    """Return the bytes that waves at ``count`` frequencies take. ``size`` and ``n_contacts`` are as
     in :func:`require_bloch_memory`.
     """
-    bytes_of_matrices = _MATRICES * 16.0 * (2 * size) ** 2
-    bytes_of_rows = _ROWS * 32.0 * size * contacts
+    # complex numbers have 16 bytes; matrices and rows are those of two blocks
+    bytes_of_matrices = 16.0 * _MATRICES * (2 * size) ** 2
+    bytes_of_rows = 16.0 * _ROWS * (2 * size) * n_contacts
     return count * (bytes_of_matrices + bytes_of_rows)
 
 
@@ -226,10 +227,11 @@ def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
     -1/:data:`_SHIFT`. There are as many such waves as motions without coupling to the layers on the
     other side.
     """
-    below, above = null_spaces
-    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _SHIFT))[: below.shape[1]]
-    fast_downwards = np.argsort(np.abs(inverse))[: above.shape[1]]
-    return np.setdiff1d(np.arange(len(inverse)), np.concatenate([fast_upwards, fast_downwards]))
+    to_lower, to_higher = null_spaces
+    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _SHIFT))[: to_lower.shape[1]]
+    fast_downwards = np.argsort(np.abs(inverse))[: to_higher.shape[1]]
+    infinitely_fast = np.concatenate([fast_upwards, fast_downwards])
+    return np.setdiff1d(np.arange(len(inverse)), infinitely_fast)
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
@@ -264,8 +266,8 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
     passed on if inner - w couples both null spaces at full rank. Where the rank is lower at all w,
     it is lower at w = -scale too, where nothing resonates; so it is tested there.
     """
-    below, above = null_spaces
-    coupling = above.conj().T @ (inner + scale * np.eye(len(inner))) @ below
+    to_lower, to_higher = null_spaces
+    coupling = to_higher.conj().T @ (inner + scale * np.eye(len(inner))) @ to_lower
     if not coupling.size:
         return
     if np.linalg.matrix_rank(coupling, tol=_UNCOUPLED * scale) < min(coupling.shape):
@@ -279,21 +281,20 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
 def _sharpen_long_waves(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
-    """Return the ``factors`` (b,), lambda, and the ``vectors`` (n, b), motions of a block, of all
-    waves, those of long running waves with all digits. Where energy is lost the arguments are
-    returned as they are. A long wave whose motion is mostly stiff keeps its factor and vector too:
-    the edge of another band is near.
+    """Return the ``factors`` lambda (b,) and the ``vectors`` (n, b), motions of a block, of all
+    waves; those of long running waves are computed again, with all digits. If energy is lost,
+    ``factors`` and ``vectors`` are returned as they are. A long wave whose motion is mostly stiff
+    keeps its factor and vector too: the edge of another band is near.
 
     ``couplings`` are the matrices D_s (layer_size, layer_size) of s = -reach ... reach, with D_0
     itself in the middle, and not D_0 - w; ``w`` is the eigenvalue.
 
-    A long wave that runs has lambda = exp(i theta) with a small theta, and the sum of D_s lambda^s,
-    less w, is then a difference of near-equal numbers. Free motions are those that cost nothing if
-    all layers move by the same amount: on them the sum of all D_s is zero. That sum is left out for
-    them, and the sum of D_s (exp(i s theta) - 1) remains, which keeps all digits. The other
-    motions, which are stiff, follow from the free ones at each theta, and theta is found by
-    Newton's method. The amplitudes of the free motions are kept as they are: theta depends on the
-    square of their error.
+    A long wave that runs has lambda = exp(i theta) with a small theta, so that the sum of D_s
+    lambda^s, less w, is a difference of near-equal numbers. Free motions cost nothing if all layers
+    move by the same amount: the sum of all D_s takes them to zero. This sum is left out for free
+    motions. What is left is the sum of D_s (exp(i s theta) - 1), which keeps all digits. All other
+    motions are stiff, and follow from the free ones at each theta. Newton's method finds theta. The
+    amplitudes of the free motions stay as they are, as theta depends on the square of their error.
     """
     layer_size = len(couplings[0])
     is_running = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE

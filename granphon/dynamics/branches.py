@@ -137,10 +137,11 @@ class AcousticBranch:
         shape = (target.size, len(self.wavenumbers))
         wavenumbers = np.broadcast_to(self.wavenumbers, shape)
         frequencies = np.broadcast_to(self.frequencies, shape)
-        above, q, omega = _find_brackets(wavenumbers, frequencies, target)
+        point_above, q, omega = _find_brackets(wavenumbers, frequencies, target)
         lattice = self.lattice
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
-        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
+        references = self.vectors[point_above]
+        return _solve_wavenumbers(lattice, along, target, q, omega, references, self.name)
 
 
 def _find_brackets(
@@ -153,13 +154,14 @@ def _find_brackets(
     ``wavenumbers`` and ``frequencies`` (m, n_points), ascending, are those of the points of the
     branches. No target may be above all frequencies of its branch.
     """
-    above = np.sum(frequencies < target[:, None], axis=1)
+    point_above = np.sum(frequencies < target[:, None], axis=1)
     row = np.arange(len(target))
-    low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
-    low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
-    q = np.stack([low_q, wavenumbers[row, above]])
-    omega = np.stack([low_omega, frequencies[row, above]])
-    return above, q, omega
+    is_first = point_above == 0
+    low_q = np.where(is_first, 0.0, wavenumbers[row, point_above - 1])
+    low_omega = np.where(is_first, 0.0, frequencies[row, point_above - 1])
+    q = np.stack([low_q, wavenumbers[row, point_above]])
+    omega = np.stack([low_omega, frequencies[row, point_above]])
+    return point_above, q, omega
 
 
 def _find_nearest_modes(
@@ -394,10 +396,10 @@ class AcousticBranches:
         :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed through an
         avoided crossing.
         """
-        above, q, omega = _find_brackets(
+        point_above, q, omega = _find_brackets(
             self.wavenumbers[direction], self.frequencies[wave, direction], target
         )
-        references = self.vectors[wave, direction, above]
+        references = self.vectors[wave, direction, point_above]
         name = self.lattice.wave_names[wave]
         return _solve_wavenumbers(
             self.lattice, self.directions[direction], target, q, omega, references, name

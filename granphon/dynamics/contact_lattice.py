@@ -229,13 +229,14 @@ class ContactLattice(LongWaves):
         normal_stiffness = network.normal_stiffness[numbers]
         rotational = normal_stiffness * units.length**2
         motions = allowed_motions(network.dimension)[network.motions]
-        anchored, springs = _find_springs(network, contacts.axes, motions)
+        anchored_balls, springs = _find_springs(network, contacts.axes, motions)
 
         def extend(values: Array, of_spring: float = 0.0) -> Array:
             """Return ``values`` (n_c, ...) of contacts, followed by one value, ``of_spring``, for
             each of the n_g springs to the ground, (n_c + n_g, ...).
             """
-            return np.concatenate([values, np.full((len(anchored), *values.shape[1:]), of_spring)])
+            shape = (len(anchored_balls), *values.shape[1:])
+            return np.concatenate([values, np.full(shape, of_spring)])
 
         static_fields: dict[str, Any] = {}
         if network.prestress:
@@ -247,7 +248,7 @@ class ContactLattice(LongWaves):
         return cls(
             cell / units.length,
             contacts.turn(network.positions[moving]) / units.length,
-            _add_springs(contacts.tabulate(), anchored, int(np.count_nonzero(moving))),
+            _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(moving))),
             extend(network.shear_stiffness[numbers] / normal_stiffness),
             stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[moving] / units.mass,
@@ -261,7 +262,7 @@ class ContactLattice(LongWaves):
             turns_with_balls=network.turns_with_balls,
             distance=extend(network.distance[numbers] / units.length, 1.0),
             motions=motions,
-            on_site=springs if len(anchored) else None,
+            on_site=springs if len(anchored_balls) else None,
             name="of this network",
             **static_fields,
         )
@@ -288,9 +289,10 @@ class ContactLattice(LongWaves):
         # from that at a longer wave vector, by its power of |q|
         is_almost_gamma = _is_almost_gamma(q)
         if np.any(is_almost_gamma):
-            near = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
-            modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], near, *modes)[0]
+            directions = as_direction(q[is_almost_gamma], self.periods)
+            solved_q = _NEAR_GAMMA * directions
+            modes = self._solve_with_velocities(solved_q, directions)
+            omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], solved_q, *modes)[0]
         return omega
 
     @cached_property
@@ -504,8 +506,8 @@ class ContactLattice(LongWaves):
         is_limit = np.all(q == 0.0, axis=1) | _is_almost_gamma(q)
         if self._large is not None and not np.any(is_limit):
             # large cells are solved at one wave vector at a time, the equivalent one near Gamma
-            folded, copies = self._fold(q)
-            modes = self._large.solve_modes(folded[0])
+            folded_q, copies = self._fold(q)
+            modes = self._large.solve_modes(folded_q[0])
             if modes is not None:
                 frequencies, vectors = modes
                 phase = self._find_copy_phases(copies)[0]
@@ -584,34 +586,36 @@ class ContactLattice(LongWaves):
             "Take fewer wave vectors, or leave eigenvectors out",
         )
 
-    def _find_modes(self, requested: Array, along: Array) -> tuple[NDArray[Any], ...]:
+    def _find_modes(self, wavevectors: Array, along: Array) -> tuple[NDArray[Any], ...]:
         """Return the arrays of :class:`Modes`, in the order of its attributes, at a few
-        ``requested`` wave vectors (n_q, p), 1/d, through which paths run in the directions
-        ``along`` (n_q, p), unit vectors.
+        ``wavevectors`` (n_q, p), 1/d, through which paths run in the directions ``along`` (n_q, p),
+        unit vectors.
         """
-        q, copies = self._fold(requested)
+        q, copies = self._fold(wavevectors)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
-        at_gamma = np.all(q == 0.0, axis=1)
+        is_gamma = np.all(q == 0.0, axis=1)
         is_almost_gamma = _is_almost_gamma(q)
-        near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
+        solved_q = np.where(is_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(is_almost_gamma):
-            near[is_almost_gamma] = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
-        frequencies, vectors, velocities = self._solve_with_velocities(near, along)
-        is_limit = at_gamma | is_almost_gamma
+            directions = as_direction(q[is_almost_gamma], self.periods)
+            solved_q[is_almost_gamma] = _NEAR_GAMMA * directions
+        frequencies, vectors, velocities = self._solve_with_velocities(solved_q, along)
+        is_limit = is_gamma | is_almost_gamma
         if np.any(is_limit):
             frequencies[is_limit], vectors[is_limit], velocities[is_limit] = _follow_powers(
                 q[is_limit],
-                near[is_limit],
+                solved_q[is_limit],
                 frequencies[is_limit],
                 vectors[is_limit],
                 velocities[is_limit],
             )
         by_ball = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches)
         motion = by_ball * self._find_copy_phases(copies)[:, :, None, None]
-        wave_direction = np.where(at_gamma[:, None], along, requested)
+        # that of the wave vector itself, and not of the equivalent one near Gamma
+        wave_direction = np.where(is_gamma[:, None], along, wavevectors)
         energy_parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
         eigenvectors = motion.reshape(len(q), self.n_branches, self.n_branches)
-        return requested, frequencies, eigenvectors, velocities, *energy_parts
+        return wavevectors, frequencies, eigenvectors, velocities, *energy_parts
 
     def _split_energy(self, motion: Complex, direction: Array) -> tuple[Array, Array, Array]:
         """Return three parts (n_q, n_branches) of the kinetic energy: that of rotation, that of
@@ -755,9 +759,9 @@ class ContactLattice(LongWaves):
                 signs = np.broadcast_to(self._push_signs, rows[1].shape)[rows[1]]
                 block = replace(block, pushing=pushing, signs=signs[:, None], slack=self.slack)
             elif not self.is_held:
-                tilted = self._tilt_block(block)
-                if tilted.keeps_digits:
-                    block = tilted
+                tilted_block = self._tilt_block(block)
+                if tilted_block.keeps_digits:
+                    block = tilted_block
             blocks.append(block.split_free_motions())
         return blocks
 
@@ -782,8 +786,8 @@ class ContactLattice(LongWaves):
         for number, motion in enumerate(bent):
             axis = motions.translations[columns[motion]]
             for along in range(p):
-                tilted = self._tilt_balls(axis, along)
-                tilt[number, :, along] = (weights.T @ tilted).ravel()[columns]
+                motions_of_balls = self._tilt_balls(axis, along)
+                tilt[number, :, along] = (weights.T @ motions_of_balls).ravel()[columns]
         is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
         gradients = tilt.real.copy() if is_real else tilt
         tilting = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
@@ -799,11 +803,12 @@ class ContactLattice(LongWaves):
         height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
         height = height - self.masses @ height / self.masses.sum()
         turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
-        tilted = np.zeros((self.n_balls, motions.count), complex)
-        tilted[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+        motions_of_balls = np.zeros((self.n_balls, motions.count), complex)
+        turns = self.gyration[:, None] * turn[list(motions.rotations)]
+        motions_of_balls[:, motions.turning] = turns
         if along in motions.translations:
-            tilted[:, motions.translations.index(along)] = -1.0j * height
-        return tilted
+            motions_of_balls[:, motions.translations.index(along)] = -1.0j * height
+        return motions_of_balls
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
@@ -821,8 +826,8 @@ class ContactLattice(LongWaves):
         """Number of branches that vanish at every wave vector: the number of branches less the
         generic rank of C(q).
         """
-        free = None if self._large is None else self._large.free_branches
-        return sum(block.n_free for block in self._blocks) if free is None else free
+        n_free = None if self._large is None else self._large.free_branches
+        return sum(block.n_free for block in self._blocks) if n_free is None else n_free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -909,18 +914,18 @@ class ContactLattice(LongWaves):
         counts = np.count_nonzero(by_point == 0.0, axis=1)
         if not np.any(counts):
             return ()
-        at_gamma = np.all(q == 0.0, axis=1)
-        expected = np.where(at_gamma, self._zeros_at_gamma, self.free_branches)
-        soft = np.maximum(counts - expected, 0)
-        if not np.any(soft):
+        is_gamma = np.all(q == 0.0, axis=1)
+        n_expected = np.where(is_gamma, self._zeros_at_gamma, self.free_branches)
+        n_soft = np.maximum(counts - n_expected, 0)
+        if not np.any(n_soft):
             return ()
-        first = int(np.argmax(soft > 0))
-        requested = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
-        count = int(soft.sum())
+        first = int(np.argmax(n_soft > 0))
+        unfolded_q = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
+        count = int(n_soft.sum())
         modes_vanish = "mode vanishes" if count == 1 else "modes vanish"
         return (
-            f"{count} {modes_vanish} at {np.count_nonzero(soft)} of {len(q)} wave vectors, the"
-            f" first at {self.name_wavevector(requested[first])}: these motions deform no contact"
+            f"{count} {modes_vanish} at {np.count_nonzero(n_soft)} of {len(q)} wave vectors, the"
+            f" first at {self.name_wavevector(unfolded_q[first])}: these motions deform no contact"
             f" there",
         )
 
@@ -1097,8 +1102,8 @@ def _find_springs(network: ContactNetwork, axes: Array, motions: Motions) -> tup
     if springs is None:
         return np.zeros(0, np.intp), np.zeros((0, motions.count))
     of_moving = springs[network.moving] / network.scales.stiffness
-    anchored = np.flatnonzero(np.any(of_moving, axis=1))
-    return anchored, of_moving[anchored]
+    anchored_balls = np.flatnonzero(np.any(of_moving, axis=1))
+    return anchored_balls, of_moving[anchored_balls]
 
 
 def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable:
@@ -1146,21 +1151,21 @@ def _sort_branches(
 
 
 def _follow_powers(
-    q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
+    q: Array, solved_q: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
     """Return frequencies (n_q, b), eigenvectors (n_q, n, b) and group velocities (n_q, b, p) at
-    wave vectors ``q`` (n_q, p), from those at ``near`` (n_q, p), longer wave vectors of the same
-    directions.
+    wave vectors ``q`` (n_q, p), from those at ``solved_q`` (n_q, p), longer wave vectors of the
+    same directions.
 
     Near Gamma the frequency of each branch is in proportion to a power of |q|: the first for sound,
     the second or third for a flexural branch, and the zeroth for others.
     """
-    slope = np.einsum("qa,qba->qb", near, velocities)
+    slope = np.einsum("qa,qba->qb", solved_q, velocities)
     # d ln(omega)/d ln|q| = q.v/omega is the power, up to rounding
     ratio = np.zeros_like(frequencies)
     np.divide(slope, frequencies, out=ratio, where=frequencies > 0.0)
     power = np.maximum(np.rint(ratio), 0.0)
-    scale = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
+    scale = (np.max(np.abs(q), axis=1) / np.max(np.abs(solved_q), axis=1))[:, None]
     frequency_scale = scale**power
     velocity_scale = scale ** np.maximum(power - 1.0, 0.0)
     return _sort_branches(

@@ -199,7 +199,7 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
     if not network.prestress:
         return rows
     rows += push_rows(network.normal[:, : network.dimension], network.ball_motions)
-    across = network.static_forces[1]
+    tangential_force = network.static_forces[1]
     gyration = find_gyration(network)
     excesses = network.lever_excesses
     if excesses is not None:
@@ -211,10 +211,10 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
             network.ball_motions,
             (gyration[network.i], gyration[network.j]),
         )
-    if np.any(network.tangential_growth) and np.any(across):
+    if np.any(network.tangential_growth) and np.any(tangential_force):
         rows += growth_rows(
             network.normal,
-            across,
+            tangential_force,
             network.arm_i,
             network.arm_j,
             network.ball_motions,
@@ -329,18 +329,18 @@ def torque_pairs(
     """Return the stiffness that static torques of rolling and twist contribute, the sum of pull^T
     move, as pairs (pull, move) of rows.
 
-    ``torque`` (n_c, 3) is that with which ball i acts on ball j. Its parts t across the normal n
-    and m along it keep their sizes and turn with n, so that the torques change by
+    ``torque`` (n_c, 3) is that with which ball i acts on ball j. Its part p across the normal n and
+    its part m n along n keep their sizes and turn with n, so that the torques change by
 
-        dM_j = -dM_i = -(t.dn) n + m dn,    dn = v/r
+        dM_j = -dM_i = -(p.dn) n + m dn,    dn = v/r
 
     where v is the displacement across the contact. As the tangential forces of :func:`carry_rows`,
     the torques have no potential. ``gyration`` are the radii of gyration of balls i and of balls j;
     the other arguments are those of :func:`carry_rows`.
     """
     n, t, b = contact_frames(normal)
-    along = np.sum(torque * normal, axis=1)
-    across = torque - along[:, None] * normal
+    twist_torque = np.sum(torque * normal, axis=1)  # m
+    roll_torque = torque - twist_torque[:, None] * normal  # p
     turn_i = 1.0 / gyration[0]
     turn_j = 1.0 / gyration[1]
     zeros = [np.zeros(len(normal))] * 3
@@ -354,9 +354,9 @@ def torque_pairs(
         axes = [component / distance for component in vector]
         return _make_row("push", 1.0, axes, zeros, turn_j, turn_i, motions)
 
-    pairs = [(turn(n), push(list(across.T)))]
+    pairs = [(turn(n), push(list(roll_torque.T)))]
     for axis in (t, b):
-        pairs.append((turn(axis), push([-along * component for component in axis])))
+        pairs.append((turn(axis), push([-twist_torque * component for component in axis])))
     return pairs
 
 

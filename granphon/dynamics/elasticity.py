@@ -188,10 +188,10 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
 
 @lru_cache(maxsize=64)
 def has_cubic_axes(lattice: Lattice) -> bool:
-    """Return whether the symmetry of a lattice is that of a square or cube with edges along x, y,
-    z, so that C11, C12 and C44 are all elastic constants.
+    """Return whether the symmetry of a ``lattice`` is that of a square or cube with edges along the
+    axes, so that there are three elastic constants: C11, C12, and C33 in the plane or C44 in space.
 
-    False of a line, and of the triangular lattice, on which an elastic tensor is isotropic.
+    False for a line, and for the triangular lattice, on which an elastic tensor is isotropic.
     """
     n = len(voigt_pairs(lattice.periods))
     if n == 1:

@@ -299,11 +299,11 @@ class LargeCell:
 
 
 def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
-    """Return a sparse unitary matrix (n_branches, n_branches), whose columns are the motions, as
-    combinations of those of the balls of a ``lattice``, in terms of which D is found.
+    """Return a sparse unitary matrix (n_branches, n_branches) whose columns are the motions in
+    terms of which D is found, as combinations of the motions of the balls of a ``lattice``.
 
     An inversion takes each ball to its ``image`` (n,). The columns are then even motions, and odd
-    motions times i. Without an inversion, ``image`` is None, and the matrix is that of unity.
+    motions times i. Without an inversion, ``image`` is None, and the unit matrix is returned.
     """
     from scipy.sparse import eye_array, hstack, kron
 
@@ -312,13 +312,13 @@ def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
     n = lattice.n_balls
     root = np.sqrt(0.5)
     unit = eye_array(n, format="csc")
-    fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
-    first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
-    ball = unit[:, first]
-    partner = unit[:, image[first]]
-    even = root * (ball + partner)
-    odd = 1j * root * (ball - partner)
-    frame_of_balls = hstack([unit[:, fixed], even, odd])
+    self_images = np.flatnonzero(image == np.arange(n))
+    first_balls = np.flatnonzero(image > np.arange(n))  # one of each pair of images
+    first = unit[:, first_balls]
+    second = unit[:, image[first_balls]]
+    even = root * (first + second)
+    odd = 1j * root * (first - second)
+    frame_of_balls = hstack([unit[:, self_images], even, odd])
     return kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
 
 

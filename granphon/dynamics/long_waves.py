@@ -338,7 +338,8 @@ class LongWaves(Compatibility):
     @cached_property
     def _free_motions(self) -> Array:
         """(n_inner, n_free) orthonormal inner motions, rotations and displacements of balls against
-        each other, that deform no contact. In large cells they are :attr:`SparseRelaxation.free`.
+        each other, that deform no contact. In large cells they are the ``free`` motions of
+        :attr:`_relaxation`, (n_branches, n_free).
         """
         if self._relaxation is not None:
             return self._relaxation.free
@@ -501,19 +502,20 @@ class LongWaves(Compatibility):
         """
         if self._touching_lattice is not self:
             return self._touching_lattice._sound_mass
-        free = self._free_motions
+        free_motions = self._free_motions
+        n_free = free_motions.shape[1]
         count = len(self.motions.translations)
-        no_staying = np.zeros((0, count + free.shape[1]))
+        no_staying = np.zeros((0, count + n_free))
         whole_mass = _SoundMass(
             is_coupled=False, moving_mass=np.eye(count), staying_motions=no_staying
         )
-        if not free.size:
+        if not free_motions.size:
             return whole_mass
-        unrelaxed = self._deform_in_wave(free)
-        waves = self._relax(unrelaxed)
+        unrelaxed_waves = self._deform_in_wave(free_motions)
+        waves = self._relax(unrelaxed_waves)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
         # a wave whose deformations relax altogether leaves the rounding of the unrelaxed ones
-        rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed)
+        rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed_waves)
 
         def are_coupled(deformations: Array) -> bool:
             """Return whether waves with ``deformations`` (n_rows, p, n) couple with sound to second
@@ -532,7 +534,7 @@ class LongWaves(Compatibility):
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
         # motions, as rows, that deform nothing to second order: first their amplitudes in the
         # shifts of all balls, then those in the inner motions
-        staying = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=self._accuracy)
+        staying = _find_null(all_waves.reshape(-1, count + n_free), soft=self._accuracy)
         staying_shifts = staying[:, :count]
         staying_inner = staying[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
@@ -544,12 +546,12 @@ class LongWaves(Compatibility):
             staying_motions=staying,
         )
 
-    def _deform_in_wave(self, free: Array) -> Array:
-        """Return the derivatives (n_rows, p, n_free), divided by i, of the deformations with
-        respect to q at q = 0, of inner motions ``free`` (n_inner, n_free) that deform no contact
-        there.
+    def _deform_in_wave(self, free_motions: Array) -> Array:
+        """Return the derivatives (n_rows, p, n_free) with respect to q, at q = 0, of the
+        deformations by inner ``free_motions`` (n_inner, n_free), which deform no contact at q = 0.
 
-        To first order in q the deformations in sound and in inner motions are i times real numbers.
+        The derivatives are divided by i: to first order in q the deformations in sound and in inner
+        motions are i times real numbers.
         """
         rows, root = self._weight_rows()
         difference, total = self._find_inner_ends(rows, root)
@@ -558,7 +560,7 @@ class LongWaves(Compatibility):
         # two others, are rounding alone
         effects = abs(difference) + abs(total)
         size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
-        change = total @ free
+        change = total @ free_motions
         is_rounding = np.abs(change) <= _SOFT * size
         return np.asarray(half[:, :, None] * np.where(is_rounding, 0.0, change)[:, None, :])
 

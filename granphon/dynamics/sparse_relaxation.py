@@ -165,23 +165,24 @@ class SparseRelaxation:
         from scipy.sparse import csc_array, diags_array
 
         # the motions set aside, in units of the scale of their columns
-        scaled = csc_array(self._fronts.follow())
-        lengths = np.sqrt(scaled.power(2).sum(axis=0))
+        scaled_motions = csc_array(self._fronts.follow())
+        lengths = np.sqrt(scaled_motions.power(2).sum(axis=0))
         limit = soft * np.sqrt(self._top)
-        costs_nothing = np.sqrt((self._rows @ scaled).power(2).sum(axis=0)) <= limit * lengths
-        motions = (diags_array(1.0 / self._scale) @ scaled).tocsc()
+        sizes = np.sqrt((self._rows @ scaled_motions).power(2).sum(axis=0))  # of deformations
+        is_free_at_rest = sizes <= limit * lengths
+        motions = (diags_array(1.0 / self._scale) @ scaled_motions).tocsc()
         change = (total @ motions).tocoo()
         row_lengths = np.sqrt(total.power(2).sum(axis=1))
         column_lengths = np.sqrt(motions.power(2).sum(axis=0))
         rounding = soft * row_lengths[change.row] * column_lengths[change.col]
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
-        deforms_in_wave = np.zeros(costs_nothing.shape, bool)
-        deforms_in_wave[change.col[np.abs(change.data) > rounding]] = True
-        is_idle = costs_nothing & ~deforms_in_wave
-        active_motions = scaled[:, ~is_idle].toarray()
+        is_free_in_wave = np.ones(motions.shape[1], bool)
+        is_free_in_wave[change.col[np.abs(change.data) > rounding]] = False
+        is_idle = is_free_at_rest & is_free_in_wave
+        active_motions = scaled_motions[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
             active_motions -= self._fronts.solve(self._columns @ (self._rows @ active_motions))
-        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active_motions))[0]
+        basis = np.linalg.qr(_leave_out(scaled_motions[:, is_idle], active_motions))[0]
         deformations, singular_values, right_vectors = np.linalg.svd(
             self._rows @ basis, full_matrices=False
         )
@@ -194,8 +195,8 @@ class SparseRelaxation:
         )
         shifts = self.lattice.shifts
         idle_shifts = _orthonormalise(shifts - _leave_out(idle_motions, shifts))
-        free = np.concatenate([idle_shifts, free_active], axis=1)
-        self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
+        with_shifts = np.concatenate([idle_shifts, free_active], axis=1)
+        self.free: Array = _orthonormalise(with_shifts - shifts @ (shifts.T @ with_shifts))
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions

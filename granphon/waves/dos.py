@@ -348,16 +348,16 @@ class RandomVectors:
         signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
-    def _group_moments(self, vectors: int) -> list[Moments]:
-        """Return the moments of the first ``vectors`` random vectors, a number, in groups whose
-        vectors share products with D.
+    def _group_moments(self, n_vectors: int) -> list[Moments]:
+        """Return the moments of the first ``n_vectors`` random vectors, in groups whose vectors
+        share products with D.
 
         Groups are kept. A kept group is replaced by a new one if the number of its vectors is now
         another, as may happen to the last group.
         """
         groups = []
-        for number, first in enumerate(range(0, vectors, self._group_size)):
-            size = min(self._group_size, vectors - first)
+        for number, first in enumerate(range(0, n_vectors, self._group_size)):
+            size = min(self._group_size, n_vectors - first)
             is_new = number == len(self._groups)
             if is_new or self._groups[number][0] != size:
                 draws = [

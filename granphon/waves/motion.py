@@ -530,8 +530,8 @@ def _find_first_maxima(heights: Array) -> Index:
     is_maximum = (inner > heights[:-2]) & (inner >= heights[2:])
     is_high = (inner >= 0.5 * heights.max(axis=0, initial=0.0)) & (inner > 0.0)
     is_high_maximum = is_maximum & is_high
-    first = 1 + np.argmax(is_high_maximum, axis=0)  # inner frames begin with frame 1
-    return np.where(np.any(is_high_maximum, axis=0), first, 0)
+    first_frame = 1 + np.argmax(is_high_maximum, axis=0)  # inner frames begin with frame 1
+    return np.where(np.any(is_high_maximum, axis=0), first_frame, 0)
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
@@ -717,10 +717,10 @@ class Frames:
         """
         if self._path is not None:
             return Motion.read(self._path)
-        last = self._frames[-1]
+        last_frame = self._frames[-1]  # it has the most columns
         arrays: dict[str, Any] = {}
-        for name in last:
-            shape = np.shape(last[name])
+        for name, values in last_frame.items():
+            shape = np.shape(values)
             arrays[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
         return Motion(**arrays, network=self._network, met=self._met, step=self.step)
 

@@ -116,9 +116,9 @@ def find_peaks(
     if solve is not None and rows.size:
         windows = _find_windows(frequencies, magnitude, rows, is_top)
         starts = _place_starts(tops, fits, windows, solve)
-        refined, is_settled = _refine_peaks(starts, windows, is_top, solve)
-        is_better = is_settled & (refined.heights >= _LEAST_HEIGHT * tops.heights)
-        fits = fits.replace_where(is_better, refined)
+        refined_fits, is_settled = _refine_peaks(starts, windows, is_top, solve)
+        is_better = is_settled & (refined_fits.heights >= _LEAST_HEIGHT * tops.heights)
+        fits = fits.replace_where(is_better, refined_fits)
     peaks = []
     for receiver, is_peak in enumerate(is_top.T):
         peak_frequencies = np.sqrt(fits.squares[is_peak, receiver])
@@ -185,24 +185,26 @@ class _PeakFits(NamedTuple):
 
 
 def _place_starts(tops: _Tops, fits: _PeakFits, windows: _Windows, solve: Solve) -> _PeakFits:
-    """Return the ``fits`` of the maxima ``tops``, of which those that are narrower than the step of
-    the frequencies are moved to the lines at which the response was solved.
+    """Return the ``fits`` of the maxima ``tops``. Fits of lines narrower than the step of the
+    frequencies are moved to the lines that ``solve`` finds.
 
-    If all receivers with a maximum in a row have the line, its window in ``windows`` is replaced by
-    that of the line.
+    If all receivers with a maximum in a row have one narrow line, the window of the row in
+    ``windows`` is replaced by a window about this line.
     """
     is_narrow = tops.is_top & ~fits.is_broad
     lines = np.flatnonzero(np.any(is_narrow, axis=1))  # indices of rows with a narrow line
     if not lines.size:
         return fits
-    solved = _solve_lines(tops.squares[:, lines], tops.values[:, lines], is_narrow[lines], solve)
+    solved_lines = _solve_lines(
+        tops.squares[:, lines], tops.values[:, lines], is_narrow[lines], solve
+    )
     # a line lower than the highest value is not the line of this value
-    is_line = solved.is_line & (solved.heights >= tops.heights[lines])
+    is_line = solved_lines.is_line & (solved_lines.heights >= tops.heights[lines])
     is_line_of_all = np.all(is_line | ~tops.is_top[lines], axis=1)
     for number in np.flatnonzero(is_line_of_all).tolist():
-        windows.replace(int(lines[number]), solved.windows[:, number, None])
+        windows.replace(int(lines[number]), solved_lines.windows[:, number, None])
     squares = fits.squares.copy()
-    squares[lines] = np.where(is_line, solved.squares[:, None], squares[lines])
+    squares[lines] = np.where(is_line, solved_lines.squares[:, None], squares[lines])
     return fits._replace(squares=squares)
 
 
@@ -324,16 +326,16 @@ def _approach_lines(
         last_points[:, active] = points
         frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
         last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
-        renewed = _fit_common_pole(points, last_values[:, active], is_narrow[active])
-        change = np.abs(renewed - estimates[active])
-        is_above_rounding = renewed.imag > _NARROWEST * points[1]
-        is_settled = (change <= _POLE_CHANGE * renewed.imag) & is_above_rounding
-        poles[active[is_settled]] = renewed[is_settled]
-        estimates[active] = renewed
+        new_poles = _fit_common_pole(points, last_values[:, active], is_narrow[active])
+        change = np.abs(new_poles - estimates[active])
+        is_above_rounding = new_poles.imag > _NARROWEST * points[1]
+        is_settled = (change <= _POLE_CHANGE * new_poles.imag) & is_above_rounding
+        poles[active[is_settled]] = new_poles[is_settled]
+        estimates[active] = new_poles
         # the pole of one mode converges faster than linearly; poles of several do not
-        converges = (change < _CONVERGENCE * last_change[active]) | (number < _FREE_ROUNDS)
+        is_converging = (change < _CONVERGENCE * last_change[active]) | (number < _FREE_ROUNDS)
         last_change[active] = change
-        active = active[~is_settled & converges]
+        active = active[~is_settled & is_converging]
     return poles, last_points, last_values
 
 

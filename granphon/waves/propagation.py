@@ -358,8 +358,8 @@ class Propagation:
         """Return the signals (n_t, n_r) of receivers at even ``times`` (n_t,), s.
 
         Each signal is the real part of the sum of the exponentials of ``responses`` that the burst
-        has driven, times their ``weights`` (n, n_r) at receivers. During the burst, and after it
-        with exponentials that go on by themselves, chunks of times are summed one by one.
+        has driven, times their ``weights`` (n, n_r) at receivers. After the burst the exponentials
+        go on by themselves. Times are evaluated chunk by chunk, as memory allows.
         """
         rates = responses.rate
         end = self.burst.duration

@@ -241,9 +241,12 @@ class Waves:
             own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose
-        message names the nearest one, and for a polarisation in which balls do not move;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
+        message names the nearest one), for a polarisation in which balls do not move, for a
+        direction that is missing or has no use, and for numbers out of range;
+        :class:`~granphon.base.errors.PrecisionError` for a q so long that its phases have no
+        digits; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
+        zero.
         """
         kernel = Kernel.of(self.operator.top / (2.0 * math.pi), resolution, moments)
         plane_waves = PlaneWaves(self.operator, q, polarisation, direction)
