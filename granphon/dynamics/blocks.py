@@ -498,7 +498,8 @@ class Block:
         angle = q @ half.T
         by_bending = bend(angle)[..., None] * displaced
         by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", rotated, q)
-        # columns of the tilted motions, then of the first vectors of the basis
+        # the triangle turns the columns of the tilted motions into those of the first vectors of
+        # the basis
         columns = (by_bending + by_turning) @ np.linalg.inv(triangle[:, :count, :count])
         rows_in_basis = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
         return _Point(q, rows_in_basis, basis=basis, triangle=triangle)

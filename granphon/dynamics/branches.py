@@ -236,11 +236,11 @@ def _solve_wavenumbers(
         low[unsettled] = np.where(value <= goal, guess, low[unsettled])
         slope = np.sum(velocity[unsettled] * along[unsettled], axis=1)
         step = np.divide(value - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
-        newton = guess - step
+        newton_q = guess - step
         middle = 0.5 * (low[unsettled] + high[unsettled])
         # a step of Newton's method that leaves the bracket is replaced by bisection
-        is_inside = (newton >= low[unsettled]) & (newton <= high[unsettled])
-        q[unsettled] = np.where(is_inside, newton, middle)
+        is_inside = (newton_q >= low[unsettled]) & (newton_q <= high[unsettled])
+        q[unsettled] = np.where(is_inside, newton_q, middle)
         omega[unsettled], velocity[unsettled] = _find_nearest_modes(
             lattice, q[unsettled], along[unsettled], references[unsettled]
         )

@@ -376,7 +376,9 @@ class Compatibility:
 
     @cached_property
     def lacks_potential(self) -> bool:
-        """Whether D lacks a part of what acts at contacts, which has no potential."""
+        """Whether tangential forces, torques or slip by levers that exceed the arms act at
+        contacts: D lacks the part of these that has no potential.
+        """
         return self.has_tangential_force or self.has_torque or self.has_excesses
 
     @cached_property
@@ -510,10 +512,10 @@ class Compatibility:
         """Return K^1/2 C(q) M^-1/2, (k/M)^1/2, at each wave vector, or its gradient.
 
         Rows are the elongations of all contacts, then their slips, twists and rolls. Columns are
-        mass-weighted motions, for each vector of the frame those of a ball, (x, y, w) in the plane.
-        The first vector of the frame is the motion of the centre of mass, and rotations are divided
-        by i. The matrix is real if the cell has one ball, whose contacts have equal arms and are
-        not with bodies that do not move.
+        mass-weighted motions: for each vector of the frame the motions of a ball, (x, y, w) in the
+        plane. The first vector of the frame is the motion of the centre of mass, and rotations are
+        divided by i. The matrix is real if the cell has one ball, its contacts have equal arms, and
+        the ball touches no body that does not move.
 
         Parameters
         ----------

@@ -97,8 +97,8 @@ class Modes(Result):
 
     @property
     def transverse_fraction(self) -> Array:
-        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; in a
-        plane, within it.
+        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; of balls
+        in a plane, perpendicular to q within the plane.
         """
         total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
         return np.clip(1.0 - total, 0.0, 1.0)  # rounding may leave this range
@@ -376,12 +376,13 @@ class ContactLattice(LongWaves):
         begins_above_zero = at_gamma > 0.0
         slopes = np.where(begins_above_zero, 2.0 * modes.frequencies * velocities, velocities)
         # the first two coefficients of the cubic: the slope at Gamma, and its derivative
-        slope, bend, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
+        slope, slope_change, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
         # omega'' = (omega^2)''/(2 omega) - omega'^2/omega, with omega' = (omega^2)'/(2 omega); of a
         # branch that begins at zero, omega'' = v'
         twice_omega = np.where(begins_above_zero, 2.0 * at_gamma, 1.0)
         first_derivative = np.where(begins_above_zero, slope / twice_omega, 0.0)
-        return at_gamma, bend / twice_omega - first_derivative**2 / twice_omega * 2.0
+        curvatures = slope_change / twice_omega - 2.0 * first_derivative**2 / twice_omega
+        return at_gamma, curvatures
 
     def require_rigid(self, units: Units | None = None) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if springs to the ground hold the balls,
@@ -395,10 +396,10 @@ class ContactLattice(LongWaves):
             if units is not None:
                 frequencies, curvatures = self.find_onset(np.eye(self.periods)[0])
                 hertz = write_quantity(float(frequencies[0]) * units.frequency, "Hz")
-                bend = float(curvatures[0]) * units.velocity * units.length
+                curvature = float(curvatures[0]) * units.velocity * units.length
                 why = (
                     f"Long waves begin at a cut-off frequency, {hertz} of the lowest branch, whose"
-                    f" curvature d^2 omega/dq^2 is {bend:.5g} m^2/s along x there"
+                    f" curvature d^2 omega/dq^2 is {curvature:.5g} m^2/s along x there"
                 )
             mend = "Use gp.Phonons(...).onset() and bands, or leave on_site out"
             raise InputError("springs to the ground hold the balls", why, mend)
@@ -418,7 +419,9 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : the energies do not fit into memory.
+        InputError : a wave vector of another shape or not finite; or the energies do not fit into
+            memory.
+        PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
         """
         # frequencies alone do not need the derivatives
@@ -571,18 +574,18 @@ class ContactLattice(LongWaves):
             squares[:, columns] = deformations.real**2 + deformations.imag**2
         return squares
 
-    def _require_memory_of_results(self, points: int, numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if results at ``points`` wave vectors do
-        not fit into memory.
+    def _require_memory_of_results(self, n_points: int, n_numbers: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if results at ``n_points`` wave vectors
+        do not fit into memory.
 
-        ``numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
+        ``n_numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
         else the length of its eigenvector.
         """
         # a frequency and the array in which it is found; three copies of complex eigenvectors
-        bytes_per_number = 16.0 if numbers == 1 else 48.0
+        bytes_per_number = 16.0 if n_numbers == 1 else 48.0
         require_memory(
-            f"{self.n_branches:,} branches at {points:,} wave vectors",
-            bytes_per_number * points * self.n_branches * numbers,
+            f"{self.n_branches:,} branches at {n_points:,} wave vectors",
+            bytes_per_number * n_points * self.n_branches * n_numbers,
             "Take fewer wave vectors, or leave eigenvectors out",
         )
 
@@ -1129,8 +1132,8 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
 
 
 def _is_almost_gamma(q: Array) -> NDArray[np.bool_]:
-    """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is nearer to Gamma than
-    :data:`_NEAR_GAMMA`, but not Gamma.
+    """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is so near to Gamma that all of its
+    components are below :data:`_NEAR_GAMMA`, but not Gamma.
     """
     size = np.max(np.abs(q), axis=1)
     return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))

@@ -369,9 +369,10 @@ def growth_rows(
     gyration_i: Array,
     gyration_j: Array,
 ) -> list[Row]:
-    """Return two rows whose squares, times their stiffnesses, add up to the symmetric part of the
-    stiffness that the growth of static tangential forces contributes in :func:`carry_rows`, for a
-    ``growth`` of one; the arguments are as there.
+    """Return two rows whose squares, times their stiffnesses, add up to the symmetric part of what
+    the growth of static tangential forces adds to the stiffness: the last pair of
+    :func:`carry_rows` for a growth of one and forces that do not turn about the normals. The
+    arguments are those of :func:`carry_rows`.
 
     The stiffness of a row, 1 or -1, is the sign of its square.
     """
@@ -428,11 +429,10 @@ def excess_rows(
     motions: Motions,
     gyration: tuple[Array, Array],
 ) -> list[Row]:
-    """Return rows whose squares, times their stiffnesses, add up to the symmetric part of the
-    stiffness, over that of slip, that the pairs of :func:`excess_pairs` contribute.
+    """Return rows whose squares, times their stiffnesses, add up to the symmetric part of the sum
+    of pull^T move over the pairs of :func:`excess_pairs`; the arguments are the same.
 
-    The arguments are those of :func:`excess_pairs`. The stiffness of a row, 1 or -1, is the sign of
-    its square.
+    The stiffness of a row, 1 or -1, is the sign of its square.
     """
     pairs = excess_pairs(normal, arms, excesses, stretch, motions, gyration)
     return [row._replace(kind=EXCESS, stiffness=sign) for row, sign in split_pairs(pairs)]

@@ -172,15 +172,16 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     """Return the means (..., n, n), over the :func:`point_group` of a ``lattice``, of elastic
     tensors in Voigt order, ``tensor`` (..., n, n).
     """
-    a, b = np.transpose(voigt_pairs(lattice.periods))
-    number = np.empty((lattice.periods, lattice.periods), int)  # in Voigt order, of a pair of axes
-    number[a, b] = np.arange(len(a))
-    number[b, a] = np.arange(len(a))
-    full = tensor[..., number[:, :, None, None], number[None, None]]
+    p = lattice.periods
+    a, b = np.transpose(voigt_pairs(p))
+    number_of_pair = np.empty((p, p), int)  # the number, in Voigt order, of each pair of axes
+    number_of_pair[a, b] = np.arange(len(a))
+    number_of_pair[b, a] = np.arange(len(a))
+    four_axes = tensor[..., number_of_pair[:, :, None, None], number_of_pair[None, None]]
     turns = point_group(lattice)
-    # the sum over the operations g of the tensor whose four indices a, b, c, d they turn
+    # the sum over the operations g of the tensor whose four axes a, b, c, d are turned by g
     total = np.einsum(
-        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, full, optimize=True
+        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, four_axes, optimize=True
     )
     mean_tensor = total / len(turns)
     return np.asarray(mean_tensor[..., a[:, None], b[:, None], a[None], b[None]])

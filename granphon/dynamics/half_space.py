@@ -152,8 +152,9 @@ class HalfSpace:
     network has p periods, of which p - 1 lie along the edge.
 
     Raises :class:`~granphon.base.errors.InputError` for an axis or an edge that
-    :meth:`ContactNetwork.cut` refuses, layers that no contact joins, static tangential forces or
-    slip by levers that exceed the arms, and layers too large for the memory.
+    :meth:`ContactNetwork.cut` refuses, for layers that no contact joins, for layers too large for
+    the memory, and under ``prestress`` for static tangential forces or torques and for slip by
+    levers that exceed the arms.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
@@ -245,8 +246,8 @@ class HalfSpace:
         """Return the rows of the contacts of the cut, and the stiffness (n_c,) of each row in
         reduced units, those of static normal forces among them.
 
-        Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip
-        by levers that exceed the arms.
+        Raises :class:`~granphon.base.errors.InputError` for a network with ``prestress`` that has
+        static tangential forces or torques, or slip by levers that exceed the arms.
         """
         cut = self.cut
         units = self.units
@@ -482,8 +483,8 @@ class HalfSpace:
             """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block, at the
             wave vectors of numbers ``point`` (n,).
             """
-            turned = hop[point] * np.exp(1j * angle)[:, None, None]
-            return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
+            to_next = hop[point] * np.exp(1j * angle)[:, None, None]
+            return np.linalg.eigvalsh(inner[point] + to_next + to_next.conj().swapaxes(1, 2))
 
         n_points = len(q)
         size = self.size
@@ -574,9 +575,9 @@ class HalfSpace:
         return self._sort_sides(crystal, point, w, gap)
 
     def _sort_sides(self, crystal: _CutCrystal, point: Index, w: Array, gap: Array) -> EdgeWaves:
-        """Return the waves of this edge, not of the edge beyond the cut, with their energy on top.
+        """Return those of n waves that run at this edge, and not at the edge beyond the cut.
 
-        The waves of both edges of the cut ``crystal`` have w (n,) in gaps with the ends ``gap``
+        The n waves of both edges of the cut ``crystal`` have w (n,) in gaps with the ends ``gap``
         (2, n), at the wave vectors of numbers ``point`` (n,).
         """
         points = []
@@ -599,6 +600,7 @@ class HalfSpace:
             for wave in _choose_side(
                 matrices[0], motions_beyond, motions_on_top, len(degenerate_set)
             ):
+                # the derivative of M by w gives the energy of the whole wave
                 energy = float((wave.conj() @ slope @ wave).real)
                 top_energy = float(np.sum(np.abs(motions_on_top @ wave) ** 2))
                 points.append(point[first[0]])
@@ -778,7 +780,7 @@ class HalfSpace:
         (p - 1,), and the signs (rows,) of K, which static forces may make negative.
 
         ``phases`` (n,), rad, are those of the wave from block to block. A contact that joins two
-        blocks counts to the lower-numbered block.
+        blocks belongs to the one nearer to the edge.
         """
         size = self.size
         along = np.exp(2.0j * np.pi * (self._edge_steps @ q))
@@ -796,18 +798,20 @@ class HalfSpace:
         """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along the unit vector
         ``direction`` (p - 1,), in the frame of the cut.
 
-        The surface impedance Z(v), which is Hermitian, is singular there; it is positive at v = 0,
-        and falls with v up to the velocity at which a bulk wave first runs along the edge. Raises
-        :class:`~granphon.base.errors.GranphonError` if there is no such wave, and
-        :class:`~granphon.base.errors.InputError` as :meth:`_find_continuum` does.
+        It is the velocity v at which the surface impedance Z(v), which is Hermitian, is singular.
+        Z is positive at v = 0, and falls with v up to a limit: the velocity at which a bulk wave
+        first runs along the edge. Raises :class:`~granphon.base.errors.GranphonError` if Z is
+        singular nowhere below this limit, and :class:`~granphon.base.errors.InputError` as
+        :meth:`_find_continuum` does.
         """
         from scipy.optimize import brentq, minimize_scalar
 
         medium = self._find_continuum(direction)
-        slowest = float(_COURSES[np.argmin(medium.velocities_along(_COURSES))])
+        slowest_course = float(_COURSES[np.argmin(medium.velocities_along(_COURSES))])
+        step = _COURSES[1] - _COURSES[0]
         minimum = minimize_scalar(
             medium.velocities_along,
-            bounds=(slowest - 0.01, slowest + 0.01),  # one step of the courses
+            bounds=(slowest_course - step, slowest_course + step),
             method="bounded",
             options={"xatol": 1e-12},
         )

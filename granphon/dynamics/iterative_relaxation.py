@@ -334,11 +334,12 @@ class IterativeRelaxation:
         self, apply: Callable[[Array], Array], right: Array, floor: ArrayLike = 0.0
     ) -> Array:
         """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
-        conjugate gradients for all columns at once; without the motions that stay behind.
+        conjugate gradients for all columns at once.
 
         ``apply`` multiplies by a symmetric matrix. The size of a residual r is (r^T P r)^1/2, with
-        the preconditioner P. The iteration ends at residuals of the size ``floor`` (m,), or those
-        of :data:`_REDUCTION` if they are larger. Raises
+        the preconditioner P. The iteration ends when the size in each column has fallen to
+        ``floor`` (m,), or to :data:`_REDUCTION` times the size at the start if this is larger.
+        Motions that stay behind are left out of ``right`` and of the result. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
@@ -347,12 +348,12 @@ class IterativeRelaxation:
         preconditioned = self._precondition(residual)
         direction = preconditioned.copy()
         squares = np.einsum("nm,nm->m", residual, preconditioned)  # of the sizes, by columns
-        limits = np.maximum(_REDUCTION**2 * squares, np.square(floor))
+        square_limits = np.maximum(_REDUCTION**2 * squares, np.square(floor))
         digits = -math.log10(_REDUCTION)
         digits_done = 0.0
         with self._progress.step("relax the balls", digits) as step:
             for _ in range(_MOST_ITERATIONS):
-                is_open = squares > limits
+                is_open = squares > square_limits
                 if not np.any(is_open):
                     return motions
                 forces = self._hold_back(apply(direction))
@@ -372,9 +373,10 @@ class IterativeRelaxation:
                 growth = np.divide(squares, last_squares, out=np.zeros_like(squares), where=is_open)
                 direction = preconditioned + growth * direction
                 # a column of zeros has no residual, and none to reach
-                ratios = np.divide(squares, limits, out=np.ones_like(squares), where=limits > 0.0)
-                worst = math.sqrt(float(np.max(ratios, initial=1.0)))
-                further_digits = max(digits - math.log10(worst) - digits_done, 0.0)
+                ratios = np.ones_like(squares)
+                np.divide(squares, square_limits, out=ratios, where=square_limits > 0.0)
+                worst_ratio = math.sqrt(float(np.max(ratios, initial=1.0)))
+                further_digits = max(digits - math.log10(worst_ratio) - digits_done, 0.0)
                 step.advance(further_digits)
                 digits_done += further_digits
         raise ConvergenceError(

@@ -452,7 +452,7 @@ def find_dependent(
     padded = _pad_rows(scaled[None])[0]
     range_basis, singular_values, adjoint = np.linalg.svd(padded, full_matrices=False)
     rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
-    count = len(singular_values) - rank
+    n_null = len(singular_values) - rank
     null_vectors, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # division by the lengths amplifies the error of some vectors, which are then not quite taken to
     # zero: the least change of the scaled vectors that removes their residuals is subtracted
@@ -460,7 +460,7 @@ def find_dependent(
     amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
     basis, _ = np.linalg.qr(null_vectors - correction, mode="complete")
-    return basis[:, :count], basis[:, count:]
+    return basis[:, :n_null], basis[:, n_null:]
 
 
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:

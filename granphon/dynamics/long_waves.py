@@ -169,9 +169,9 @@ class LongWaves(Compatibility):
         return bool(relaxation.n_free < touching._free_motions.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
-        """Make the relaxation of the inner motions, and keep it: the long work which moduli and
-        sound share. That is to factorise the matrix of the inner motions, or in a large cell in
-        space to prepare an iteration (:attr:`tries_iteration`).
+        """Make the relaxation of the inner motions, the long work that moduli and sound share, and
+        keep it in the lattice. The work is to factorise the matrix of the inner motions, or in a
+        large cell in space to prepare an iteration (:attr:`tries_iteration`).
 
         ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
         later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
@@ -240,11 +240,12 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _holds_rotations(self) -> bool:
-        """Whether contacts that resist slip join all balls that rotate, each in an odd ring with
-        others, so that no balls turn against each other as gears do; true if balls do not rotate.
+        """Whether no balls can turn against each other as gears do: each set of balls that contacts
+        with a stiffness against slip join has an odd ring. True if balls do not rotate.
 
-        A set of balls has no odd ring if two copies of it, in which each contact joins a ball of
-        one copy with one of the other, fall into two parts.
+        To find odd rings, take two copies of a set, and let each contact join a ball of one copy
+        with a ball of the other. Without an odd ring the copies fall into two parts; with an odd
+        ring they are one part.
         """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
@@ -269,8 +270,10 @@ class LongWaves(Compatibility):
         n_sets = count_sets(i, j, count)
         # ball n of the second copy has the number n + count
         n_parts = count_sets(np.append(i, i + count), np.append(j + count, j), 2 * count)
-        n_alone = count - np.unique([i, j]).size  # balls that touch no other cannot be gears
-        return n_parts - n_sets == n_alone
+        n_without_odd_ring = n_parts - n_sets
+        # a ball without such a contact is a set without an odd ring, but no gear
+        n_single_balls = count - np.unique([i, j]).size
+        return n_without_odd_ring == n_single_balls
 
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
@@ -353,15 +356,15 @@ class LongWaves(Compatibility):
     @cached_property
     def _touching_lattice(self) -> Self:
         """The lattice in the limit of vanishing overlaps, by which free inner motions are
-        recognised: each ball whose lever arms differ by no more than overlaps explain has their
-        mean as its only lever arm, and no static forces act.
+        recognised: no static forces act, and the lever arms of a ball are replaced by their mean if
+        they differ by no more than overlaps explain.
 
-        If there is no such ball, the limit is this lattice itself.
+        If there is no ball with such arms, the limit is this lattice itself.
         """
         table = self.contacts
-        between = slice(0, self.n_between)  # springs to the ground have no arms
-        balls = np.concatenate([table.i[between], table.j[between]])
-        arms = np.concatenate([table.arm_i[between], table.arm_j[between]])
+        joints = slice(0, self.n_between)  # springs to the ground have no arms
+        balls = np.concatenate([table.i[joints], table.j[joints]])
+        arms = np.concatenate([table.arm_i[joints], table.arm_j[joints]])
         mean_arm = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
         deviation = np.zeros(len(mean_arm))  # largest deviation from the mean, of each ball
         np.maximum.at(deviation, balls, np.abs(arms - mean_arm[balls]))
@@ -371,7 +374,7 @@ class LongWaves(Compatibility):
         arm_i = table.arm_i.copy()
         arm_j = table.arm_j.copy()
         even_arms = np.where(is_evened[balls], mean_arm[balls], arms)
-        arm_i[between], arm_j[between] = np.split(even_arms, 2)
+        arm_i[joints], arm_j[joints] = np.split(even_arms, 2)
         return type(self)(
             self.cell,
             self.positions,
@@ -804,19 +807,21 @@ class LongWaves(Compatibility):
 
     # -- derivatives -------------------------------------------------------------------------------
 
-    def _list_in_balls(self, inner: Array) -> Array:
-        """Return the motions u and w (n_balls, motions, m) of balls from mass-weighted amplitudes
-        ``inner`` of inner motions (n_inner, m), or in a cell of many balls of the motions of each
-        ball (n_branches, m).
+    def _list_in_balls(self, amplitudes: Array) -> Array:
+        """Return the motions u and w (n_balls, motions, m) of balls from mass-weighted
+        ``amplitudes``: (n_inner, m) of inner motions, or in a cell of many balls (n_branches, m) of
+        the motions of each ball.
         """
-        m = inner.shape[1]
-        if len(inner) == self.n_branches:
-            weighted = inner.reshape(self.n_balls, -1)
+        n_inner, m = amplitudes.shape
+        if n_inner == self.n_branches:
+            weighted_motions = amplitudes.reshape(self.n_balls, -1)
         else:
+            # shifts of all balls, which come first in the frame, are zero
             in_frame = np.zeros((self.n_branches, m))
-            in_frame[self.n_branches - len(inner) :] = inner
-            weighted = self._frame @ in_frame.reshape(self.n_balls, -1)
-        return (weighted / np.sqrt(self.masses)[:, None]).reshape(self.n_balls, -1, m)
+            in_frame[self.n_branches - n_inner :] = amplitudes
+            weighted_motions = self._frame @ in_frame.reshape(self.n_balls, -1)
+        motions = weighted_motions / np.sqrt(self.masses)[:, None]
+        return motions.reshape(self.n_balls, -1, m)
 
     @cached_property
     def gradient_motions(self) -> Array:

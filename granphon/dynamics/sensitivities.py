@@ -199,7 +199,8 @@ def list_inertias(network: ContactNetwork) -> Array:
 
 def sum_kinds(rows: Sequence[Row], products: Array) -> dict[str, Array]:
     """Return the sums over the rows of each kind, (n_c, ...), of ``products`` (rows x n_c, ...)
-    times the stiffness of the row, by the names of :data:`STIFFNESSES`.
+    times the stiffness of the row, by the names of :data:`STIFFNESSES`. Stiffnesses are numbers, or
+    (n_c,) if ``products`` have no further axes.
     """
     by_row = products.reshape(len(rows), -1, *products.shape[1:])
     sums: dict[str, Array] = {}

@@ -203,6 +203,7 @@ class TwoLevels:
 
     def __call__(self, residual: NDArray[Any]) -> NDArray[Any]:
         """Return the approximate inverse times the ``residual`` (n * count, m)."""
+        # single balls, then boxes, then single balls again
         motions = self._step @ residual
         motions += self._boxes @ self._solve(self._to_boxes @ (residual - self._matrix @ motions))
         return np.asarray(motions + self._step @ (residual - self._matrix @ motions))

@@ -194,7 +194,7 @@ class SpectralDensity(Refinable):
 
         Only frequencies above four times the resolution count, as modes without energy make a line
         of this width at zero. The peak is nan if the reduced density is greatest at the first of
-        these frequencies, and if there is none.
+        these frequencies, or if there are no such frequencies.
         """
         start = int(np.searchsorted(self.frequencies, _BEYOND_ZERO * self.resolution))
         reduced = self.reduced[start:]
@@ -218,7 +218,8 @@ class SpectralDensity(Refinable):
 
         The density is the same, bit for bit, as if that number had been requested at once. A
         density by all modes, without random vectors, stays as it is. Raises
-        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        :class:`~granphon.base.errors.InputError` if this result was read from data, for a number
+        that is not whole or below 1, and for more than 2^26 moments of all random vectors.
         """
         return self._require_finder()(self.moments, vectors=whole_number("vectors", vectors, 1))
 

@@ -110,7 +110,7 @@ class Motion(Result):
     met: Index = held(int, "m 2", default_factory=lambda: np.zeros((0, 2), np.intp))
 
     def __post_init__(self) -> None:
-        """Give ``met`` its shape (n_m, 2), also if it is empty, and check all fields."""
+        """Give ``met`` its shape (n_m, 2), also if it is empty, and make arrays read-only."""
         # plain data do not keep the shape of an array without numbers
         object.__setattr__(self, "met", np.reshape(self.met, (-1, 2)))
         super().__post_init__()
@@ -311,7 +311,7 @@ class Motion(Result):
         great_frame = np.where(first_maximum > 0, first_maximum, np.argmax(change, axis=0))
         contacts = np.arange(change.shape[1])
         level = share * change[great_frame, contacts]
-        # the frame that reaches the level first, and the one before it, which frame 0 does not have
+        # the frame that reaches the level first, but not frame 0, which has no frame before it
         frame_at_level = np.argmax(change >= level, axis=0)
         following = np.clip(frame_at_level, min(1, len(change) - 1), None)
         low = change[following - 1, contacts]
@@ -475,10 +475,10 @@ class Motion(Result):
     def harmonics(
         self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10
     ) -> NDArray[np.complex128]:
-        """Return the complex amplitudes (count, n), m, of a steady motion of all balls at the
-        multiples 1 to ``count`` of its ``frequency`` f, Hz.
+        """Return the complex amplitudes a_k (count, n), in m, of a steady motion of all balls at
+        the multiples k = 1 to ``count`` of its ``frequency`` f, Hz.
 
-        The sum Re sum_m a_m exp(-2 pi i m f t) and a mean are fitted, by least squares, to
+        The sum Re sum_k a_k exp(-2 pi i k f t) and a mean are fitted, by least squares, to
         displacements along an ``axis``, 0 to 2, in the last ``periods`` of the run. Raises
         :class:`~granphon.base.errors.InputError` if the run has fewer periods, or if a period of
         the highest multiple has fewer than 2.5 frames.

@@ -126,7 +126,7 @@ class PathSpectra(Result):
         The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak
         and width, Hz, whether the width is resolved (1 or 0), the mean free path, m, and the
         attenuation, 1/m. ``errors`` are standard errors (polarisations, n), in the units of the
-        columns, by the names of :attr:`numbers`, for further columns, as peak_error.
+        columns, by the names of :attr:`numbers`; further columns, such as peak_error, hold these.
 
         Raises :class:`~granphon.base.errors.InputError` for errors of another name or shape.
         """

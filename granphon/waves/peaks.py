@@ -588,14 +588,17 @@ class _Quotient(NamedTuple):
 
         return float((find_rate(self.numerator) - find_rate(self.denominator)).real)
 
-    def find_peak(self, expected: float, may_widen: NDArray[np.bool_]) -> _PeakShape | None:
-        """Return the peak nearest to the ``expected`` position; None if there is none within -1
+    def find_peak(
+        self, expected_position: float, may_widen: NDArray[np.bool_]
+    ) -> _PeakShape | None:
+        """Return the peak nearest to the ``expected_position``; None if there is no peak within -1
         and 1.
 
-        Its next window holds the frequencies at which the square of the magnitude is half of that
-        of the peak, with a margin. If the magnitude still falls at an end, above the half, the next
-        window is wider there, provided that ``may_widen`` (2,) allows it. If the magnitude rises
-        again, the next window is half of this one.
+        The next window of the peak holds the positions at which the square of the magnitude is half
+        of that of the peak, with a margin. If the magnitude still falls at an end of this window,
+        and has not come to the half, the next window is wider at this end, provided that
+        ``may_widen`` (2,) is true there. If the magnitude rises again before it comes to the half,
+        the next window is half as wide as this one.
         """
         from scipy.optimize import brentq
 
@@ -604,7 +607,7 @@ class _Quotient(NamedTuple):
         tops, _ = _find_tops(squares[:, None])
         if not tops.size:
             return None
-        top = int(tops[np.argmin(np.abs(mesh[tops] - expected))])
+        top = int(tops[np.argmin(np.abs(mesh[tops] - expected_position))])
         sides = mesh[top - 1], mesh[top + 1]
         # a zero that numerator and denominator have in common but for rounding is no maximum
         if not self._find_slope(sides[0]) > 0.0 > self._find_slope(sides[1]):
