@@ -812,7 +812,7 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
     """Return the reduced angular frequency (n,) at the last point before the maximum of the branch
     number ``wave``, in each direction; zero where the first point is the maximum.
     """
-    n_rising = branches.rising[wave]  # number of points before the maximum
+    n_rising = branches.n_rising[wave]
     directions = np.arange(len(n_rising))
     # without such points the index -1 takes some other frequency, in whose place zero is returned
     last_frequencies = branches.frequencies[wave, directions, n_rising - 1]
