@@ -168,8 +168,8 @@ class GridIteration(ABC):
             _set_direction(products, last_products, preconditioned, way)
             change = np.empty_like(way)
             self.multiply(way, change)
-            curvatures, lowest, _ = multiply_columns(way, change)
-            if lowest < 0.0 or not np.any(curvatures):
+            curvatures, lowest, sum_of_all = multiply_columns(way, change)
+            if lowest < 0.0 or sum_of_all == 0.0:
                 falling = self.find_way_down(way[:, int(np.argmin(curvatures))])
                 has_arrived = falling is None
                 way_down = falling if lowest < 0.0 else None
