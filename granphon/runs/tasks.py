@@ -505,7 +505,7 @@ class MediumTask(Task):
         """The loads of the task."""
         return self.serving.load
 
-    @property
+    @cached_property
     def simulation(self) -> DirectSimulation:
         """The simulation that is the medium of the task; ValueError if the medium is another."""
         (simulation,) = self.serving.arrays

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
@@ -37,7 +38,7 @@ from granphon.contacts.grid_product import (
     leave,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
-from granphon.statics.green import list_phases, multiply_waves
+from granphon.statics.green import list_phases, load_transforms, multiply_waves
 from granphon.statics.options import GridOptions
 
 Values = NDArray[Any]
@@ -167,8 +168,8 @@ class GridIteration(ABC):
             _set_direction(products, last_products, preconditioned, way)
             change = np.empty_like(way)
             self.multiply(way, change)
-            curvatures, lowest, _ = multiply_columns(way, change)
-            if lowest < 0.0 or not np.any(curvatures):
+            curvatures, lowest, sum_of_all = multiply_columns(way, change)
+            if lowest < 0.0 or sum_of_all == 0.0:
                 falling = self.find_way_down(way[:, int(np.argmin(curvatures))])
                 has_arrived = falling is None
                 way_down = falling if lowest < 0.0 else None
@@ -214,6 +215,7 @@ class TangentIteration(GridIteration):
         numbers = options or GridOptions()
         self.solves_together = contacts.n_balls <= numbers.kept
         self._shape = contacts.grid
+        self._grid_axes = tuple(range(2, 2 + len(contacts.grid)))
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         self.level = float(np.mean(contacts.normal_stiffness)) or 1.0
@@ -277,9 +279,8 @@ class TangentIteration(GridIteration):
 
     def _apply_green(self, forces: Values) -> Values:
         """Return the motions (f, k, cells) that Green's function makes of forces (f, k, cells)."""
-        from scipy import fft  # imported here: media that are not simulated do not need SciPy
-
-        axes = tuple(range(2, 2 + len(self._shape)))
+        fft = load_transforms()
+        axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
         moved = multiply_waves(self._green, self._softness, waves)
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
@@ -330,12 +331,20 @@ def _find_green(
     cells = math.prod(shape)
     kinds = contacts.n_contacts // cells
 
-    def average(values: Array, scale: float = 1.0) -> tuple[Any, ...]:
-        """Return the means of ``values`` over ``scale``, for each kind of contact, flattened; they
-        are rounded to few digits, so that those of all samples of a packing are equal.
+    def average(values: Array) -> tuple[Any, ...]:
+        """Return the means of ``values`` for each kind of contact, flattened; they are rounded to
+        few digits, so that those of all samples of a packing are equal.
         """
-        means = np.mean(values.reshape(kinds, cells, -1), axis=1) / scale
+        means = np.mean(values.reshape(kinds, cells, -1), axis=1)
         return tuple(np.round(means, options.digits).ravel().tolist())
+
+    def average_stiffness(values: Array) -> tuple[Any, ...]:
+        """Return the mean of the stiffnesses ``values`` (n_c,) for each kind of contact over
+        ``level``, rounded so that those of most samples and loads are equal.
+        """
+        means = np.mean(values.reshape(kinds, cells), axis=1) / level
+        steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / options.alike)
+        return tuple(np.where(means > 0.0, np.exp(options.alike * steps), 0.0).tolist())
 
     if even:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
@@ -346,10 +355,10 @@ def _find_green(
         springs = (
             average(contacts.arm_i),
             average(contacts.arm_j),
-            average(contacts.normal_stiffness, level),
-            average(contacts.shear_stiffness, level),
-            average(contacts.torsion_stiffness, level),
-            average(contacts.bending_stiffness, level),
+            average_stiffness(contacts.normal_stiffness),
+            average_stiffness(contacts.shear_stiffness),
+            average_stiffness(contacts.torsion_stiffness),
+            average_stiffness(contacts.bending_stiffness),
         )
     most_kept = options.kept_even if even else options.kept
     find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__

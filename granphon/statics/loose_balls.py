@@ -26,6 +26,7 @@ from granphon.contacts.assembly import Assembly
 from granphon.contacts.clusters import (
     choose_lengths,
     find_cluster_steps,
+    find_largest,
     join_balls,
     measure_slopes,
 )
@@ -138,7 +139,7 @@ class _Cages:
         groups; ``group`` (n,) numbers the group of each ball.
         """
         largest = np.zeros(count)
-        np.maximum.at(largest, group, np.sqrt(np.einsum("na,na->n", self.pull, self.pull)))
+        find_largest(self.pull, group, largest)
         return largest
 
     def _find_steps(self, springs: Array, moves: Flags) -> Array:
