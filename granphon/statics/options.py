@@ -394,82 +394,86 @@ class LoadingOptions:
     Attributes
     ----------
     tolerance : largest force, or torque over the diameter, left on a ball in balance, over the mean
-        normal force. Below this part of the force before a step balls have come apart, and the
-        torques of a friction coefficient below it need no balance.
+        normal force: smaller forces count as none, and friction of a smaller coefficient too.
+        Forces of contacts then have an error of about as much.
     steps : steps of Newton's method, at most.
     patience : steps of Newton's method in which the residual has to fall by half, a third of them
-        where limits of sliding have just been found anew; and iterations of GMRES after which balls
-        are looked for that nothing but few others holds.
-    forcing : part that an inner problem may leave: equations of a step of the forces on balls, less
-        near balance; limits of sliding at given overlaps its square of the residual, or the square
-        of that; a stage of soft contacts of the friction coefficient; balls outside a patch of the
-        square of the residual.
+        where limits of sliding have just been found anew.
+    forcing : part of the right side that the linear equations of a step of Newton's method may
+        leave: near balance this part times the root of the residual. A step costs as much as some
+        five iterations.
+    most_iterations : iterations of GMRES in a step of Newton's method, at most.
+    patience_of_balls : iterations of GMRES after which balls are looked for that nothing but few
+        others holds.
     most_in_patch : contacts between the balls of a patch, at most: factors of more cost more than
         the iterations that they save.
-    secant : share of their secant stiffness that sliding contacts of a plane have in a step of
-        Newton's method, over the distance from balance in units of the friction coefficient. In
+    limit_part : part of the residual that is left where limits of sliding are fixed, before the
+        limits are found anew; on a long way, of balls that are squeezed out, its square.
+    limit_rounds : limits of sliding that are found anew between trials of the law itself where
+        balls are squeezed out from between others, on a long way.
+    secant_share : share of their secant stiffness that sliding contacts of a plane have in a step
+        of Newton's method, over the distance from balance in units of the friction coefficient. In
         space the share is the distance: without it nothing would hold balls whose contacts all
         slide.
     farthest : motion of a ball in a step of Newton's method, half of its rotation included, over
         the rms overlap, at most.
-    loose : stiffness of a ball against turning, over that without sliding, below which it is turned
-        by itself; and the torques on such balls, over all that is left of balance, from which they
-        are.
+    lengths : lengths of a step of Newton's method that are tried, each half of the one before.
+    loose_stiffness : stiffness of a ball against turning, over that without sliding, below which
+        the ball is turned by itself.
     small_friction : friction coefficient below which Newton's method is continued in the shear
         stiffness of contacts, from soft ones on.
-    stiffer : factor between two stages of this continuation; by which stiffness that is added to
-        contacts is raised after a step that had to be made short, where a ball has lost what held
-        it; by which dashpots resist more than contacts push balls aside; and, over the
-        ``tolerance``, the change of the mean force that may come from the forces left on balls.
-    halvings : halvings of a step of the load from which limits of sliding are found anew in each
-        half, and from which errors of lost energies no longer halve it; twice as many are the most;
-        and lengths of a step of Newton's method that are tried, each half of the one before.
-    tries : steps of the load without a balance, steps with dashpots, and limits of sliding that are
-        found anew, at most.
-    often : limits of sliding that are found anew between trials of the law itself where balls are
-        squeezed out from between others, on a long way.
+    stiffening : factor between two stages of a continuation in a stiffness: in the shear stiffness
+        with small friction, and in the stiffness that is added to contacts while steps have to be
+        made short.
+    halvings : halvings of a step of the load, at most. From half of them on all means are used,
+        whatever they cost, and errors need not fall with the step.
+    tries : attempts at a balance, at most: by shorter steps of the load, by dashpots, or with
+        limits of sliding that are found anew.
     most_steps : steps to one load, at most.
     similar : length of a step of the load, over the one before, up to which a polynomial through
-        the states is continued. The change of the mean force that is allowed to a part of a step
-        is not less than that of the whole over its square: where a ball falls, one of the halves
-        has all of the change.
-    caution : factor of the estimate of what halving a step changes.
-    of_loss, of_work : error of the energy lost in a step, over that energy and over the work of the
-        load, in tolerances of the mean force.
+        the states is continued.
+    loss_error, work_error : error of the energy lost in a step, over that energy and over the work
+        of the load, in tolerances of the mean force.
     drag : first stiffness of dashpots over a step, in c W^(1/2): a convention, of which the mean
         force of small arrays that come from the gas keeps percents.
-    weaker : factor by which dashpots are weakened from one step to the next.
-    calm : steps in a row in which forces of dashpots fall, after which a balance without is tried.
-    still : force of dashpots, over the mean force, at which they are taken away; in the true
-        geometry of space, where they stay strong, the motion in a step, in W.
+    weakening : factor by which dashpots are weakened from one step to the next.
+    calm_steps : steps in a row in which forces of dashpots fall, after which a balance without is
+        tried.
+    still_force : force of dashpots, over the mean force, at which they are taken away.
+    still_motion : motion in a step, in W, at which dashpots are taken away that stay as strong as
+        the pushes of contacts, in the true geometry of space.
     step : change of the overlap, in W, in a step from the gas.
-    standing : mean force at which an array that has been a gas has to stand, about that at
+    standing_force : mean force at which an array that has been a gas has to stand, about that at
         a* = 1/2.
     most_overlap : overlap, in W, at which an array that does not stand yet is given up.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float = 1e-10
     steps: int = 120
     patience: int = 15
-    forcing: float = 0.1
+    forcing: float = 0.3
+    most_iterations: int = 200
+    patience_of_balls: int = 15
     most_in_patch: Mapping[int, int] = _by_axes(2**16, 12_288, 768)
-    secant: float = 0.3
+    limit_part: float = 1e-2
+    limit_rounds: int = 8
+    secant_share: float = 0.3
     farthest: float = 0.2
-    loose: float = 1e-2
+    lengths: int = 6
+    loose_stiffness: float = 1e-2
     small_friction: float = 0.02
-    stiffer: float = 10.0
-    halvings: int = 6
+    stiffening: float = 10.0
+    halvings: int = 12
     tries: int = 80
-    often: int = 8
     most_steps: int = 500
     similar: float = 4.0
-    caution: float = 2.0
-    of_loss: float = 100.0
-    of_work: float = 0.1
+    loss_error: float = 100.0
+    work_error: float = 0.1
     drag: float = 1e-2
-    weaker: float = 0.3
-    calm: int = 3
-    still: float = 1e-3
+    weakening: float = 0.3
+    calm_steps: int = 3
+    still_force: float = 1e-3
+    still_motion: float = 1e-3
     step: float = 0.0125
-    standing: float = 2e-2
+    standing_force: float = 2e-2
     most_overlap: float = 2.0
