@@ -386,7 +386,7 @@ class LoadStep:
         is_free = self._load.overlap is None
         mean = float(np.mean(trial.tangent.stiffness)) + self._drag
         eta = self._stencils.mindlin_ratio
-        added = OPTIONS.added * min(1.0, distance * hold) * mean
+        added = OPTIONS.added_stiffness * min(1.0, distance * hold) * mean
         # in a plane, where balls whose contacts all slide are turned by themselves, the share of
         # the secant stiffness is in proportion to the distance in units of the friction coefficient
         unit = self._law.friction_coefficient / options.secant_share if self._spins else 1.0
@@ -481,8 +481,8 @@ class LoadStep:
 
     def _find_loose(self, trial: Trial) -> Flags:
         """Return whether each ball is loose, (n_balls, L1, ..., Lp): its contacts resist slip, in
-        sum, with less than the part ``options.loose_stiffness`` of what they would if none slid, as where all
-        of them slide.
+        sum, with less than the part ``options.loose_stiffness`` of what they would if none slid, as
+        where all of them slide.
         """
         stencils = self._stencils
         tangent = trial.tangent
@@ -613,7 +613,7 @@ class LinearSteps:
         many iterations are needed.
         """
         mean = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(OPTIONS.grid.holding * mean)
+        alone = product.invert_alone(OPTIONS.grid.spring * mean)
         green = self._stencils.green_preconditioner(np.float32, mean)
         fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
         remaining = np.empty(fields, np.float32)

@@ -166,5 +166,5 @@ class Patches:
             for line, column, values in blocks
         )
         size = m * balls.size
-        springs = OPTIONS.grid.holding * eye_array(size, format="csr")
+        springs = OPTIONS.grid.spring * eye_array(size, format="csr")
         return compose(entries, (size, size)) + springs

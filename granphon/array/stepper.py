@@ -26,16 +26,16 @@ stand. Where too few balls touch, nothing holds them, and no equilibrium is uniq
 then comes to rest by what damps it, and so does this one: in each step of the load, dashpots resist
 what neighbours move against each other. Balls that nothing pushes stay where they are. The overlap
 grows by ``options.step`` at a time from the first contact on. When the mean force has come to
-``options.standing_force``, about that at a* = 1/2, the overlap is held, and the balls come to rest or
-give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next
-to nothing they are taken away. If the array then bears at least half of this force, in balance, it
-stands, and its history begins there; if it gives way before, or is not at rest after many steps, it
-is pressed on.
+``options.standing_force``, about that at a* = 1/2, the overlap is held, and the balls come to rest
+or give way, in steps of time that grow: dashpots are weakened from step to step. When they bear
+next to nothing they are taken away. If the array then bears at least half of this force, in
+balance, it stands, and its history begins there; if it gives way before, or is not at rest after
+many steps, it is pressed on.
 
 In the true geometry contacts push balls aside, with W/d of their force. In space, where too few
 contacts resist, as in sc of which half are open, an array gives way however slowly it is let go.
-Dashpots are there not weakened below that stiffness times the contacts of a ball: if balls move faster from one
-step to the next, the array gives way.
+Dashpots are there not weakened below that stiffness times the contacts of a ball: if balls move
+faster from one step to the next, the array gives way.
 
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter
 of percents in small arrays; the tests state it.
@@ -187,8 +187,8 @@ class Stepper:
 
         Balls are slowed by dashpots in each step. Dashpots are weakened from step to step as long
         as a balance is found, and made stronger where none is found. Once the forces of dashpots
-        have fallen in ``options.calm_steps`` steps in a row, the balance without dashpots is tried. No
-        state is found if there is no balance with dashpots of stiffness ``options.drag`` or
+        have fallen in ``options.calm_steps`` steps in a row, the balance without dashpots is tried.
+        No state is found if there is no balance with dashpots of stiffness ``options.drag`` or
         stronger, if there is none directly after a step in which their forces have fallen, or
         after ``options.tries`` steps.
         """
@@ -399,8 +399,8 @@ class Stepper:
 
     def _come_to_rest(self, state: PressedArray) -> PressedArray | None:
         """Return the state in which balls stand without dashpots at the overlap of a ``state``,
-        bearing at least half of ``options.standing_force``; None if they give way, or are not at rest
-        after ``options.tries`` steps.
+        bearing at least half of ``options.standing_force``; None if they give way, or are not at
+        rest after ``options.tries`` steps.
 
         Dashpots are weakened from step to step, and taken away when balls hardly move. In space, in
         the true geometry, they stay stronger than the pushes of contacts, and balls that move more
