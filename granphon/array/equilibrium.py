@@ -49,7 +49,7 @@ REST_TOLERANCE = 1e-10
 THRESHOLD_FORCE = RestOptions().threshold
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
-CARRIED_FORCE = RestOptions().carried
+CARRIED_FORCE = RestOptions().open_force
 
 
 @result_class

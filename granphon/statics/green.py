@@ -41,11 +41,11 @@ class GreenFunction:
             tuple(grid.shift.ravel().tolist()),
             tuple(grid.normal[:, : len(grid.shape)].ravel().tolist()),
         )
-        is_kept = grid.n_cells * grid.n_balls <= numbers.kept_even
+        is_kept = grid.n_cells * grid.n_balls <= numbers.green_balls
         find = _find_table if is_kept else _find_table.__wrapped__
         #: (f, f, waves) inverse for each wave, f being the motions of the balls of a cell; real if
         #: the cell has one ball
-        self._table = find(numbers.waves, *key)
+        self._table = find(numbers.batch, *key)
 
     def apply(self, forces: Values, scale: float) -> Values:
         """Return ``scale`` times the motions (f, cells) under ``forces`` (f, cells), in the

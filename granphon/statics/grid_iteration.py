@@ -213,7 +213,7 @@ class TangentIteration(GridIteration):
     ) -> None:
         contacts = tangent.contacts
         numbers = options or GridOptions()
-        self.solves_together = contacts.n_balls <= numbers.kept
+        self.solves_together = contacts.n_balls <= numbers.small_array
         self._shape = contacts.grid
         self._grid_axes = tuple(range(2, 2 + len(contacts.grid)))
         self._cells = math.prod(contacts.grid)
@@ -233,8 +233,8 @@ class TangentIteration(GridIteration):
         self._coarse = self._product.round()
         self._green: NDArray[Any] = green
         self._alone = np.empty_like(self._coarse.diagonal)
-        holding = numbers.holding * self.level
-        invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
+        spring = numbers.spring * self.level
+        invert_blocks(self._product.diagonal, spring, numbers.damping, self._alone)
 
     def multiply(self, motions: Array, forces: Array) -> None:
         """Set ``forces`` to the tangent times the ``motions``, both (f, k, cells)."""
@@ -324,8 +324,8 @@ def _find_green(
 
     If ``even`` is true, all contacts have the normal stiffness one and no other, along the
     directions of the first contact of each kind. Inverses of grids with at most
-    ``options.kept_even`` balls, or ``options.kept`` if ``even`` is false, are kept for further
-    calls.
+    ``options.green_balls`` balls, or ``options.small_array`` if ``even`` is false, are kept for
+    further calls.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -360,11 +360,11 @@ def _find_green(
             average_stiffness(contacts.torsion_stiffness),
             average_stiffness(contacts.bending_stiffness),
         )
-    most_kept = options.kept_even if even else options.kept
+    most_kept = options.green_balls if even else options.small_array
     find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
     return find(
         shape,
-        options.holding,
+        options.spring,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
         tuple(divmod(ball, cells) for ball in contacts.j[::cells].tolist()),
@@ -376,7 +376,7 @@ def _find_green(
 @lru_cache(maxsize=8)
 def _find_equal_green(
     shape: tuple[int, ...],
-    holding: float,
+    spring: float,
     motions: Motions,
     ends_i: tuple[tuple[int, int], ...],
     ends_j: tuple[tuple[int, int], ...],
@@ -389,7 +389,7 @@ def _find_equal_green(
     ``ends_i`` and ``ends_j`` are the ball of the cell, and the number of the cell, at either end of
     one contact of each kind; ``normal`` are the directions of the kinds, flattened; ``each`` are,
     for each kind, the two arms and the stiffnesses along the normal, by shear, torsion and bending;
-    ``holding`` is that of :class:`GridOptions`. All arguments are hashable, as inverses are kept.
+    ``spring`` is that of :class:`GridOptions`. All arguments are hashable, as inverses are kept.
     """
     kinds = len(ends_i)
     m = motions.count
@@ -410,7 +410,7 @@ def _find_equal_green(
         matrix[..., at_j, at_i] += np.conj(ahead) * pair[m:, :m]
         matrix[..., at_j, at_j] += pair[m:, m:]
     level = float(np.mean(np.diagonal(pairs, axis1=1, axis2=2).ravel()))
-    matrix += holding * level * np.eye(fields)
+    matrix += spring * level * np.eye(fields)
     # nothing resists translations of the whole
     matrix[(0,) * len(shape)] += level * np.eye(fields)
     inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)

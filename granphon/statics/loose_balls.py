@@ -92,7 +92,7 @@ def _lead_clusters(
         if 4 * int(np.count_nonzero(moves)) < n:
             break
         relative_force = np.minimum(1.0, largest[cluster] / configuration.force_size)
-        springs = options.hold_loose + options.added * relative_force
+        springs = options.loose_spring + options.added_stiffness * relative_force
         cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
     else:
         moves = np.zeros(n, bool)
@@ -281,11 +281,11 @@ def has_soft_motions(equations: Equations) -> bool:
 
     start = problem.start_at(np.zeros(problem.size))
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
-    matrix: Any = linear.matrix[free][:, free] - options.soft * eye_array(len(free))
+    matrix: Any = linear.matrix[free][:, free] - options.soft_stiffness * eye_array(len(free))
     factors = factorise(matrix.tocsc())
     n_soft = factors.n_below
     if len(linear.corner):
         border = linear.border[free]
         corner = linear.corner - border.T @ np.reshape(factors.solve(border), border.shape)
-        n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft))
+        n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft_stiffness))
     return n_soft > n_still
