@@ -330,21 +330,22 @@ def _find_green(
     shape = contacts.grid
     cells = math.prod(shape)
     kinds = contacts.n_contacts // cells
+    step = options.green_step
 
     def average(values: Array) -> tuple[Any, ...]:
-        """Return the means of ``values`` for each kind of contact, flattened; they are rounded to
-        few digits, so that those of all samples of a packing are equal.
+        """Return the means of ``values`` for each kind of contact, flattened and rounded, so that
+        those of all samples of a packing are equal.
         """
         means = np.mean(values.reshape(kinds, cells, -1), axis=1)
-        return tuple(np.round(means, options.digits).ravel().tolist())
+        return tuple((step * np.round(means / step)).ravel().tolist())
 
     def average_stiffness(values: Array) -> tuple[Any, ...]:
         """Return the mean of the stiffnesses ``values`` (n_c,) for each kind of contact over
         ``level``, rounded so that those of most samples and loads are equal.
         """
         means = np.mean(values.reshape(kinds, cells), axis=1) / level
-        steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / options.alike)
-        return tuple(np.where(means > 0.0, np.exp(options.alike * steps), 0.0).tolist())
+        n_steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / step)
+        return tuple(np.where(means > 0.0, np.exp(step * n_steps), 0.0).tolist())
 
     if even:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]

@@ -32,11 +32,9 @@ class GridOptions:
     damping : part of the way to its balance that each ball moves before and after Green's function:
         the energy of a contact is at most twice that of its two balls moving one at a time, so that
         with less than the whole way the preconditioner is positive definite.
-    digits : decimals of the mean directions and arms of a kind of contact: Green's function need
-        not be exact, and samples of a packing share one.
-    alike : ratio, less one, of two mean stiffnesses of a kind of contact that count as equal: loads
-        share Green's function too. To find it takes as long as five iterations with it, of which
-        differences of some hundredths cost none.
+    green_step : step to which mean directions and arms of a kind of contact are rounded, and the
+        logarithms of its mean stiffnesses: samples and loads share Green's functions. To find one
+        takes as long as five iterations with it, of which differences of some hundredths cost none.
     small_array : balls of an array, at most, whose memory does not count: Green's functions of mean
         stiffnesses are kept, and right sides are solved for together.
     green_balls : balls, at most, whose Green's function of equal contacts is kept: the function
@@ -53,8 +51,7 @@ class GridOptions:
 
     spring: float = 1e-5
     damping: float = 0.8
-    digits: int = 2
-    alike: float = 0.05
+    green_step: float = 0.05
     small_array: int = 2**13
     green_balls: int = 2**17
     batch: int = 2**14
