@@ -133,7 +133,7 @@ class SparseArray:
             # held by hardly anything, loose balls that all but touch others would move far under
             # what rounding leaves
             stiffness += (
-                RestOptions().added
+                RestOptions().added_stiffness
                 * min(1.0, max(relative_residual, _LEAST_ADDED))
                 * np.mean(stiffness)
             )

@@ -204,6 +204,8 @@ def test_a_reader_that_fails_is_named():
         (lambda: gp.register_observable("one", "1", 7, len), "words 7"),
         (lambda: gp.register_observable("one", "1", "  ", len), "words '  '"),
         (lambda: gp.register_observable("one", "1", "x", len, label=5), "label 5"),
+        (lambda: gp.register_observable("one", "1", "x", len, label=0), "label 0"),
+        (lambda: gp.register_observable("one", "1", "x", len, told="no"), "told: found 'no'"),
         (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
         (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
         (
@@ -418,13 +420,18 @@ def test_a_figure_that_fails_is_a_warning_and_a_value_of_none_writes_nothing(tmp
         ("velocities", ["a.csv"], {"write": fail}, "'velocities'"),
         ("force", ["a.csv"], {"write": fail}, "'force'"),
         ("states", ["a.csv"], {"write": fail}, "'states' exists"),
-        ("mine", [], {}, "figures"),
+        ("mine", [], {}, "no files"),
+        ("mine", None, {"write": fail}, "files .*None"),
+        ("mine", [1], {"write": fail}, "files"),
         ("mine", ["a.png", "b.png"], {"draw": fail}, "2 figures"),
         ("mine", ["../a.csv"], {"write": fail}, "no file"),
         ("mine", [".a.csv"], {"write": fail}, "no file"),
         ("mine", ["dos.csv"], {"write": fail}, "'dos'"),
         ("mine", ["a.csv"], {}, "no function write"),
         ("mine", ["a.png"], {}, "no function draw"),
+        ("mine", ["a.csv"], {"write": 3}, "write .*3"),
+        ("mine", ["a.csv"], {"write": fail, "find": "a"}, "find .*'a'"),
+        ("mine", ["a.csv"], {"write": fail, "when": True}, "when .*True"),
     ],
 )
 def test_an_output_that_cannot_be_registered(name, files, functions, told):

@@ -92,7 +92,7 @@ def test_what_does_not_fit_is_refused_before_it_is_begun(door, memory):
 
 
 def test_factors_of_many_balls_are_refused(memory, monkeypatch):
-    monkeypatch.setattr("granphon.base.memory._ALWAYS", 0.0)
+    monkeypatch.setattr("granphon.base.memory._ASSUMED_MEMORY", 0.0)
     memory(1e6)
     many = equal().network.repeat((12, 12))
     monkeypatch.setattr(fronts, "_factorise", None)

@@ -250,9 +250,9 @@ def _require_shapes(balls: Atoms, coordinates: int) -> None:
 def _require_units(balls: Atoms, units: Units) -> None:
     """Raise InputError if a ball came with the units of another state than these."""
     scales = balls.arrays[_SCALES]
-    same = np.all(np.abs(scales - _take_logarithms(units)) < _DECIMALS, axis=1)
-    if not np.all(same):
-        ball = int(np.argmin(same))
+    is_same = np.all(np.abs(scales - _take_logarithms(units)) < _DECIMALS, axis=1)
+    if not np.all(is_same):
+        ball = int(np.argmin(is_same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(scales[ball]))
         raise InputError(
             f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the"

@@ -23,7 +23,7 @@ from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.options import GridOptions
 
 #: number of balls up to which the contacts of an array are kept: they take 200 bytes a contact
-_KEPT_BALLS = GridOptions().kept
+_KEPT_BALLS = GridOptions().small_array
 
 
 class Springs(NamedTuple):

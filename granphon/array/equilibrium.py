@@ -49,7 +49,7 @@ REST_TOLERANCE = 1e-10
 THRESHOLD_FORCE = RestOptions().threshold
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
-CARRIED_FORCE = RestOptions().carried
+CARRIED_FORCE = RestOptions().open_force
 
 
 @result_class
@@ -324,8 +324,7 @@ class Equilibrium(Result):
         L1, ..., Lp). Without shear no ball turns, and torsion and bending are not used. Energies
         are per d^p, and the unit is c W^(1/2), that of stiffnesses. An error of the linear response
         enters squared; ``reduction`` is this error in the norm of the energy, by default that of
-        the statics. Arrays in the directions of the lattice that are too large for factors always
-        have the default.
+        the statics.
 
         Contacts that bear no more than :data:`CARRIED_FORCE` times the residual count as open.
         Which contacts do matters more than their forces: a stiffness is proportional to f^(1/3),
@@ -333,26 +332,27 @@ class Equilibrium(Result):
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
         """
-        most = ResponseOptions().most_balls[self.lattice.periods]
-        if not self.ratio and self.deviations.size > most:
-            return self._find_tensor_on_grid(shear, torsion, bending)
-        options = None if reduction is None else ResponseOptions(reduction=reduction)
+        options = ResponseOptions() if reduction is None else ResponseOptions(reduction=reduction)
+        if not self.ratio and self.deviations.size > options.most_balls[self.lattice.periods]:
+            return self._find_tensor_on_grid(shear, torsion, bending, options)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending), options)
 
-    def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
+    def _find_tensor_on_grid(
+        self, shear: ArrayLike, torsion: ArrayLike, bending: float, options: ResponseOptions
+    ) -> Array:
         """Return the tensor of :meth:`find_elasticity` by conjugate gradients on the grid, which
-        take less memory than a list of contacts.
+        take less memory than a list of contacts; ``options`` are those of the response.
         """
         normal = self.stiffnesses
         stencils = self._find_stencils(normal, shear, torsion, bending)
         if stencils.n_rows == stencils.n_contacts:
             straight = self._iterate(normal)
             strained = straight.find_strain_forces(unit_strains(self.lattice.periods))
-            response = GridResponse(straight, *strained)
+            response = GridResponse(straight, *strained, options)
         else:
             ratios = {"slip": np.asarray(shear), "twist": np.asarray(torsion)}
             turning = ShiftIteration(stencils, stencils.weights(normal, **ratios))
-            response = GridResponse(turning, turning.ahead, turning.corner)
+            response = GridResponse(turning, turning.ahead, turning.corner, options)
         del normal  # the response has what it needs of a large array
         measure = float(self.lattice.measure) * math.prod(stencils.shape)
         return response.stiffness / measure

@@ -43,7 +43,7 @@ from granphon.contacts.grid import find_lattice_grid
 
 #: fraction by which Newton's method may miss a given mean force, with friction or in the true
 #: geometry
-LOAD_TOLERANCE = OPTIONS.required
+LOAD_TOLERANCE = OPTIONS.negligible_force
 
 
 def require_small(ratio: float) -> None:

@@ -182,12 +182,13 @@ class LoadingHistory:
             change /= states[-1].force
             loss_is_settled = self._is_loss_settled(trail[-1], states[-1], changes_of_losses)
             # balance to a finite residual leaves f* uncertain by about that residual
-            force_is_settled = change <= max(allowed, options.stiffer * options.tolerance)
+            force_is_settled = change <= max(allowed, options.tolerance)
             # errors of lost energies are no reason to halve a step without end
-            is_settled = force_is_settled and (halvings >= options.halvings or loss_is_settled)
+            is_short = 2 * halvings >= options.halvings
+            is_settled = force_is_settled and (is_short or loss_is_settled)
             # where a ball falls, however short the step is, f* changes by as much: it is accepted
             # in the shortest steps, as long as such changes are within the tolerance in sum
-            is_shortest = halvings == 2 * options.halvings
+            is_shortest = halvings == options.halvings
             is_fall = is_shortest and change_of_falls + change <= self.tolerance
             if is_fall or is_settled:
                 states = _add_losses(states, np.cumsum(changes_of_losses, axis=0).tolist())
@@ -206,7 +207,7 @@ class LoadingHistory:
             else:
                 # where a ball loses its hold and falls, one of the halves has all of the change, so
                 # that what is allowed has a lower bound
-                allowed = max(0.5 * allowed, self.tolerance / options.similar**2)
+                allowed = allowed if is_short else 0.5 * allowed
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
     def _is_loss_settled(
@@ -220,7 +221,7 @@ class LoadingHistory:
         work = abs(end.work - start.work)
         change = sum(abs(float(np.sum(changes))) for changes in changes_of_losses)
         return change <= self.tolerance * (
-            self.options.of_loss * loss + self.options.of_work * work
+            self.options.loss_error * loss + self.options.work_error * work
         )
 
     def _compare(
@@ -255,7 +256,8 @@ class LoadingHistory:
             # uncertain by its root
             rise = abs(float(np.sum(rises))) + math.sqrt(dot(rises, rises))
             compression = abs(after.overlap - before.overlap)
-            change += self.options.caution * rise / end.overlaps.size / compression
+            # halving again and again changes twice as much as halving once
+            change += 2.0 * rise / end.overlaps.size / compression
             losses_of_halves = np.add(self._law.lost(start, half), self._law.lost(half, again))
             slid = after.slid - before.slid
             loosened = after.loosened - before.loosened

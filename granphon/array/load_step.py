@@ -154,8 +154,8 @@ class LoadStep:
             return trial
         lagged = trial.follow(near)  # the last trial with a fixed limit
         tried = math.inf  # residual from which the law itself was tried last
-        left = options.forcing ** (4 if is_patient else 2)
-        often = options.often if is_patient else 1
+        left = options.limit_part ** (2 if is_patient else 1)
+        often = options.limit_rounds if is_patient else 1
         for count in range(1, options.tries + 1):
             if lagged.left == math.inf:
                 break
@@ -192,9 +192,9 @@ class LoadStep:
             return trial
         # torques of less friction than the tolerance need no balance
         ratio = options.small_friction / max(mu, options.tolerance)
-        stages = math.ceil(math.log(ratio) / math.log(options.stiffer))
+        stages = math.ceil(math.log(ratio) / math.log(options.stiffening))
         for stage in range(stages, -1, -1):
-            softer = options.stiffer**-stage
+            softer = options.stiffening**-stage
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * softer)
             step = LoadStep(
                 geometry=self._geometry,
@@ -207,7 +207,7 @@ class LoadStep:
                 options=options,
             )
             trial = trial.follow(step._make_trial(trial.balls, trial.overlap, guess))
-            trial = step._iterate(trial, options.steps, guess, options.forcing * mu)
+            trial = step._iterate(trial, options.steps, guess, options.limit_part * mu)
             if trial.left == math.inf:
                 return trial.follow(first)
             guess = trial.contacts.overlaps
@@ -257,9 +257,9 @@ class LoadStep:
             if not math.isfinite(trial.size):
                 break
             if length == 1.0:
-                hold = max(1.0, hold / options.stiffer)
+                hold = max(1.0, hold / options.stiffening)
             elif length < 0.5:
-                hold *= options.stiffer
+                hold *= options.stiffening
         return trial
 
     @staticmethod
@@ -276,8 +276,8 @@ class LoadStep:
         """Return the best trial along the ``motion`` of a step of Newton's method from a ``trial``,
         and the length of the step over the whole one.
 
-        The whole step is halved until the residual is less, ``options.halvings`` - 1 times at most;
-        of the steps tried, the one with the least residual is the best. With a ``guess`` of the
+        The whole step is halved until the residual is less; of the ``options.lengths`` that are
+        tried at most, the one with the least residual is the best. With a ``guess`` of the
         overlaps, at which Coulomb's limit is fixed, forces are derivatives of an energy: a step is
         also accepted, as the best, if the energy does not rise steeply at its end. If the step
         before ``is_slow``, a step that is longer than the whole one is tried too; its length is
@@ -301,7 +301,7 @@ class LoadStep:
         after = try_length(length)
         best = after
         best_length = length
-        for _ in range(self._options.halvings - 1):
+        for _ in range(self._options.lengths - 1):
             leaves_less = after.size < (1.0 - 0.1 * length) * trial.size
             is_not_too_far = guess is not None and find_power(after) > -0.5 * power_at_start
             if leaves_less or is_not_too_far:
@@ -386,18 +386,17 @@ class LoadStep:
         is_free = self._load.overlap is None
         mean = float(np.mean(trial.tangent.stiffness)) + self._drag
         eta = self._stencils.mindlin_ratio
-        added = OPTIONS.added * min(1.0, distance * hold) * mean
+        added = OPTIONS.added_stiffness * min(1.0, distance * hold) * mean
         # in a plane, where balls whose contacts all slide are turned by themselves, the share of
         # the secant stiffness is in proportion to the distance in units of the friction coefficient
-        unit = self._law.friction_coefficient / options.secant if self._spins else 1.0
+        unit = self._law.friction_coefficient / options.secant_share if self._spins else 1.0
         share = min(1.0, distance * hold / unit)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
         product = trial.place.linearise(
             tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=is_free
         )
-        reduction = options.forcing * min(
-            1.0, max(math.sqrt(distance), options.tolerance / distance)
-        )
+        least = options.tolerance / distance  # a smaller part is not asked for
+        reduction = options.forcing * min(1.0, max(math.sqrt(distance), least))
         push = trial.push / mean if is_free else None
         motion, iterations = self._linear.solve(
             product, tangent, trial.pull / mean, push, reduction
@@ -430,8 +429,7 @@ class LoadStep:
         their torques vanish.
 
         The ``trial`` itself is returned with dashpots, in space, or if no contact can slide; if the
-        trial is in balance or its balls have come apart; and if these torques are less than the
-        part ``options.loose`` of what is left.
+        trial is in balance or its balls have come apart; and if no ball is loose.
 
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
         there.
@@ -442,8 +440,7 @@ class LoadStep:
         loose = self._find_loose(trial)
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
-        torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
-        if not dot(torque, torque) > (self._options.loose * trial.size) ** 2:
+        if not np.any(loose):
             return trial
         around, arms = self._list_around(loose, turning)
         start = self._here.contacts
@@ -484,12 +481,12 @@ class LoadStep:
 
     def _find_loose(self, trial: Trial) -> Flags:
         """Return whether each ball is loose, (n_balls, L1, ..., Lp): its contacts resist slip, in
-        sum, with less than the part ``options.loose`` of what they would if none slid, as where all
-        of them slide.
+        sum, with less than the part ``options.loose_stiffness`` of what they would if none slid, as
+        where all of them slide.
         """
         stencils = self._stencils
         tangent = trial.tangent
-        least = self._options.loose * self._law.mindlin_ratio
+        least = self._options.loose_stiffness * self._law.mindlin_ratio
         # below zero for a contact that slides, and far above zero for any other
         resisting = tangent.springs[0] - least * tangent.stiffness
         return stencils.by_ball(stencils.sum_around(resisting)) < 0.0
@@ -553,7 +550,7 @@ class LinearSteps:
 
         ``push`` is the force that the contacts lack in sum; if it is None, the overlap stays as it
         is. The norm of the residual is at most ``reduction`` times that of the forces, unless that
-        takes more than ``patience_of_grid`` iterations or no motion has such forces. ``tangent`` is
+        takes more than ``options.most_iterations`` or no motion has such forces. ``tangent`` is
         that of the contacts, with a mean stiffness of one, and ``product`` multiplies motions by
         the tangent of the whole. Side effect: weakly held balls that the iteration finds are added
         to the patch, which further calls use.
@@ -578,10 +575,10 @@ class LinearSteps:
         solution = np.zeros_like(right)
         residual = right
         iterations = 0
-        most = options.patience  # iterations until weakly held balls are looked for
+        most = options.patience_of_balls  # iterations until weakly held balls are looked for
         is_renewed = False  # whether the patch has been inverted with this tangent
         goal = reduction * math.sqrt(dot(right, right))
-        while iterations < OPTIONS.patience_of_grid:
+        while iterations < options.most_iterations:
             norm = math.sqrt(dot(residual, residual))
             if not norm > goal:
                 break
@@ -604,7 +601,7 @@ class LinearSteps:
                 is_renewed = True
             else:
                 # a new inverse would be that of the same patch: only iterations are left
-                most = OPTIONS.patience_of_grid - iterations
+                most = options.most_iterations - iterations
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), iterations
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
@@ -616,7 +613,7 @@ class LinearSteps:
         many iterations are needed.
         """
         mean = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(OPTIONS.grid.holding * mean)
+        alone = product.invert_alone(OPTIONS.grid.spring * mean)
         green = self._stencils.green_preconditioner(np.float32, mean)
         fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
         remaining = np.empty(fields, np.float32)

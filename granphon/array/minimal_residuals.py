@@ -54,7 +54,7 @@ def solve_by_minimal_residuals(
     residual = (right / size).astype(np.float32)
     norm = 1.0
     while norm > reduction and iterations < most_iterations:
-        length = min(ResponseOptions().kept, most_iterations - iterations)
+        length = min(ResponseOptions().vectors, most_iterations - iterations)
         count, norm, change = _cycle(apply, precondition, residual, reduction, length)
         if not count:  # no product with A contains the residual
             break

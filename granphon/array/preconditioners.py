@@ -78,9 +78,9 @@ class Patches:
         """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
         act, and of their neighbours.
 
-        The balls with the largest forces are as few as bear all but the part ``options.forcing`` of
-        the sum of the squares of all forces; they and their neighbours are about as many as a patch
-        may hold, at most.
+        The balls with the largest forces are as few as bear more than half of the sum of the
+        squares of all forces; they and their neighbours are about as many as a patch may hold, at
+        most.
         """
         by_ball = forces.reshape(self.stencils.n_balls, self._n_motions, self._n_cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()  # of each ball, over motions
@@ -88,7 +88,7 @@ class Patches:
         most = min(max(1, self._most_balls // n_near), self._n_balls)
         worst = np.argsort(-squares, kind="stable")[:most]
         sums = np.cumsum(squares[worst])
-        goal = min((1.0 - self._options.forcing) * float(np.sum(squares)), sums[-1])
+        goal = min(0.5 * float(np.sum(squares)), sums[-1])
         worst = worst[: int(np.searchsorted(sums, goal)) + 1]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
@@ -166,5 +166,5 @@ class Patches:
             for line, column, values in blocks
         )
         size = m * balls.size
-        springs = OPTIONS.grid.holding * eye_array(size, format="csr")
+        springs = OPTIONS.grid.spring * eye_array(size, format="csr")
         return compose(entries, (size, size)) + springs

@@ -141,7 +141,7 @@ def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions
     return RestOptions(
         # a tenth less is aimed at than is required
         tolerance=0.9 * required,
-        required=required,
+        negligible_force=required,
         of_all=True,
         grid_tolerance=REST_TOLERANCE,
         workers=workers,
@@ -177,7 +177,7 @@ def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
     assembly = assemble(state.deviations, stencils, 1.0).spell_out()
     load = apply_load(assembly, ReducedLoad(overlap=state.overlap), 1.0, _LOAD_PART)
     # on a line, in a plane and in space, iterations would begin beyond the balls of the array
-    options = RestOptions(fewest_iterated=dict.fromkeys((1, 2, 3), assembly.n_balls + 1))
+    options = RestOptions(fewest_balls=dict.fromkeys((1, 2, 3), assembly.n_balls + 1))
     rest = find_rest(assembly, load, "lattice", "isotropic", None, options)
     twin = replace(
         state,

@@ -47,7 +47,7 @@ from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
 
 #: options of each search for rest, whose residuals are over the mean force of all contacts
-_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE, of_all=True)
+_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, negligible_force=REST_TOLERANCE, of_all=True)
 #: pressures that are tried for a mean force or an overlap, at most: searches of 12 x 12 balls at
 #: f* from 1e-3 to 10, with W up to a tenth of d, took five or fewer
 _MOST_PRESSURES = 40

@@ -355,8 +355,8 @@ class Stencils:
         waves = (*shape[:-1], shape[-1] // 2 + 1)
         entries = np.zeros((fields, fields, *waves), float if real else complex)
         still = self._project_on_translations()
-        # layers of waves along the first axis, which together have about OPTIONS.grid.waves
-        step = max(1, OPTIONS.grid.waves * shape[0] // math.prod(waves))
+        # layers of waves along the first axis, which together have about OPTIONS.grid.batch
+        step = max(1, OPTIONS.grid.batch * shape[0] // math.prod(waves))
         for first in range(0, waves[0], step):
             ticks = [np.arange(count) for count in waves]  # numbers of the waves along each axis
             ticks[0] = ticks[0][first : first + step]
@@ -444,7 +444,7 @@ class Stencils:
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
         green = self.green_preconditioner(stiffness.dtype, mean)
-        if float(np.std(normal)) <= OPTIONS.even * mean:
+        if float(np.std(normal)) <= OPTIONS.stiffness_spread * mean:
             return green
         alone = self.block_jacobi(stiffness)
 
@@ -529,7 +529,7 @@ class Stencils:
         entries = self.operator.collect(np.concatenate(products).T, [stiffness]).astype(float)
         # weak springs at all contacts, so that no block is singular: the sum over both ends e and
         # all deformations r
-        spring = OPTIONS.grid.holding * float(np.mean(stiffness[: self.n_contacts]))
+        spring = OPTIONS.grid.spring * float(np.mean(stiffness[: self.n_contacts]))
         held = np.einsum("r,erp->p", spring * self._ratios, products)
         entries += held.reshape(-1, *(1,) * len(self.shape))
         inverses = []

@@ -26,16 +26,16 @@ stand. Where too few balls touch, nothing holds them, and no equilibrium is uniq
 then comes to rest by what damps it, and so does this one: in each step of the load, dashpots resist
 what neighbours move against each other. Balls that nothing pushes stay where they are. The overlap
 grows by ``options.step`` at a time from the first contact on. When the mean force has come to
-``options.standing``, about that at a* = 1/2, the overlap is held, and the balls come to rest or
-give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next
-to nothing they are taken away. If the array then bears at least half of this force, in balance, it
-stands, and its history begins there; if it gives way before, or is not at rest after many steps, it
-is pressed on.
+``options.standing_force``, about that at a* = 1/2, the overlap is held, and the balls come to rest
+or give way, in steps of time that grow: dashpots are weakened from step to step. When they bear
+next to nothing they are taken away. If the array then bears at least half of this force, in
+balance, it stands, and its history begins there; if it gives way before, or is not at rest after
+many steps, it is pressed on.
 
 In the true geometry contacts push balls aside, with W/d of their force. In space, where too few
 contacts resist, as in sc of which half are open, an array gives way however slowly it is let go.
-Dashpots are there not weakened below several times that stiffness: if balls move faster from one
-step to the next, the array gives way.
+Dashpots are there not weakened below that stiffness times the contacts of a ball: if balls move
+faster from one step to the next, the array gives way.
 
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter
 of percents in small arrays; the tests state it.
@@ -134,7 +134,7 @@ class Stepper:
             state = trail[-1]
             # halves of a step are first tried without finding limits of sliding anew, which takes
             # long and has failed in the whole step
-            finds_limits = not relaxes or not 0 < halvings < options.halvings
+            finds_limits = not relaxes or not 0 < halvings < options.halvings // 2
             balls, overlap = self._extrapolate(trail, ahead[-1])
             step = self._make_step(state, ahead[-1], drag)
             # where friction alone holds balls, shorter steps of the load help sooner
@@ -151,7 +151,7 @@ class Stepper:
                 if trial.left == math.inf and state.force < THRESHOLD_FORCE:
                     raise self._explain_loss(load, state)
                 has_no_length = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
-                is_shortest = has_no_length or halvings == 2 * options.halvings
+                is_shortest = has_no_length or halvings == options.halvings
                 if is_shortest or n_failed == options.tries:
                     raise self._explain_failure(load, state)
                 halvings += 1
@@ -187,8 +187,8 @@ class Stepper:
 
         Balls are slowed by dashpots in each step. Dashpots are weakened from step to step as long
         as a balance is found, and made stronger where none is found. Once the forces of dashpots
-        have fallen in ``options.calm`` steps in a row, the balance without dashpots is tried. No
-        state is found if there is no balance with dashpots of stiffness ``options.drag`` or
+        have fallen in ``options.calm_steps`` steps in a row, the balance without dashpots is tried.
+        No state is found if there is no balance with dashpots of stiffness ``options.drag`` or
         stronger, if there is none directly after a step in which their forces have fallen, or
         after ``options.tries`` steps.
         """
@@ -205,7 +205,7 @@ class Stepper:
                 if calm_steps or drag >= options.drag:
                     return None
                 too_weak = drag
-                drag = drag / options.weaker
+                drag = drag / options.weakening
                 continue
             damped = start.damped + _find_even_loss(start, end, drag)
             trail = [replace(end, damped=max(end.damped, damped))]
@@ -214,12 +214,12 @@ class Stepper:
             calm_steps = calm_steps + 1 if push <= last_push else 0
             if calm_steps:
                 too_weak = 0.0
-                is_calm = calm_steps % options.calm == 0
+                is_calm = calm_steps % options.calm_steps == 0
                 at_rest = self.settle(trail, load, 0.0) if is_calm else None
                 if at_rest is not None:
                     return replace(at_rest, damped=max(at_rest.damped, trail[-1].damped))
-            if options.weaker * drag > too_weak:
-                drag *= options.weaker
+            if options.weakening * drag > too_weak:
+                drag *= options.weakening
         return None
 
     def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
@@ -387,7 +387,7 @@ class Stepper:
                     )
                     mend = 'Take the geometry "lattice"'
                 raise ConvergenceError(problem, why, mend) from error
-            if state.force >= options.standing:
+            if state.force >= options.standing_force:
                 at_rest = self._come_to_rest(state)
                 if at_rest is not None:
                     return at_rest
@@ -399,8 +399,8 @@ class Stepper:
 
     def _come_to_rest(self, state: PressedArray) -> PressedArray | None:
         """Return the state in which balls stand without dashpots at the overlap of a ``state``,
-        bearing at least half of ``options.standing``; None if they give way, or are not at rest
-        after ``options.tries`` steps.
+        bearing at least half of ``options.standing_force``; None if they give way, or are not at
+        rest after ``options.tries`` steps.
 
         Dashpots are weakened from step to step, and taken away when balls hardly move. In space, in
         the true geometry, they stay stronger than the pushes of contacts, and balls that move more
@@ -410,16 +410,19 @@ class Stepper:
         options = self.options
         drag = options.drag
         motion = math.inf  # before the first step there is none to compare with
-        # where contacts push balls aside, in space, dashpots stay stronger than these pushes
+        # where contacts push balls aside, in space, dashpots stay as strong as the pushes of all
+        # contacts of a ball in sum
+        stencils = self.geometry.stencils
+        n_around = 2 * stencils.n_contacts // stencils.n_balls
         ratio = self.geometry.ratio
         is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, options.stiffer * ratio * state.force) if is_pushed else 0.0
+        weakest = min(drag, n_around * ratio * state.force) if is_pushed else 0.0
         for _ in range(options.tries):
             last_drag = drag
             last_motion = motion
-            drag = max(options.weaker * drag, weakest)
+            drag = max(options.weakening * drag, weakest)
             settled = self.settle([state], load, drag, finds_limits=True)
-            if settled is None or settled.force < 0.5 * options.standing:
+            if settled is None or settled.force < 0.5 * options.standing_force:
                 return None
             motion = settled.measure_motion(state)
             state = settled
@@ -427,12 +430,12 @@ class Stepper:
             if drag == last_drag and moves_faster:
                 return None
             if is_pushed:
-                is_still = drag == last_drag and motion < options.still
+                is_still = drag == last_drag and motion < options.still_motion
             else:
-                is_still = drag * motion < options.still * state.force
+                is_still = drag * motion < options.still_force * state.force
             if is_still:
                 at_rest = self.settle([state], load, 0.0, finds_limits=True)
-                stands = at_rest is not None and at_rest.force >= 0.5 * options.standing
+                stands = at_rest is not None and at_rest.force >= 0.5 * options.standing_force
                 return at_rest if stands else None
         return None
 

@@ -180,7 +180,7 @@ class PowerLaw(EnergyLaw):
 
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if a force
-        is negative.
+        is negative or nan, or if an overlap is not finite, as that of an infinite force.
         """
         load = np.asarray(real_array("force", force))
         require_pushing(load)

@@ -20,8 +20,9 @@ ROUNDED = 4e-16
 
 
 def pad_columns(arrays: Sequence[Array]) -> list[Array]:
-    """Return ``arrays`` (..., c) with as many columns c each as the widest of them has; columns
-    that are added are nan. Arrays of one axis have no columns, and stay as they are.
+    """Return one or more ``arrays`` (..., c), each with as many columns c as the widest of them
+    has; the columns that are added are nan. An array of one axis, or of none, has no columns and
+    stays as it is.
     """
     n_columns = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
     padded = list[Array]()

@@ -26,21 +26,22 @@ from granphon.base.threads import hold_back_signals
 
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
-#: how Numba compiles: with the arithmetic of NumPy, where x/0 is no error; without the wrapper by
-#: which C would call a loop, which takes some hundredths of the time of compilation
-_HOW: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+#: options of Numba: the arithmetic of NumPy, where x/0 is no error; and no wrapper by which C would
+#: call a loop, as making one takes some hundredths of the time of compilation
+_NUMBA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 
 
 @cache
 def find_why_uncompiled() -> str:
     """Return the message that says why loops are not compiled; empty where they are."""
-    slow = "The same takes hundreds of times longer"
+    consequence = "The same takes hundreds of times longer"
     try:
         from numba import config
     except ImportError:
-        return message("numba is not installed", slow, "Install it: pip install numba")
+        return message("numba is not installed", consequence, "Install it: pip install numba")
     if config.DISABLE_JIT:
-        return message("numba compiles nothing, as NUMBA_DISABLE_JIT is set", slow, "Unset it")
+        problem = "numba compiles nothing, as NUMBA_DISABLE_JIT is set"
+        return message(problem, consequence, "Unset it")
     return ""
 
 
@@ -50,7 +51,8 @@ def compiled(loop: _Loop) -> _Loop:
 
     Compilation prints a line on stderr, see ``COMPILING``. If a compiled loop cannot be read from
     the cache, or cannot be kept there, the first such loop of a process issues a
-    :class:`~granphon.base.errors.CacheWarning`. Without Numba the ``loop`` itself is called.
+    :class:`~granphon.base.errors.CacheWarning`. Without Numba the ``loop`` itself is called, in
+    which x/0 is an error of Python's numbers, and a warning of NumPy's.
     """
     return cast("_Loop", CompiledLoop(loop))
 
@@ -61,6 +63,7 @@ class CompiledLoop:
     """
 
     def __init__(self, loop: Callable[..., Any]) -> None:
+        """Take name, module and docstring of the ``loop``, which is compiled later."""
         update_wrapper(self, loop)
         self._loop = loop
 
@@ -82,21 +85,26 @@ class CompiledLoop:
 
 
 def _make_dispatcher(loop: Callable[..., Any]) -> Any:
-    """Return Numba's object that compiles the ``loop``, announces this, and holds back signals."""
+    """Return Numba's object that compiles the ``loop``.
+
+    The object holds back the signals that stop this process while a loop is compiled or read from
+    the cache, announces the compilation, and warns where there can be no cache.
+    """
     from numba import njit
 
     dispatcher: Any
     why_no_cache = ""
     try:
-        dispatcher = njit(cache=True, **_HOW)(loop)
+        dispatcher = njit(cache=True, **_NUMBA_OPTIONS)(loop)
         _survive_cache_errors(dispatcher._cache)
     except RuntimeError:  # Numba has found no folder for its cache
-        dispatcher = njit(**_HOW)(loop)
+        dispatcher = njit(**_NUMBA_OPTIONS)(loop)
         why_no_cache = "There is no folder that can be written"
     compile_for = dispatcher.compile
 
     def compile_whole(signature: Any) -> Any:
-        """Compile the loop for one signature of argument types, as Numba does.
+        """Read the loop for one signature of argument types from the cache, or else compile it, as
+        Numba does.
 
         A Ctrl-C waits until the end: in the middle, Numba could lose the Ctrl-C, or fail with an
         error of its own.
@@ -110,7 +118,7 @@ def _make_dispatcher(loop: Callable[..., Any]) -> Any:
     compile_anew = dispatcher._compiler.compile
 
     def announce_and_compile(arguments: Any, returned: Any) -> Any:
-        """Compile the loop after a note that this takes long."""
+        """Compile the loop, which the cache does not hold, after a note that this takes long."""
         _announce_compilation()
         return compile_anew(arguments, returned)
 
@@ -122,9 +130,10 @@ def _survive_cache_errors(numba_cache: Any) -> None:
     """Replace the two methods by which Numba reads and writes its ``numba_cache``: instead of
     raising an error they issue a warning and clear the index, so that the loop is compiled anew.
 
-    Before Numba reads its first loop, it makes all its functions known to its inference of types,
-    which takes about as long as to read forty loops. A loop that is read has its types. The
-    replaced method does not do so, and Numba does before it compiles a loop.
+    Before Numba reads its first loop, Numba makes all its functions known to its inference of
+    types, which takes about as long as to read forty loops. A loop that is read has its types: the
+    method that reads in place of Numba's own leaves this out. Numba does it before it compiles a
+    loop.
     """
 
     def read(signature: Any, target: Any) -> Any:

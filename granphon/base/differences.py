@@ -17,7 +17,7 @@ N_VALUES = len(_WEIGHTS)
 
 def differentiate(find: Callable[[float], Any], step: float) -> Any:
     """Return the derivative at 0 of the function ``find``, estimated from its values at -2, -1, 1
-    and 2 times ``step``.
+    and 2 times the ``step``, which is not zero.
 
     ``find`` returns a number or an array, and the derivative has the same shape.
     """
@@ -44,4 +44,4 @@ class Course(NamedTuple, Generic[T]):
         """Return the derivative, by the relative change of the parameter and at no change, of the
         number or array that ``find`` returns for an object.
         """
-        return differentiate(lambda step: find(self.at(step)), self.step)
+        return differentiate(lambda change: find(self.at(change)), self.step)

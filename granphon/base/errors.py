@@ -16,8 +16,8 @@ from copy import copy
 from importlib.util import find_spec
 from typing import Any, Self, TypeGuard
 
-#: the least whole number that is too large for a float: smaller ones are rounded to the largest
-#: float at most
+#: the least whole number that is too large for a float: a smaller whole number is rounded to the
+#: largest float at most
 TOO_LARGE = 2**1024 - 2**970
 #: the extras of granphon, each with the packages that it brings, by their names when they are
 #: imported
@@ -61,7 +61,7 @@ class GranphonError(Exception):
     reached: Any = None
 
     def __init__(self, what: str = "", why: str = "", mend: str = "") -> None:
-        # not by OSError, which takes several arguments for a number and a file
+        # args is set here, as OSError would take several arguments for a number and a file
         self.args = (message(what, why, mend),)
 
     def restate(self, text: str) -> Self:
@@ -131,9 +131,11 @@ class MissingFileError(InputError, FileNotFoundError):
     """A file that should be read does not exist."""
 
     def __new__(cls, *sentences: str, **named: str) -> Self:
-        """Return a new error, as FileNotFoundError makes it. dask rebuilds errors by ``__new__``
-        alone, without calling the class; Python would then find the ``__new__`` of ``ValueError``,
-        which cannot make a FileNotFoundError.
+        """Return a new error, as FileNotFoundError makes it; the arguments are those of the
+        constructor, which sets the text.
+
+        dask rebuilds errors by ``__new__`` alone, without calling the class; Python would then find
+        the ``__new__`` of ``ValueError``, which cannot make a FileNotFoundError.
         """
         return FileNotFoundError.__new__(cls)
 
@@ -162,7 +164,7 @@ class ConvergenceError(GranphonError, RuntimeError):
     """An iteration has not reached its tolerance; the message says what it has reached.
 
     ``reached`` is the last state of a loading history before the failure, the state at the loads of
-    a path before it, or the data set of a sweep at these loads; None elsewhere.
+    a path before the failure, or the data set of a sweep at these loads; None elsewhere.
     """
 
 
@@ -274,22 +276,27 @@ def message(what: str, why: str = "", mend: str = "") -> str:
 
 
 def brief(value: object, most: int = 80) -> str:
-    """Return a value as a message shows it: its repr on one line, cut to ``most`` characters.
+    """Return a value as a message shows it: its repr on one line, cut to ``most`` characters; a
+    scalar of NumPy has the repr of Python's.
 
-    A whole number beyond the range of floats is described by its number of digits; lists and arrays
-    with such numbers, and lists without end, are described in words.
+    A whole number beyond the range of floats is described by its number of digits, and a list or
+    tuple with such an entry in words. So is a value whose repr Python does not write: an array with
+    a whole number of more than 4300 digits, or a list that is nested too deeply.
     """
     if _is_too_large(value):
         digits = int(_DIGITS_PER_BIT * value.bit_length()) + 1
         return f"a whole number of about {digits} digits, which is too large"
     if isinstance(value, list | tuple) and any(map(_is_too_large, value)):
         return "a list with a number that is too large"
+    # known by its attributes, as the command's help needs no numpy
+    is_numpy_scalar = type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
+    scalar: Any = value
     try:
-        text = one_line(repr(value))
-    except ValueError:  # Python does not write whole numbers of more than 4300 digits
+        text = one_line(repr(scalar.item() if is_numpy_scalar else value))
+    except ValueError:  # a whole number of more than 4300 digits, which Python does not write
         return "an array with a number that is too large"
     except RecursionError:
-        return "a list that is nested without end"
+        return "a list that is nested too deeply"
     if len(text) <= most:
         return text
     ellipsis = "..."

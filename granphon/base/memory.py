@@ -12,7 +12,7 @@ from pathlib import Path
 from granphon.base.errors import InputError
 
 #: memory that any machine is taken to have, bytes: to ask the system takes longer than small work
-_ALWAYS = 1e8
+_ASSUMED_MEMORY = 1e8
 #: the unit of the kernel's "kB", bytes
 _KIBIBYTE = 1024.0
 #: for both versions of control groups, by the name of the controller: the folder, the files of the
@@ -49,14 +49,16 @@ def _read_words(path: Path) -> list[list[str]]:
     return [line.split() for line in text.split("\n")]
 
 
-def _read_number(path: Path, name: str = "") -> float | None:
-    """Return the number on the line of a file that begins with a ``name``, or on the first line
-    without a name; None if there is no number, as in "max".
+def _read_number(path: Path, first_word: str = "") -> float | None:
+    """Return the number on the line of a file that begins with the ``first_word``, or if that is
+    empty on the first line; None if there is no such line, or no number on it, as in "max".
 
     The number ends the line ("inactive_file 512"), or stands before its unit ("VmSize: 512 kB").
     """
     for words in _read_words(path):
-        if words and name in ("", words[0]):
+        if not words:
+            continue
+        if first_word in ("", words[0]):
             has_unit = len(words) > 2
             number = words[-2] if has_unit else words[-1]
             return float(number) if number.isdigit() else None
@@ -105,28 +107,36 @@ def _free_of_groups(root: Path) -> float:
         controller = "memory" if "memory" in controllers.split(",") else controllers
         if controller not in _GROUPS:
             continue
-        hierarchy, limit_file, use_file, cache_entry = _GROUPS[controller]
+        hierarchy = root / _GROUPS[controller][0]
         group = Path(path.lstrip("/"))
         # limits of groups above count too; in a container some may be missing
         for ancestor in (group, *group.parents):
-            folder = root / hierarchy / ancestor
-            limit = _read_number(folder / limit_file)
-            used = _read_number(folder / use_file)
-            if limit is None or used is None:
-                continue
-            cached = _read_number(folder / "memory.stat", cache_entry) or 0.0
-            free = min(free, max(limit - used + cached, 0.0))
+            free = min(free, _free_of_group(hierarchy / ancestor, controller))
     return free
 
 
+def _free_of_group(folder: Path, controller: str) -> float:
+    """Return what is left of the limit of the control group in ``folder``, bytes, with the cache
+    that can be given back; infinite without a limit. ``controller`` is the key of ``_GROUPS``.
+    """
+    _, limit_file, use_file, cache_entry = _GROUPS[controller]
+    limit = _read_number(folder / limit_file)
+    used = _read_number(folder / use_file)
+    if limit is None or used is None:
+        return math.inf
+    cached = _read_number(folder / "memory.stat", cache_entry) or 0.0
+    return max(limit - used + cached, 0.0)
+
+
 def require_memory(what: str, needed: float, mend: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this
-    machine has available, and more than the 100 MB that any machine is taken to have.
+    """Raise :class:`~granphon.base.errors.InputError` if the memory ``needed`` by some work, bytes,
+    is more than this machine has available, and more than the 100 MB that any machine is taken to
+    have.
 
     In the message, ``what`` is the subject of "take ... of memory", such as "64 states", and
     ``mend`` says how to take less.
     """
-    if needed <= _ALWAYS:
+    if needed <= _ASSUMED_MEMORY:
         return
     free = available_memory()
     if needed > free:
@@ -135,5 +145,5 @@ def require_memory(what: str, needed: float, mend: str) -> None:
 
 
 def write_bytes(amount: float) -> str:
-    """Return an amount of memory as text, such as 3.2 GB."""
-    return f"{amount / 1e9:,.3g} GB" if amount < 1e12 else f"{amount / 1e9:.2e} GB"
+    """Return an ``amount`` of memory, bytes, as text in gigabytes, such as 3.2 GB."""
+    return f"{amount / 1e9:.3g} GB"

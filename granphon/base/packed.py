@@ -20,11 +20,12 @@ _GZIP_WINDOW = 31
 
 def unpack(name: str, raw: bytes, limit: int) -> tuple[bytes, bool]:
     """Return the content of the bytes ``raw`` of a file called ``name``, which may be packed, and
-    whether the file is whole: of a packed file that is cut, the content before the cut.
+    whether the file is whole: of a packed file that is cut, the content before the cut. Bytes that
+    are not packed are returned as they are, whatever their number.
 
     Raises
     ------
-    InputError : the content has more than ``limit`` bytes, or what is packed is damaged.
+    InputError : a packed file holds more than ``limit`` bytes of content, or is damaged.
     MissingPackageError : the file is packed by Zstandard, and nothing is installed that reads it.
     """
     if raw.startswith(_GZIP):
@@ -54,6 +55,7 @@ def _unpack_members(name: str, raw: bytes, limit: int, make_unpacker: Any) -> tu
     """
     parts: list[bytes] = []
     n_left = limit + 1  # a byte beyond the limit shows that the content is too large
+    # zeros may fill up the file after its last member
     while raw.strip(b"\0") and n_left > 0:
         member = make_unpacker()
         try:
@@ -63,10 +65,9 @@ def _unpack_members(name: str, raw: bytes, limit: int, make_unpacker: Any) -> tu
             raise InputError(fault, "The packed file is damaged", "Make it again") from None
         parts.append(content)
         n_left -= len(content)
-        if not member.eof:
-            if n_left > 0:
-                return b"".join(parts), False
-            break
+        is_cut = not member.eof and n_left > 0
+        if is_cut:
+            return b"".join(parts), False
         raw = member.unused_data
     if n_left <= 0:
         fault = f"{name} holds more than {write_limit(limit)} when it is unpacked"

@@ -30,8 +30,8 @@ class Progress(Protocol):
     """A receiver of reports: which work begins, how far it has come, and that it is over."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a step of ``total`` pieces of work (None: not known); it is over when the context
-        is left.
+        """Begin a step of ``total`` pieces of work (None: not known), called ``label``; the step is
+        over when the context is left.
         """
         ...
 
@@ -40,7 +40,9 @@ class Silent:
     """A progress that ignores all reports; it is its own step."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a step."""
+        """Begin a step, whose reports are ignored too; the arguments are those of
+        :meth:`Progress.step`.
+        """
         return nullcontext(self)
 
     def advance(self, amount: float = 1.0) -> None:
@@ -65,7 +67,8 @@ class Terminal:
     work is over.
 
     For work of known size, the line shows how many pieces are complete, and the time that the
-    remaining pieces will take at the average rate so far. ``clock`` returns the time, s.
+    remaining pieces will take at the average rate so far. ``clock`` returns the time, s. Steps need
+    the package rich, see :func:`on_stderr`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -74,8 +77,8 @@ class Terminal:
 
     @contextmanager
     def step(self, label: str, total: float | None = None) -> Iterator[Step]:
-        """Begin a step of ``total`` pieces of work (None: not known); give the object whose
-        ``advance`` moves the line.
+        """Begin a step of ``total`` pieces of work (None: not known), called ``label`` on the line;
+        give the object whose ``advance`` moves the line.
         """
         from rich.console import Console
         from rich.progress import (
@@ -114,7 +117,7 @@ class Terminal:
 
 
 def on_stderr(quiet: bool = False) -> Progress:
-    """Return a :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off,
+    """Return a :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is false,
     else :data:`silent`.
     """
     is_terminal = sys.stderr is not None and sys.stderr.isatty()

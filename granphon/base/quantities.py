@@ -99,9 +99,13 @@ _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 #: what stands between a quantity and its standard error, and both before the unit that they share
 PLUS_MINUS = re.compile(r"\+-|\+/-|±")
+#: a value and its error in brackets, and the unit behind them
 _IN_BRACKETS = re.compile(r"\(([^()]*)\)\s*(.*)", re.DOTALL)
 #: the unit of a standard error that is a part of its value
 PERCENT = "%"
+#: how the unit of a plain number is written
+_NO_UNIT = ("", "1")
+#: regular expression of a factor of a unit: its name and its power
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
 _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
@@ -138,7 +142,7 @@ class Quantity:
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
         sign = _SIGN_WORDS[self.least]
-        # the parameter of a kind or a wall, "A.density"
+        # a name with a point is that of a parameter of a kind or a wall, "A.density"
         owner, _, noun = self.name.rpartition(".")
         article = "an" if noun[0] in "aeiou" else "a"
         words = f"{article} {noun} of {owner}" if owner else f"{article} {noun}"
@@ -169,8 +173,8 @@ class Quantity:
         return si_value
 
     def _split(self, value: Any) -> tuple[str, str]:
-        """Return the number and the unit that a text holds, as texts; :class:`Refused` if the text
-        lacks either.
+        """Return the number and the unit that a text holds, as texts; :class:`Refused` if ``value``
+        is no text, or the text is too long, or lacks a finite number or a unit.
         """
         mend = f"Write the unit too, such as '{self.example}'."
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -221,6 +225,7 @@ class Quantity:
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
+        # with the space between number and unit a text has one letter more
         length = max(map(len, numbers), default=0) + len(unit)
         are_short = length < _MOST_SIGNS
         if not are_short or not self.measures(unit) or not is_plain(numbers):
@@ -259,16 +264,22 @@ class Quantity:
         return float(_find_factor(self, unit))
 
     def write(self, value: float) -> str:
-        """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
-        return f"{value!r} {self.unit}"
+        """Return the text of an SI value, from which :meth:`read` returns the same value, to the
+        last bit.
+        """
+        number = float(value)  # as the repr of NumPy's float64 is no text of a number
+        return f"{number!r} {self.unit}"
 
 
 def is_plain(texts: Sequence[str]) -> bool:
-    """Whether texts consist only of digits, signs, points and "e": of such texts, ``float`` reads
-    those alone that match :data:`NUMBER`.
+    """Whether texts consist only of digits, signs, points, "e" and "E": of such texts, ``float``
+    reads those alone that match :data:`NUMBER`.
     """
     joined = "".join(texts)
-    return joined.isascii() and not joined.encode().translate(None, b"0123456789+-.eE")
+    if not joined.isascii():
+        return False
+    other_letters = joined.encode().translate(None, b"0123456789+-.eE")
+    return not other_letters
 
 
 def _is_zero(number: str) -> bool:
@@ -290,7 +301,7 @@ def _round_product(number: str, factor: Fraction) -> float:
 
 def _round_products(numbers: Sequence[str], factor: Fraction) -> list[float]:
     """Return the float nearest to each number times a factor; ValueError for a text that is no
-    number, and OverflowError for a product that is too large.
+    number. A product that is too large is infinite, or raises OverflowError.
     """
     if factor == 1:
         return list(map(float, numbers))
@@ -381,9 +392,12 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
 
 
 def find_written_unit(text: Any) -> str:
-    """Return the unit of a text such as "8 mm"; empty for another value."""
+    """Return the unit of a quantity as text, such as "8 mm"; empty for another value, also for a
+    text that goes on after the unit.
+    """
     match = _QUANTITY.fullmatch(text.strip()) if isinstance(text, str) else None
-    return match.group(3).strip() if match else ""
+    unit = match.group(3).strip() if match else ""
+    return unit if _UNIT_PATTERN.fullmatch(unit) else ""
 
 
 def split_error(text: str) -> tuple[Any, str] | None:
@@ -391,13 +405,16 @@ def split_error(text: str) -> tuple[Any, str] | None:
     into its value and its standard error.
 
     Returns the value in the form in which it would stand alone, "8 mm" or a plain number, and the
-    error as a text with its unit, "4 um" or "1 %"; None for a text of another form.
+    error as a text with its unit, "4 um" or "1 %"; None for a text of another form, or in which
+    either is longer than a quantity may be.
     """
     in_brackets = _IN_BRACKETS.fullmatch(text.strip())
     common_unit = in_brackets[2] if in_brackets else ""
     parts = PLUS_MINUS.split(in_brackets[1] if in_brackets else text)
     matches = [_QUANTITY.fullmatch(part.strip()) for part in parts]
     if len(matches) != 2 or matches[0] is None or matches[1] is None:
+        return None
+    if any(len(part) > _MOST_SIGNS for part in parts):
         return None
     number, _, own_unit = matches[0].groups()
     error, _, unit_of_error = matches[1].groups()
@@ -431,40 +448,56 @@ def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
     return value, of_error.read(error)
 
 
-def find_factor(unit: str, wanted: str) -> float | None:
-    """Return the factor from a ``unit`` to another, ``wanted``; None where a unit is not known, or
-    if their dimensions differ.
+def find_factor(unit: str, target: str) -> float | None:
+    """Return the factor from a ``unit`` to the unit ``target``; None if a text is no unit that is
+    known, or if the dimensions of the two differ. The unit of a plain number is "" or "1".
     """
     try:
-        factor, powers = _measure(unit)
-        wanted_factor, wanted_powers = _measure(wanted)
+        factor, powers = _measure_written(unit)
+        target_factor, target_powers = _measure_written(target)
     except KeyError:
         return None
-    return float(factor / wanted_factor) if powers == wanted_powers else None
+    return float(factor / target_factor) if powers == target_powers else None
 
 
-def is_si(unit: str, wanted: str = "") -> bool:
-    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN", and has the
-    dimension of the unit ``wanted``; empty: of any dimension.
+def _measure_written(unit: str) -> tuple[Fraction, Counter[str]]:
+    """Return what :func:`_measure` does of a unit as people and results write it, "kg m^2" or
+    "m/(N s)"; KeyError for a text that is no unit, in which :func:`_measure` would pass over what
+    is no factor.
     """
-    # the forms of pint, "meter / second ** 2", and of "m/(N s)" become "m/N/s"
-    plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())
-    plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain)
-    plain = plain.replace(" ", "*")
-    if plain in ("", "1", "rad", "radian", "dimensionless"):
-        return wanted in ("", "1", "rad")
-    if not _UNIT_PATTERN.fullmatch(plain):
-        return False
+    joined = _join_factors(unit)
+    if joined in _NO_UNIT:
+        return Fraction(1), Counter()
+    if not _UNIT_PATTERN.fullmatch(joined):
+        raise KeyError(unit)
+    return _measure(joined)
+
+
+def _join_factors(unit: str) -> str:
+    """Return a unit with a sign between its factors, without spaces and brackets: pint's "meter /
+    second ** 2" as "meter/second**2", "kg m^2" as "kg*m^2", and "m/(N s)" as "m/N/s".
+    """
+    without_spaces = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())
+    without_brackets = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", without_spaces)
+    return without_brackets.replace(" ", "*")
+
+
+def is_si(unit: str, dimension: str = "") -> bool:
+    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN", and of the
+    dimension of the unit ``dimension``; where that is empty, of any dimension.
+    """
+    if _join_factors(unit) in (*_NO_UNIT, "rad", "radian", "dimensionless"):
+        return dimension in (*_NO_UNIT, "rad")
     try:
-        factor, powers = _measure(plain)
+        factor, powers = _measure_written(unit)
         if factor != Fraction(1000) ** powers["g"]:  # the SI unit of mass is 1000 g
             return False
-        if not wanted:
+        if not dimension:
             return True
-        _, wanted_powers = _measure(wanted)
+        _, powers_of_dimension = _measure_written(dimension)
     except KeyError:
         return False
-    return powers == wanted_powers
+    return powers == powers_of_dimension
 
 
 @cache
@@ -498,14 +531,14 @@ DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")
 WIDTH = Quantity("length", "m", "2.04 um", "m, mm, um, nm", "zero or above")
 FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
 TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
-#: of a motion: a time since its start, a velocity, a force, and a displacement
+#: of a motion: a time since its start, a velocity, a force, and a displacement (or a place)
 SINCE = replace(TIME, least="zero or above")
 VELOCITY = Quantity("velocity", "m/s", "0.3 m/s", "m/s, mm/s, um/s, km/h")
 PUSH = Quantity("force", "N", "2 N", "mN, N, kN", "any")
+WAY = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
 #: losses of balls and of contacts
 RATE = Quantity("rate", "1/s", "40 1/s", "1/s, 1/ms", "zero or above")
 VISCOSITY = Quantity("viscosity", "N*s/m", "2 N*s/m", "N*s/m, kg/s", "zero or above")
-WAY = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
 #: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and
 #: the medium checks that
@@ -517,7 +550,7 @@ LOADS: dict[str, Quantity] = {
     "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
     "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
 }
-#: the quantity of a component of a tensor that loads a crystal
+#: the quantity of a component of each tensor that loads a crystal of two periods
 TENSORS: dict[str, Quantity] = {
     "stress": Quantity("force per length", "N/m", "-4 kN/m", "N/m, kN/m, N/mm, Pa*m", "any"),
     "strain": Quantity("strain", "1", "-1e-4", "", "any"),
@@ -563,7 +596,7 @@ def tensor_quantities(periods: int) -> dict[str, Quantity]:
 
 
 def find_load_unit(kind: str, periods: int, pressed_axes: int | None = None) -> str:
-    """Return the SI unit of a ``kind`` of load; empty if the kind has none.
+    """Return the SI unit of a ``kind`` of load, one of ``LOAD_KINDS``; empty if the kind has none.
 
     ``periods`` is the number of periods of the packing, and ``pressed_axes`` the number of axes
     along which a pressure acts; None if these are the same.

@@ -28,19 +28,28 @@ from granphon.base.errors import (
     warn_caller,
 )
 
-Array = NDArray[Any]
-
 #: where a file holds the number of its records, bytes from the beginning, and how
 _COUNT_OFFSET = 4
 _COUNT_FORMAT = ">i"
 #: size of a number of a variable, bytes
 _FLOAT_BYTES = 8
+#: what scipy raises for a file that is no file of records, or that was cut
+_FAULTS_OF_CONTENT = (
+    OSError,
+    TypeError,
+    ValueError,
+    KeyError,
+    AttributeError,
+    IndexError,
+    struct.error,
+)
 
 
-def hold(file: BinaryIO) -> None:
-    """Lock a file for one writer until the file is closed, where the system has such locks.
+def lock_file(file: BinaryIO) -> None:
+    """Lock an open ``file`` for one writer until the file is closed; without an effect on a system
+    or a file system that has no such locks.
 
-    Raises :class:`~granphon.base.errors.OutputError` where another process has locked the file.
+    Raises :class:`~granphon.base.errors.OutputError` if another process has locked the file.
     """
     try:
         from fcntl import LOCK_EX, LOCK_NB, flock
@@ -49,7 +58,7 @@ def hold(file: BinaryIO) -> None:
     except BlockingIOError:
         problem = f"another run is writing {file.name}"
         raise OutputError(
-            problem, "Two would mix their frames", "Wait until it ends, or give another file"
+            problem, "Two runs would mix their records", "Wait until it ends, or give another file"
         ) from None
     except (ImportError, OSError):
         return
@@ -68,14 +77,16 @@ class RecordFile:
     units : the SI unit of each variable that has one.
     about : texts about the file, by their names.
 
-    Raises :class:`OSError` where the file cannot be written, and
-    :class:`~granphon.base.errors.OutputError` where another run is writing it.
+    Raises
+    ------
+    OSError : the file cannot be written.
+    OutputError : another run is writing the file.
     """
 
     def __init__(
         self,
         path: str | os.PathLike[str] | BinaryIO,
-        fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
+        fixed: Mapping[str, tuple[NDArray[Any], tuple[str, ...]]],
         growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]],
         units: Mapping[str, str],
         about: Mapping[str, str],
@@ -86,15 +97,15 @@ class RecordFile:
         head = _write_head(fixed, growing, units, about)
         if isinstance(path, str | os.PathLike):
             # the file stays open until close is called
-            self._file: BinaryIO = _open_held(path)
+            self._file: BinaryIO = _open_locked(path)
         else:
             self._file = path
         self._file.write(_set_count(head, 0))
         self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Write a record, the entry of each variable that grows; the record is in the file when the
-        method returns.
+        """Write a record: of each variable that grows its entry in ``values``, whose shape is that
+        which the constructor was given. The record is in the file when the method returns.
         """
         entries = [np.asarray(values[name]).astype(">f8") for name in self._growing]
         self._file.write(b"".join(entry.tobytes() for entry in entries))
@@ -111,7 +122,7 @@ class RecordFile:
         self._file.close()
 
 
-def _open_held(path: str | os.PathLike[str]) -> BinaryIO:
+def _open_locked(path: str | os.PathLike[str]) -> BinaryIO:
     """Open the file at ``path`` for writing, lock it and empty it, and return it. If another
     process has locked the file, raise OutputError and leave the file as it is.
     """
@@ -123,7 +134,7 @@ def _open_held(path: str | os.PathLike[str]) -> BinaryIO:
     # the mode "wb" would cut off what another run may be writing
     file = open(path, "r+b", opener=open_or_make)  # noqa: SIM115  closed by the caller
     try:
-        hold(file)
+        lock_file(file)
         file.truncate()
     except OSError:
         file.close()
@@ -132,12 +143,12 @@ def _open_held(path: str | os.PathLike[str]) -> BinaryIO:
 
 
 def _write_head(
-    fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
+    fixed: Mapping[str, tuple[NDArray[Any], tuple[str, ...]]],
     growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]],
     units: Mapping[str, str],
     about: Mapping[str, str],
 ) -> bytes:
-    """Return the bytes of a file without records; the arguments are those of
+    """Return the bytes of a file before its first record; the arguments are those of
     :class:`RecordFile`.
     """
     from scipy.io import netcdf_file
@@ -166,7 +177,8 @@ def _write_head(
     file.flush()
     # scipy finds the length of records from one that is written, which is cut off again
     numbers_in_record = sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())
-    return stream.getvalue()[: -_FLOAT_BYTES * numbers_in_record]
+    data = stream.getvalue()
+    return data[: len(data) - _FLOAT_BYTES * numbers_in_record]
 
 
 def _set_count(data: bytes, count: int) -> bytes:
@@ -177,9 +189,8 @@ def _set_count(data: bytes, count: int) -> bytes:
 
 def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
     """Return the data of a file that was cut, with a header that counts the whole records alone,
-    and warn; None if the file was not cut, has no whole record, or is no file of records.
-
-    ``name`` names the file in the warning.
+    and issue a :class:`~granphon.base.errors.StoppedEarlyWarning` that calls the file ``name``;
+    None if the file was not cut, has no whole record, or is no file of records.
     """
     from scipy.io import netcdf_file
 
@@ -210,35 +221,32 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
 
 def read_records(
     path: str | os.PathLike[str] | BinaryIO, about: Mapping[str, str], frames: slice = slice(None)
-) -> tuple[dict[str, Array], dict[str, str]]:
+) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Return the arrays of a file of records by their names, and the texts about the file by
     theirs.
 
-    An array that grows has the records as its first axis, only those of ``frames``. Such an array
-    stays in the file: it is a :class:`numpy.memmap`, whose numbers are read as they are used.
-    ``path`` may be an open binary file too, which is read into memory.
+    An array that grows has the records as its first axis, of which those of the slice ``frames``
+    are returned. Such an array stays in the file: it is a :class:`numpy.memmap`, whose numbers are
+    read as they are used. ``path`` may be an open binary file too, which is read into memory.
 
-    Raises :class:`~granphon.base.errors.InputError` for a file that does not exist, that is no file
-    of records, or whose texts are not those of ``about``. Of a file that was cut the whole records
-    are read into memory, and a :class:`~granphon.base.errors.StoppedEarlyWarning` is issued; an
-    open file that was cut is refused.
+    ``about`` holds texts that the file must have, as :class:`RecordFile` was given them. Of a file
+    that was cut the whole records are read into memory, and a
+    :class:`~granphon.base.errors.StoppedEarlyWarning` is issued.
+
+    Raises
+    ------
+    MissingFileError : there is no such file.
+    InputError : the file is no file of records, or its texts are not those of ``about``; or it is
+        an open file that was cut.
     """
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:
         return _read_whole(path, name, about, frames)
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
-    except (
-        OSError,
-        TypeError,
-        ValueError,
-        KeyError,
-        AttributeError,
-        IndexError,
-        struct.error,
-    ) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:  # which is a ValueError, and says what is wrong
+        raise
+    except _FAULTS_OF_CONTENT as error:
         mended = _mend(path, name) if isinstance(path, str | os.PathLike) else None
         if mended is not None:
             return read_records(mended, about, frames)
@@ -247,8 +255,9 @@ def read_records(
 
 def _read_whole(
     path: str | os.PathLike[str] | BinaryIO, name: str, about: Mapping[str, str], frames: slice
-) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the arrays of some ``frames`` and the texts of a file that was not cut, both by name.
+) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Return the arrays and the texts of a file that was not cut, both by name; ``frames`` and
+    ``about`` are those of :func:`read_records`.
 
     Errors are those of scipy, or an InputError that calls the file ``name`` if its texts are not
     those of ``about``.
@@ -263,7 +272,7 @@ def _read_whole(
             if stated != dict(about):
                 problem = f"{name} is {stated}, not {dict(about)}"
                 raise InputError(problem, mend="Give a file that this version has written")
-            arrays: dict[str, Array] = {}
+            arrays: dict[str, NDArray[Any]] = {}
             for key, variable in file.variables.items():
                 if variable.isrec:
                     arrays[key] = variable.data[frames].view(np.memmap)

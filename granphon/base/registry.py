@@ -1,12 +1,11 @@
 """Tables of what has a name: lattices, contact laws, media, observables and readers of files, which
 plug-ins add to.
 
-Each table is a :class:`Registry`. granphon's own entries come into it by the same call as those of
-others. A package that adds some names a function in its entry points of the group
-``granphon.plugins``, which calls ``granphon.register_...``; a module will do, which does so when it
-is imported. Plug-ins are loaded when a table is asked for a name that it does not have, or for all
-that it has: what does not ask pays nothing. One that fails adds nothing, and errors about unknown
-names say which and why.
+Each table is a :class:`Registry`. A package that adds entries, a plug-in, names a function in its
+entry points of the group ``granphon.plugins``, which calls ``granphon.register_...``; or it names a
+module, which does so when it is imported. Plug-ins are loaded when a table is asked for a name that
+it does not have, or for all of its names: until then they cost nothing. A plug-in that fails adds
+nothing, and errors about unknown names say which plug-in failed, and why.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 #: group of the entry points
 GROUP = "granphon.plugins"
-#: who adds an entry that is not granphon's own, if it is no plug-in
+#: who adds an entry that is not granphon's own, in words, if no plug-in does
 _PROGRAM = "the program"
 
 
@@ -68,14 +67,14 @@ class Registry(Mapping[str, T]):
 
     def own(self, name: str, entry: T | Later) -> None:
         """Add an entry of granphon itself, in place of a former entry of this ``name``."""
-        entries: dict[str, Any] = self._entries  # in which an entry for later keeps its place
+        entries: dict[str, Any] = self._entries  # where a Later keeps the place of its entry
         entries[name] = entry
         self._later.pop(name, None)
         if isinstance(entry, Later):
             self._later[name] = entry
 
     def _import(self, *names: str) -> None:
-        """Import those of the entries called ``names`` that have not been imported yet."""
+        """Import the modules of those entries called ``names`` that have not been imported yet."""
         for name in names:
             later = self._later.get(name)
             if later is not None:
@@ -89,7 +88,7 @@ class Registry(Mapping[str, T]):
         The same object may be added again, and takes the place of the former: an equal object, or a
         function or class defined anew under its own name in the same module, as by a cell of a
         notebook that runs twice. Raises :class:`~granphon.base.errors.InputError` if there is
-        another entry of this name.
+        another entry of this name, or if the name is none that tables can show.
         """
         # imported here, so that a command that only lists the plug-ins loads no NumPy
         from granphon.base.validation import label, require
@@ -117,17 +116,21 @@ class Registry(Mapping[str, T]):
             return False
 
     def remove(self, name: str) -> None:
-        """Take out an entry that was added; nothing if there is none of this name."""
+        """Take out the added entry of a name; without an effect if none of this name was added."""
         if self.is_added(name):
-            del self._entries[name], self._sources[name], self._identities[name]
+            self._take_out(name)
+
+    def _take_out(self, name: str) -> None:
+        """Take out an entry that was added, and what is noted of it."""
+        del self._entries[name], self._sources[name], self._identities[name]
 
     def peek(self, name: str) -> T | None:
-        """Return the entry of a name if it is there by now: nothing is loaded for it."""
+        """Return the entry of a name, None if there is none so far: plug-ins are not loaded."""
         self._import(name)
         return self._entries.get(name)
 
     def is_added(self, name: str) -> bool:
-        """Whether an entry is there that is not granphon's own."""
+        """Whether there is an entry of a name that is not granphon's own."""
         return name in self._sources
 
     @property
@@ -139,8 +142,8 @@ class Registry(Mapping[str, T]):
         return {name: self._entries[name] for name in self._sources}
 
     def describe(self, name: str) -> str:
-        """Return an entry in words, with the plug-in that has added it: "the observable 'impedance'
-        of the plug-in x".
+        """Return the entry of a name in words, with the plug-in that has added the entry, if one
+        has: "the observable 'impedance' of the plug-in x".
         """
         source = self._sources.get(name, _PROGRAM)
         words = f"the {self.noun} {name!r}"
@@ -148,8 +151,9 @@ class Registry(Mapping[str, T]):
 
     @property
     def failures(self) -> str:
-        """A sentence on plug-ins that failed, as one of them may have a name that is missing here;
-        empty if no plug-in failed. Plug-ins are loaded first.
+        """The plug-ins that failed, and why, in a sentence for the error about a name that is
+        missing here, as one of them may have it; empty if no plug-in failed. Plug-ins are loaded
+        first.
         """
         clauses = []
         for plugin, why in load_plugins().items():
@@ -159,10 +163,10 @@ class Registry(Mapping[str, T]):
         return sentence[:1].upper() + sentence[1:]
 
     def drop(self, source: str) -> None:
-        """Take out all entries of a plug-in."""
+        """Take out all entries that the plug-in ``source``, in words, has added."""
         names = [name for name, origin in self._sources.items() if origin == source]
         for name in names:
-            del self._entries[name], self._sources[name], self._identities[name]
+            self._take_out(name)
 
     def __getitem__(self, name: str) -> T:
         """Return the entry of a name; KeyError if there is none. Plug-ins are loaded for a name
@@ -177,6 +181,7 @@ class Registry(Mapping[str, T]):
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names as they are now; plug-ins are loaded first."""
         load_plugins()
+        # a copy, as entries may be added or taken out while a loop runs
         return iter(tuple(self._entries))
 
     def __len__(self) -> int:
@@ -185,15 +190,17 @@ class Registry(Mapping[str, T]):
         return len(self._entries)
 
     def items(self) -> ItemsView[str, T]:
-        """Return names and entries as they are now."""
+        """Return names and entries as they are now; plug-ins are loaded first, and the modules of
+        all entries are imported.
+        """
         load_plugins()
         self._import(*self._later)
         return dict(self._entries).items()
 
 
 def _identify(made: Any) -> Any:
-    """Return a value that is equal for an object defined twice: module and name of a function or
-    class, the code of a lambda or local function, and any other object itself.
+    """Return what identifies an object, and is equal where the object is defined twice: module and
+    name of a function or class, the code of a lambda or local function, or else the object itself.
     """
     name = getattr(made, "__qualname__", None)
     if name is not None and "<" not in name:  # "<lambda>", "<locals>" are no names
@@ -207,7 +214,7 @@ def _identify(made: Any) -> Any:
 #: its attribute ``loading`` names the plug-in that a thread is loading; empty or absent otherwise
 _plugins = threading.local()
 _lock = threading.RLock()
-#: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
+#: why each plug-in that was loaded has failed, by the plug-in in words; None if it has not failed
 _loaded: dict[str, str | None] = {}
 
 
@@ -218,7 +225,8 @@ def load_plugins() -> dict[str, str | None]:
     """
     with _lock:
         if not _loaded:
-            # set first: a plug-in that asks for a name while it loads must not load all again
+            # an entry that is no plug-in, set first: a plug-in that asks for a name while it loads
+            # must not load all again, nor must a process without plug-ins
             _loaded["granphon"] = None
             from importlib.metadata import entry_points  # here, as this import takes 30 ms
 
@@ -249,8 +257,9 @@ def _load_plugin(point: EntryPoint) -> None:
 
 
 def list_added(noun: str) -> tuple[str, ...]:
-    """Return the sorted names of a kind that plug-ins and the program have added; none where
-    nothing has asked for the kind yet.
+    """Return the sorted names that plug-ins and the program have added to the registry of a kind,
+    its ``noun``; none where the module of that registry has not been imported. Plug-ins are loaded
+    first.
     """
     load_plugins()
     if noun not in Registry.every:

@@ -36,7 +36,8 @@ _ABOUT = ("schema", "units", "digest")
 _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
 #: the kinds of entries of arrays, by the classes of one entry
 _DTYPES = {float: np.float64, int: np.intp, bool: np.bool_, complex: np.complex128}
-#: product of the lengths of an empty array that are not zero, at most
+#: product of the lengths of an empty array that are not zero, at most: NumPy makes no array, not
+#: even an empty one, for which this product is beyond the addresses of the machine
 _MOST_OF_EMPTY = 2**31
 #: ranges of the numbers of a field, by the words of its declaration
 _RANGES: dict[str, Callable[[Any], Any]] = {
@@ -81,12 +82,14 @@ def describe_value(value: Any) -> str:
     """Return a short text of a value of any kind: a float with six digits, an array by its shape
     and range, a dataclass by its name. Of a long text or mapping the beginning is returned.
     """
+    if isinstance(value, np.generic) and value.dtype.kind in "biuc":
+        return describe_value(value.item())
     if isinstance(value, str):
         if len(value) <= _MOST_LETTERS:
             return value
         ellipsis = " ..."
         return value[: _MOST_LETTERS - len(ellipsis)] + ellipsis
-    if isinstance(value, bool | np.bool_):
+    if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
         return f"{float(value):.6g}"
@@ -106,26 +109,27 @@ def describe_value(value: Any) -> str:
 
 
 def _describe_list(values: Sequence[Any]) -> str:
-    """Return the first entries of a list as text, with the number of entries if more follow; a long
-    list of numbers is described as an array, and a list of dataclasses by their number.
+    """Return the first entries of a list as text, with the number of entries if more follow. A long
+    list of numbers is described as an array, and objects of one dataclass by their number.
     """
     if not values:
         return "none"
     count = len(values)
     if count > _MOST_ENTRIES and all(isinstance(entry, int | float) for entry in values):
         return _describe_array(np.asarray(values))
-    if count > 1 and all(is_dataclass(entry) for entry in values):
+    classes = {type(entry) for entry in values}
+    if count > 1 and len(classes) == 1 and is_dataclass(values[0]):
         return f"{count} of {type(values[0]).__name__}"
     texts = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
     separator = "; " if any(", " in text for text in texts) else ", "
     ending = f", ... ({count} in all)" if count > _MOST_ENTRIES else ""
-    return separator.join(texts) + ending or "none"
+    return separator.join(texts) + ending
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
-    """Return the entries of a small array of at most one axis as text; of other arrays the shape,
-    and the least and the greatest finite entry, of complex entries by their magnitudes, or how many
-    truth values are true.
+    """Return the entries of a small array of at most one axis as text, and of other arrays the
+    shape; with it the range of the finite numbers, the range of the magnitudes of complex numbers,
+    or how many truth values are true.
     """
     kind = values.dtype.kind
     is_small = 0 < values.size <= _MOST_ENTRIES
@@ -157,7 +161,7 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
-    """A copy of ``values`` as a read-only array."""
+    """Return a copy of ``values`` as a read-only array, of ``dtype`` unless that is None."""
     array = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
@@ -169,11 +173,12 @@ def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options
     Parameters
     ----------
     kind : the type of the value, in the form that :func:`restore` takes. If there is a ``shape``,
-        the value is an array, and float, int, bool or complex is the type of its entries.
+        float, int, bool or complex is the type of the entries of an array.
     shape : the sizes of the axes, parted by spaces. A size is a number; a letter, which means the
         same size in all shapes of the class; or a letter plus a number, as "s+1". "..." at the
         beginning stands for the shape of the load, "|" parts two shapes that are both allowed, "*"
-        is any shape, and "?" at the end says that the field may be None.
+        is any shape, and "?" at the end says that the field may be None. Truth values have "*", as
+        other shapes are those of numbers. Without a shape the value is of the ``kind`` itself.
     unit : the SI unit.
     within : the range of the numbers, one of the keys of ``_RANGES``.
     options : those of :func:`dataclasses.field`.
@@ -190,7 +195,7 @@ def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options
 @dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(held,))
 def result_class(cls: type[ResultT]) -> type[ResultT]:
     """Make a subclass of :class:`Result` the dataclass of its fields, each declared by
-    :func:`held`.
+    :func:`held`; TypeError names fields that are not.
     """
     made: type[ResultT] = dataclass(frozen=True, eq=False, repr=False)(cls)
     undeclared = [f.name for f in fields(made) if "kind" not in f.metadata]
@@ -221,28 +226,36 @@ class Result:
 
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
         """Collect shapes, units and ranges from the fields that a subclass declares; ``array``
-        names the field that ``np.asarray`` returns of a result.
+        names the field that ``np.asarray`` returns of a result, if any.
         """
         super().__init_subclass__(**options)
-        declared = {name: entry for name, entry in vars(cls).items() if isinstance(entry, Field)}
+        declarations = {
+            name: entry.metadata for name, entry in vars(cls).items() if isinstance(entry, Field)
+        }
 
-        def list_words(key: str) -> dict[str, str]:
-            """Return the entry ``key`` of the declaration of each field that has one, by field."""
-            return {name: f.metadata[key] for name, f in declared.items() if f.metadata.get(key)}
+        def collect(key: str) -> dict[str, str]:
+            """Return the words under ``key`` in the declaration of each field that has any, by the
+            name of the field.
+            """
+            return {name: words[key] for name, words in declarations.items() if words.get(key)}
 
-        cls._shapes = cls._shapes | list_words("shape")
-        cls.units = cls.units | list_words("unit")
-        cls._ranges = cls._ranges | list_words("range")
+        cls._shapes = cls._shapes | collect("shape")
+        cls.units = cls.units | collect("unit")
+        cls._ranges = cls._ranges | collect("range")
         if array:
 
-            def make_array(self: Result, dtype: Any = None, copy: Any = None) -> Any:
-                """Return a copy of the field ``array``, for ``np.asarray``."""
-                return np.array(getattr(self, array), dtype)
+            def make_array(self: Result, dtype: Any = None, copy: bool | None = None) -> Any:
+                """Return the field ``array`` for ``np.asarray``: a copy, or with ``copy`` False the
+                read-only array itself, which raises ValueError for another ``dtype``.
+                """
+                return np.array(getattr(self, array), dtype, copy=copy is not False)
 
             cls.__array__ = make_array  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
-        """Make arrays read-only, and NumPy's scalars numbers of Python."""
+        """Make arrays read-only, and of NumPy's scalars and arrays without axes numbers of
+        Python.
+        """
         for name, value in list(vars(self).items()):
             if type(value) in _SCALARS or type(value) is tuple:
                 # most values are of these types, and are kept as they are
@@ -293,14 +306,14 @@ class Result:
         return write_html(type(self).__name__, self._list_values())
 
     def _list_values(self) -> list[tuple[str, Any, str]]:
-        """Return name, value and SI unit of each field and property that is shown of a result: none
-        that is None or empty.
+        """Return name, value and SI unit of each field and property that is shown of a result;
+        those that are None or an empty tuple, and properties that the result lacks, are left out.
         """
         units = self._field_units()
         names = [f.name for f in fields(self) if f.repr]
         rows = []
         for name in (*names, *self._notebook_fields):
-            # a property raises where a result does not have it, as the pressure of some lattices
+            # a property that the result lacks raises, as the pressure of some lattices does
             with suppress(GranphonError):
                 value = getattr(self, name)
                 is_empty = isinstance(value, tuple) and not value
@@ -309,8 +322,8 @@ class Result:
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain data: class name, schema, the unit of each field, the fields, and a
-        digest of all these.
+        """The result as plain data: class name, schema, the units of fields and properties, the
+        fields, and a digest of all these.
 
         Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a
         packing, its scales) become mappings of their own. The digest stays valid through JSON and
@@ -329,24 +342,19 @@ class Result:
         that of the data. Without a digest, damage that passes the other checks is not noticed, and
         there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
         """
-        entries: dict[str, Any] = {}
-        if isinstance(cast("object", data), Mapping):
-            entries = dict(data)
+        is_mapping = isinstance(cast("object", data), Mapping)
+        entries: dict[str, Any] = dict(data) if is_mapping else {}
         subject = f"a {cls.__name__} in plain data"
         if _read_class_name(entries) != cls.__name__:
             name = entries.get("class")
             described = "no class of results" if name is None else f"a {show(name)}"
             raise InputError(f"these data describe {described}, not a {cls.__name__!r}")
         require_schema(subject, entries.get("schema", cls._schema), cls._schema)
-        has_digest = "digest" in entries
         try:
             content = {name: value for name, value in entries.items() if name not in _ABOUT}
             restored: Self = restore(content, cls)
             # the digest is checked after the content, whose errors say more
-            if has_digest:
-                stated_digest = plain(entries.pop("digest"))
-                if stated_digest != digest(plain(entries)):
-                    raise damage_error(subject, "under 'digest'")
+            _require_digest(entries, subject)
             # an array as a unit becomes a list, which is refused
             units = plain(entries.get("units", restored._field_units()))
         except RecursionError:
@@ -358,12 +366,12 @@ class Result:
             raise InputError(
                 f"the units of the {cls.__name__} data are not those of the class", mend=mend
             )
-        if not has_digest:
+        if "digest" not in entries:
             warn_unverified(subject)
         return restored
 
     def _field_units(self) -> dict[str, str]:
-        """The SI unit of each field that has one, as :meth:`to_dict` gives them."""
+        """Return the SI unit of each field and property that has one, as :meth:`to_dict` does."""
         return dict(self.units)
 
     def _check(self) -> None:
@@ -422,10 +430,22 @@ class Result:
                 )
 
 
-def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
-    """Whether a shape fits the words of ``layout``, as :class:`Result` describes them; ``sizes``
-    holds the sizes that letters stand for, and takes those of new letters.
+def _require_digest(entries: Mapping[str, Any], subject: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the ``entries`` of plain data, which the
+    message calls ``subject``, have a digest that is not that of the other entries.
     """
+    if "digest" not in entries:
+        return
+    others = {name: value for name, value in entries.items() if name != "digest"}
+    if plain(entries["digest"]) != digest(plain(others)):
+        raise damage_error(subject, "under 'digest'")
+
+
+def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
+    """Whether a shape fits the words of ``layout``, as :func:`held` describes them. ``sizes`` holds
+    the sizes that letters stand for, and takes those of new letters if the shape fits.
+    """
+    tried_sizes = dict(sizes)
     words = layout
     axes = shape
     if layout[:1] == ["..."]:
@@ -433,7 +453,7 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
         n_load_axes = max(len(shape) - len(words), 0)
         load_shape = shape[:n_load_axes]
         axes = shape[n_load_axes:]
-        if sizes.setdefault("...", load_shape) != load_shape:
+        if tried_sizes.setdefault("...", load_shape) != load_shape:
             return False
     if len(words) != len(axes):
         return False
@@ -443,24 +463,35 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
         else:
             letter, _, digits = word.partition("+")
             margin = int(digits or 0)
-            required_size = sizes.setdefault(letter, size - margin) + margin
+            required_size = tried_sizes.setdefault(letter, size - margin) + margin
         if size != required_size:
             return False
+    sizes.update(tried_sizes)
     return True
 
 
 def _are_equal(value: Any, other: Any) -> bool:
-    """Whether two values of a field are equal, array by array; nan, which stands for "not known",
+    """Whether two values of a field are equal, entry by entry; nan, which stands for "not known",
     equals nan.
     """
-    if not isinstance(value, np.ndarray) and not isinstance(other, np.ndarray):
+    if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
+        # NumPy cannot look for nan in arrays of other kinds
+        may_hold_nan = all(
+            isinstance(array, np.ndarray) and array.dtype.kind in "fc" for array in (value, other)
+        )
+        return bool(np.array_equal(value, other, equal_nan=may_hold_nan))
+    if isinstance(value, list | tuple) and isinstance(other, list | tuple):
+        return len(value) == len(other) and all(map(_are_equal, value, other))
+    if isinstance(value, Mapping) and isinstance(other, Mapping):
+        return value.keys() == other.keys() and all(
+            _are_equal(value[name], other[name]) for name in value
+        )
+    if isinstance(value, float) and isinstance(other, float):
+        return value == other or (math.isnan(value) and math.isnan(other))
+    if is_dataclass(value) and not isinstance(value, type) and type(value) is type(other):
         # objects that hold arrays may differ from their own copies: their plain data decide then
-        return not (value != other and plain(value) != plain(other))
-    # NumPy cannot look for nan in arrays of other kinds
-    may_hold_nan = all(
-        isinstance(array, np.ndarray) and array.dtype.kind in "fc" for array in (value, other)
-    )
-    return bool(np.array_equal(value, other, equal_nan=may_hold_nan))
+        return bool(value == other) or _are_equal(plain(value), plain(other))
+    return bool(value == other)
 
 
 def plain(value: Any) -> Any:
@@ -503,8 +534,9 @@ def restore(value: Any, kind: Any, name: str = "the data") -> Any:
     - object, for plain data as they are, in which lists become tuples;
     - a function without arguments that returns a kind, for a class that is defined later.
 
-    Raises :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data
-    are of another kind.
+    An object that is of the dataclass ``kind`` already is returned as it is. Raises
+    :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of
+    another kind.
     """
     if isinstance(kind, FunctionType):
         kind = kind()
@@ -559,8 +591,8 @@ def _restore_one_of(value: Any, kinds: list[Any], name: str) -> Any:
     if isinstance(value, Mapping):
         # if the value names a class among the kinds, it must be an object of that class
         class_name = _read_class_name(value)
-        named = [kind for kind in kinds if getattr(kind, "__name__", None) == class_name]
-        candidates = named or kinds
+        namesakes = [kind for kind in kinds if getattr(kind, "__name__", None) == class_name]
+        candidates = namesakes or kinds
     for kind in candidates[:-1]:
         with suppress(InputError):
             return restore(value, kind, name)
@@ -571,8 +603,9 @@ def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
     """Build an object of the dataclass ``kind`` from the mapping of its fields; InputError if no
     such object can be made.
     """
-    if issubclass(kind, Result) and not set(_ABOUT).isdisjoint(data):
-        return kind.from_dict(data)  # these data were written by to_dict of the field itself
+    is_from_to_dict = any(key in data for key in _ABOUT)  # of the object itself
+    if issubclass(kind, Result) and is_from_to_dict:
+        return kind.from_dict(data)
     names = [f.name for f in fields(kind)]
     subject = f"the {kind.__name__} data"
     missing = [name for name in names if name not in data]
@@ -609,14 +642,15 @@ def _name_kind(value: Any) -> str:
 
 
 def _read_class_name(data: Mapping[str, Any]) -> str:
-    """The class name in plain data; "" if there is none, or if it is not a text."""
+    """Return the class name in plain data; "" if there is none, or if the name is no text."""
     name = data.get("class")
     return name if isinstance(name, str) else ""
 
 
 def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
     """Return plain data, lists of any depth, as an array of ``dtype``, or of the type of its
-    entries if that is None; None if lists are ragged, or entries are no such numbers.
+    entries if that is None; None if lists are ragged, or entries are no such numbers, or whole
+    numbers are too large for the type.
     """
     if isinstance(value, Mapping) and set(value) == {"shape"}:
         return _make_empty_array(value["shape"], dtype)
@@ -628,7 +662,7 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
     try:
         array = np.asarray(value)
         if not isinstance(value, np.ndarray) and array.dtype.kind != "b":
-            # NumPy takes truth values among numbers for numbers, which are refused here
+            # NumPy would make numbers of truth values that stand among numbers
             entries = np.asarray(value, object).ravel()
             if any(isinstance(entry, bool) for entry in entries):
                 return None
@@ -639,11 +673,15 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
         return None
     if dtype is None or array.dtype == dtype:
         return array
-    return array.astype(dtype)
+    converted = array.astype(dtype)
+    is_wrapped = dtype.kind == "i" and np.any(converted != array)
+    return None if is_wrapped else converted
 
 
 def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
-    """Return the array without entries of a ``shape``; None if that is none of such an array."""
+    """Return the empty array of a ``shape``; None if that is no shape, or not that of an empty
+    array that NumPy can make.
+    """
     is_shape = isinstance(shape, list | tuple) and all(
         type(length) is int and 0 <= length < _MOST_OF_EMPTY for length in shape
     )
@@ -654,7 +692,7 @@ def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any
 
 def _make_complex_array(data: Mapping[str, Any]) -> np.ndarray[Any, Any] | None:
     """Return the complex array of the lists "real" and "imag" of a mapping; None if the mapping has
-    other keys, or if the two are no arrays of real numbers of one shape.
+    other keys, or if its two lists are no arrays of real numbers of one shape.
     """
     if len(data) != 2:
         return None

@@ -37,17 +37,17 @@ _SIZES = (
 _PREFIXES = ("y", "z", "a", "f", "p", "n", "u", "m", "", "k", "M", "G", "T", "P", "E", "Z", "Y")
 
 
-def _multiple(value: float, unit: str) -> tuple[float, str]:
-    """Return size and name of the decimal multiple of ``unit`` in which ``value`` lies between 1
-    and 1000, or of the nearest multiple.
+def _find_multiple(value: float, unit: str) -> tuple[float, str]:
+    """Return size and name of the decimal multiple of ``unit`` in which a ``value``, in that
+    ``unit``, lies between 1 and 1000; the least or the greatest multiple for values beyond.
     """
     index = max(bisect_right(_SIZES, value) - 1, 0)
     return _SIZES[index], _PREFIXES[index] + unit
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
-    """Return the decimal multiple of ``unit`` in which people write ``value``, in that unit: the
-    size of the multiple, such as 1e-6, and its name, such as "um".
+    """Return size and name, such as 1e-6 and "um", of the decimal multiple of a ``unit`` in which
+    people write a ``value``, a number in that ``unit``.
 
     A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero,
     values beyond the range of the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3")
@@ -59,7 +59,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     takes_prefix = leading_unit.isalpha() and leading_unit != "kg" and not is_long_time
     is_in_range = _SIZES[0] <= magnitude < 1e3 * _SIZES[-1]
     if takes_prefix and is_in_range:
-        return _multiple(magnitude, unit)
+        return _find_multiple(magnitude, unit)
     return 1.0, unit
 
 
@@ -92,15 +92,16 @@ def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str
 
 
 def write_error(error: float, value: float, unit: str) -> str:
-    """Return the text of a standard ``error`` of two digits in the multiple of the SI ``unit`` in
-    which the ``value`` beside it is written; below a thousandth of it, in a multiple of its own.
+    """Return the text of a standard ``error``, with two digits, in the multiple of the SI ``unit``
+    in which the ``value`` beside the error is written. An error below a thousandth of that
+    multiple, or of ten thousand and more, has a multiple of its own.
     """
     _size, name = prefixed(value, unit)
     return write_in(error, unit, name, 2)
 
 
 def write_unit(unit: str) -> str:
-    """The end of the text of a quantity: "1" is not written."""
+    """Return the ``unit`` as the text of a quantity ends, after a space; nothing for "1"."""
     return "" if unit in ("", "1") else f" {unit}"
 
 
@@ -112,7 +113,7 @@ def write_uncertain(value: float, error: float, unit: str) -> str:
     millionth of the value, or of a thousand multiples and more, has a multiple of its own.
     """
     size, name = prefixed(max(abs(value), error), unit)
-    is_tiny = not 1e-6 * abs(value) < error  # or nan
+    is_tiny = not 1e-6 * abs(value) < error  # so is an error of nan, or that of a value of nan
     if is_tiny or error >= 1e3 * size:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
     two_digits = float(f"{error / size:.1e}")  # 0.0996 has become 0.10
@@ -136,11 +137,11 @@ class HertzPrefix:
 
     @classmethod
     def for_top(cls, frequency: float) -> HertzPrefix:
-        """The unit in which ``frequency`` (Hz) lies between 1 and 1000.
+        """Return the unit in which a ``frequency``, Hz, lies between 1 and 1000.
 
         The unit is yHz for all lower frequencies, and YHz for all higher ones.
         """
-        hertz, name = _multiple(frequency, "Hz")
+        hertz, name = _find_multiple(frequency, "Hz")
         return cls(name, hertz)
 
     @classmethod
@@ -218,7 +219,7 @@ class Units:
         return self.stiffness / self.length
 
     def to_info(self) -> dict[str, float]:
-        """The three scales, SI, under their names in ``Atoms.info`` and in exported files."""
+        """Return the three scales, SI, by their names in ``Atoms.info`` and in exported files."""
         return {key: getattr(self, name) for name, key in _INFO.items()}
 
     @classmethod
@@ -230,7 +231,7 @@ class Units:
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
             problem = f"the scales {', '.join(missing)} are missing"
-            mend = "Make it with granphon, or add the missing entries"
+            mend = "Make the object with granphon, or add the missing entries"
             raise InputError(problem, "Objects in reduced units carry their scales with them", mend)
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
@@ -240,11 +241,11 @@ class WidthUnits:
     """Reduced units of balls that differ: the width W of the diameters, and the force of equal
     balls at an overlap of W.
 
-    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m. Multiply a number in
-    these units by the property of its name to get SI. Powers of W are taken from mantissas and
-    exponents apart: a power may be beyond the floating range where its unit, or a number in that
-    unit, is not. A unit below the range is the nearest float, zero at last; a unit above it raises
-    :class:`InputError`.
+    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m, both above zero. Multiply
+    a number in these units by the property of its name to get SI. Powers of W are taken from
+    mantissas and exponents apart: a power may be beyond the floating range where its unit, or a
+    number in that unit, is not. A unit below the range is the nearest float, zero at last; a unit
+    above the range raises :class:`InputError`.
     """
 
     coefficient: float
@@ -271,8 +272,8 @@ class WidthUnits:
         return self._value(-1)
 
     def _split(self, n: int) -> tuple[float, int]:
-        """Return c W^(n/2) as the number m, near one, and the exponent e of m 2^e: both are in the
-        floating range, where the product may not be.
+        """Return c W^(n/2) as the number m, of the order of one, and the exponent e of m 2^e: both
+        are in the floating range, where the product may not be.
         """
         root_mantissa, root_exponent = math.frexp(math.sqrt(self.width))
         mantissa, exponent = math.frexp(self.coefficient)
@@ -309,8 +310,9 @@ class WidthUnits:
 
 
 def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) -> list[str]:
-    """Return the lines of the block ``granphon`` at the head of files for phonopy: the ``unit`` of
-    frequency, the names of the ``coordinates`` of a ball, and the ``scales`` in SI.
+    """Return the lines of the block ``granphon`` at the head of files for phonopy, YAML without
+    line feeds: the ``unit`` of frequency, the names of the ``coordinates`` of a ball, and the
+    ``scales`` in SI.
     """
     return [
         "granphon:",
@@ -334,5 +336,5 @@ def read_header(path: object, block: Mapping[str, Any]) -> tuple[float, Units]:
     hertz = HertzPrefix.named(block["frequency_unit"]).hertz
     scales = Units.from_info(block)
     if block["hertz"] != hertz:
-        raise InputError("its unit of frequency and the size of it contradict each other")
+        raise InputError(f"hertz is not the size of the frequency_unit, {hertz:g}")
     return hertz, scales

@@ -9,6 +9,7 @@ the entry in the docstring of the class, and the row of the page of the referenc
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -41,6 +42,12 @@ BlockClass = TypeVar("BlockClass", bound="Block")
 NEEDED = "required"
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
+#: the most points of a range, far above those of any sweep: a mistyped number does not fill the
+#: memory
+_MOST_POINTS = 200_000
+#: size of the largest number that Python may give for a quantity of any sign, far above that of any
+#: such quantity in SI
+_LARGEST = 1e300
 #: key of the metadata of an attribute under which its declaration stands
 _DECLARED = "setting"
 #: characters in a line of a docstring, without the indentation of its class
@@ -49,7 +56,7 @@ _DOCSTRING_WIDTH = 96
 
 @dataclass(frozen=True, kw_only=True)
 class ValueContext:
-    """Where a value comes from; the reading of the value depends on that.
+    """Where a value comes from, on which depends how the value is read.
 
     Attributes
     ----------
@@ -82,7 +89,9 @@ class Kind(NamedTuple):
 
     @classmethod
     def plain(cls, rule: Rule, write: Callable[[Any], Any] = lambda value: value) -> Kind:
-        """Return the kind of values that do not depend on the scene."""
+        """Return the kind of values that a ``rule`` reads and ``write`` writes, wherever they come
+        from.
+        """
         return cls(lambda value, _: rule(value), lambda value, _: write(value))
 
     def made(self, make: Callable[[Any], Any]) -> Kind:
@@ -92,7 +101,7 @@ class Kind(NamedTuple):
         return self._replace(read=lambda value, context: make(self.read(value, context)))
 
     def rule(self, context: ValueContext) -> Rule:
-        """Return the rule that reads such a value."""
+        """Return the rule that reads a value of this kind from where ``context`` says."""
         return lambda value: self.read(value, context)
 
 
@@ -102,10 +111,11 @@ def with_unit(kind: Quantity) -> Kind:
     """
     rule: Rule
     if kind.least == "any":
-        rule = partial(number, low=-1e300, high=1e300)  # any finite number
+        rule = partial(number, low=-_LARGEST, high=_LARGEST)
+    elif kind.least == "above zero":
+        rule = partial(above_zero, unit=kind.unit)
     else:
-        sign = above_zero if kind.least == "above zero" else zero_or_above
-        rule = partial(sign, unit=kind.unit)
+        rule = partial(zero_or_above, unit=kind.unit)
     return Kind(
         lambda value, context: kind.read(value) if context.written else rule(value),
         lambda value, _: kind.write(value),
@@ -131,12 +141,16 @@ def word_of(*options: str) -> Kind:
 
 
 def whole_from(low: int, high: int | None = None) -> Kind:
-    """Return the kind of a whole number from ``low`` to ``high``."""
+    """Return the kind of a whole number from ``low`` to ``high``; without an upper limit if
+    ``high`` is None.
+    """
     return Kind.plain(partial(whole, low=low, high=high))
 
 
 def listed(kind: Kind, what: str = "values") -> Kind:
-    """Return the kind of a list of values of a ``kind``; ``what`` is the plural in messages."""
+    """Return the kind of a list of one or more values, each of a ``kind``, which are read as a
+    tuple; ``what`` is the plural for the values in messages.
+    """
     return Kind(
         lambda values, context: each(values, kind.rule(context), what),
         lambda values, context: [kind.write(value, context) for value in values],
@@ -144,11 +158,11 @@ def listed(kind: Kind, what: str = "values") -> Kind:
 
 
 def one_or_more(kind: Kind, what: str, once: str = "") -> Kind:
-    """Return the kind of a tuple of values, each of a ``kind``. In a file a tuple of one value is
-    written as this value, and a longer one as a list.
+    """Return the kind of a tuple of one or more values, each of a ``kind``. In a file a tuple of
+    one value is written as this value, and a longer tuple as a list.
 
-    ``what`` is the plural for the values in messages. If ``once`` is given, a list that has a value
-    twice is refused, and ``once`` says in the message what is allowed.
+    ``what`` is the plural for the values in messages. Unless ``once`` is empty, a list that has a
+    value twice is refused, and ``once`` says in the message what is allowed.
     """
     several = listed(kind, what)
 
@@ -198,9 +212,12 @@ def read_counts(value: Any, what: str, low: int, high: int) -> tuple[int, ...]:
     of numbers, or a text of numbers of at most nine digits, parted by spaces. ``what`` is the
     plural for the numbers in messages.
     """
-    counts = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
-        counts = read_words(value)
+        counts: Sequence[Any] = read_words(value)
+    elif isinstance(value, list | tuple):
+        counts = value
+    else:
+        counts = [value]
     return each(counts, partial(whole, low=low, high=high), what)
 
 
@@ -210,17 +227,21 @@ def read_counts(value: Any, what: str, low: int, high: int) -> tuple[int, ...]:
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
     """Return the numbers, in SI units, that ``value`` holds: one number, a list of numbers, or a
     range {from, to, points, scale}. The ``rule`` reads each number and both ends of a range; the
-    points of a range are evenly spaced on its scale, "log" (the default) or "linear".
+    points of a range, 1 to 200 000 with both ends, are evenly spaced on its scale, "log" (the
+    default) or "linear".
+
+    Raises :class:`~granphon.base.errors.Refused` for another value; for a range whose number of
+    points does not fit its ends, which are one value or two; for a log range that is not above
+    zero; and for a range too wide for a float.
     """
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
     if not isinstance(value, dict):
         return (rule(value),)
-    points = partial(whole, low=1, high=200_000)
     rules: dict[str, Rule] = {
         "from": rule,
         "to": rule,
-        "points": points,
+        "points": partial(whole, low=1, high=_MOST_POINTS),
         "scale": partial(choice, options=SCALES),
     }
     entries = block(value, rules, ("from", "to", "points"))
@@ -235,12 +256,14 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
         raise Refused(f"{n_points} for the {words}", allowed, path=("points",))
     if scale == "log" and min(first, last) <= 0.0:
         raise Refused(f"a log {words}", "values above zero", "Write scale: linear.")
+    if not math.isfinite(last - first):
+        raise Refused(f"a {words}", "ends whose difference double precision can hold")
     return space_evenly(first, last, n_points, scale)
 
 
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to
-    exactly ``last``.
+    """Return ``count`` numbers, evenly spaced on a ``scale``, "log" or "linear", from exactly
+    ``first`` to exactly ``last``; of one number, ``first``.
     """
     space = np.geomspace if scale == "log" else np.linspace
     with np.errstate(all="ignore"):
@@ -249,20 +272,19 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 
 def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Return plain data that :func:`read_values` reads as the same ``values``: a single value, a
-    range whose points are the values to the last bit, or else a list. ``write`` returns the plain
-    data of one value.
+    """Return plain data that :func:`read_values` reads as the same one or more ``values``: a single
+    value, a range whose points are the values to the last bit, or else a list. ``write`` returns
+    the plain data of one value.
     """
     first = values[0]
     last = values[-1]
     count = len(values)
     if count == 1:
         return write(first)
-    scales = list[str]()
-    if count > 2 and first != last:
-        scales += [scale for scale in SCALES if scale == "linear" or min(first, last) > 0.0]
-    for scale in scales:
-        if space_evenly(first, last, count, scale) == tuple(values):
+    may_be_range = count > 2 and first != last
+    for scale in SCALES if may_be_range else ():
+        has_scale = scale == "linear" or min(first, last) > 0.0
+        if has_scale and space_evenly(first, last, count, scale) == tuple(values):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in values]
 
@@ -298,14 +320,15 @@ def setting(
     :class:`Setting`.
 
     ``default`` is the value of the attribute if none is given; without a default a value is
-    required. ``absent`` describes the default in words, for a default that would not explain itself
-    in a table, such as None.
+    required. With None as default the value may be None. ``absent`` describes the default in words,
+    for a default that would not explain itself in a table, such as None.
     """
     words = absent or NEEDED
     if default is not MISSING and not absent:
         values = default if isinstance(default, tuple) else (default,)
         texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
-        words = f"`{' '.join([', '.join(texts), kind.unit]).rstrip()}`"
+        quantity = f"{', '.join(texts)} {kind.unit}".rstrip()
+        words = f"`{quantity}`"
     declared = Setting(kind, meaning, words, title, is_optional=default is None)
     return dataclasses.field(default=default, metadata={_DECLARED: declared})
 
@@ -319,34 +342,36 @@ def _add_attributes(docstring: str, settings: Mapping[str, Setting]) -> str:
         words = ", ".join(filter(None, [declared.meaning, declared.kind.unit]))
         if declared.default != NEEDED:
             words += f"; by default {declared.default}"
-        # from the reference, which is Markdown: no links, and code in two quotes
+        # the words are Markdown, for the page: links are left out, and code has two quotes
         words = re.sub(r", see \[[^]]*\]\([^)]*\)", "", words).replace("`", "``")
         entries.append(f"{name} : {words}.")
     wrapped = [
         textwrap.fill(entry, _DOCSTRING_WIDTH, subsequent_indent="    ", break_long_words=False)
         for entry in entries
     ]
-    listed = "\n".join(["Attributes", "----------", *wrapped])
-    head, errors, tail = docstring.partition("\nRaises\n------\n")
-    return f"{head.rstrip()}\n\n{listed}\n{errors}{tail}"
+    section = "\n".join(["Attributes", "----------", *wrapped])
+    head, title_of_errors, errors = docstring.partition("\nRaises\n------\n")
+    return f"{head.rstrip()}\n\n{section}\n{title_of_errors}{errors}"
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(setting,))
 class Block:
     """Settings that stand together in a block of a scene: a frozen dataclass, whose attributes are
-    declared by :func:`setting`, and whose values are checked when it is made. The docstring of a
-    subclass gets a list of the attributes that it declares and does not tell itself; a value with a
-    unit is in SI.
+    declared by :func:`setting`, and whose values are checked when an object is made. The docstring
+    of a subclass, if it has one, gets a list of the attributes that the subclass declares and its
+    docstring does not tell; a value with a unit is in SI.
 
-    ``block`` is the name of the block in messages. Settings with ``kw_only`` come behind the
-    others.
+    ``block`` is the name of the block in messages. The attributes of a subclass with ``kw_only``
+    are given by name alone, and are listed behind the others.
     """
 
     block: ClassVar[str] = ""
     _settings: ClassVar[Mapping[str, Setting]]
 
     def __init_subclass__(cls, kw_only: bool = False) -> None:
-        """Make a frozen dataclass of the subclass and list what it declares."""
+        """Make a frozen dataclass of the subclass, collect its settings, and add those that its
+        docstring does not tell to the docstring.
+        """
         super().__init_subclass__()
         of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
         ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
@@ -386,13 +411,15 @@ def list_settings(block_class: type[Block]) -> Mapping[str, Setting]:
 
 
 def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rule]:
-    """Return the rule that reads each setting of a block, by name."""
+    """Return the rule that reads each setting of a block from where ``context`` says, by name."""
     settings = list_settings(block_class)
     return {name: declared.kind.rule(context) for name, declared in settings.items()}
 
 
 def read_block(block_class: type[BlockClass], value: Any, context: ValueContext) -> BlockClass:
-    """Return the settings that stand in a block of keys, or that are given as such."""
+    """Return the settings of a ``block_class`` that a ``value`` gives: a block of keys, or the
+    settings themselves, which are returned as they are.
+    """
     if isinstance(value, block_class):
         return value
     return block_class(**_keys_of(block_class).read(value, context))
@@ -412,19 +439,19 @@ def write_block(settings: Block, context: ValueContext) -> dict[str, Any]:
 
 
 def block_kind(block_class: type[Block]) -> Kind:
-    """Return the kind of a block of settings inside another."""
+    """Return the kind of a block of settings that is the value of a key of another block."""
     return Kind(partial(read_block, block_class), write_block)
 
 
 def describe_settings(settings: Block) -> list[tuple[str, Any, str]]:
-    """Return titles, values and SI units of the settings that have a title and a value; a value
-    that describes itself, as a wall does, stands in its own words.
+    """Return title, value and SI unit of each setting that has a title and whose value is not None;
+    a value with a method ``describe``, such as a wall, is replaced by what that returns.
     """
     rows = []
     for name, declared in list_settings(type(settings)).items():
         value = getattr(settings, name)
         if declared.title and value is not None:
-            value = value.describe() if hasattr(value, "describe") else value
+            description = value.describe() if hasattr(value, "describe") else value
             title = declared.title.format(block=settings.block)
-            rows.append((title, value, declared.kind.unit))
+            rows.append((title, description, declared.kind.unit))
     return rows

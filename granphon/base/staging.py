@@ -1,10 +1,11 @@
 """Result folders: files arrive whole and together, one run at a time, and the user's own files are
 never replaced.
 
-New files are collected in a hidden folder. One rename makes it ``.granphon-new``: from then on the
-result counts. Then old files leave, and new ones move to their places; whoever looks at the folder
-next completes that, if it was cut off. So a folder never shows files of two runs. The folder itself
-is not renamed: it may hold the user's files, and be where one works.
+New files are collected in a hidden folder inside the folder of the results. One rename makes it
+``.granphon-new``: from then on the result counts. Then old files leave, and new ones move to their
+places; the next run that looks at the folder completes that, if it was cut off. So a folder never
+shows files of two runs. The folder of the results itself is not renamed: it may hold the user's
+files, and may be where a terminal or a program works.
 
 ``.granphon-files`` lists the files that granphon wrote into the folder, each with its SHA-256. A
 file that is not listed, or has changed since, counts as the user's. ``.granphon-lock`` is locked by
@@ -25,6 +26,7 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Self
 from uuid import uuid4
@@ -59,13 +61,15 @@ if sys.platform == "win32":
     import msvcrt
 
     def _lock(descriptor: int) -> None:
-        """Lock an open file; OSError if another process has locked it."""
+        """Lock an open file; OSError if another process has locked the file."""
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
 else:
     import fcntl
 
     def _lock(descriptor: int) -> None:
-        """Lock an open file; OSError if another process has locked it."""
+        """Lock an open file; OSError if another process has locked the file, or if the file system
+        has no locks.
+        """
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
@@ -87,8 +91,8 @@ def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
     """Return the SHA-256 of each file that granphon wrote into ``folder``, by its name, from the
     list there; empty if there is no list that can be read.
 
-    With ``what`` = "old" the files are those that are to leave the folder. Names that lead into
-    another folder are left out.
+    With ``what`` = "old", of the list in :data:`NEW`, the files are those that are to leave the
+    folder of the results. Names that lead into another folder are left out.
     """
     # the content of the list may be anything
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
@@ -121,7 +125,7 @@ def _is_written(path: Path, *digests: str) -> bool:
 
 
 def is_whole(folder: StrPath, names: Sequence[str]) -> bool:
-    """Whether ``folder`` holds files of all ``names`` as granphon has written them."""
+    """Whether ``folder`` holds files of all ``names``, each as granphon has written it."""
     written = read_written_files(folder)
     if not all(name in written for name in names):
         return False
@@ -136,8 +140,8 @@ class ResultFiles:
     ----------
     folder : the folder of the results; it need not exist.
     names : the files to be written.
-    force : files of these names may be replaced, if granphon wrote them and nobody has changed them
-        since.
+    force : whether files of these names may be replaced, if granphon wrote them and nobody has
+        changed them since.
     earlier : files of an earlier result that are to be removed, if granphon wrote them; if one has
         been changed since, it may not be removed, and an error is raised.
     inputs : files that the run reads, which are never replaced.
@@ -159,9 +163,9 @@ class ResultFiles:
         return Path(self.folder)
 
     def require_free(self) -> None:
-        """Raise if the files cannot be written, as far as can be told without writing. An earlier
-        result that was cut off while its files moved is completed first, unless another run has the
-        lock.
+        """Raise an error if the files cannot be written, as far as can be told without writing. An
+        earlier result that was cut off while its files moved is completed first, unless another run
+        has the lock.
 
         Raises
         ------
@@ -179,7 +183,7 @@ class ResultFiles:
             if was_cut_off:
                 with _hold_lock(self._target) as is_alone:
                     _finish(self._target, is_alone=is_alone)
-        self._check()
+        self._require_writable()
 
     @contextmanager
     def open(self) -> Iterator[Self]:
@@ -203,7 +207,7 @@ class ResultFiles:
                 with explaining(target):
                     _finish(target, is_alone=is_alone)
                 # checked again: another run may have written files before the lock was taken
-                self._check()
+                self._require_writable()
                 yield self
         finally:
             for folder in reversed(made_folders):
@@ -212,14 +216,14 @@ class ResultFiles:
 
     @contextmanager
     def staging(self, optional: Sequence[str] = ()) -> Iterator[Path]:
-        """Make a temporary folder for the new files, which all move into the folder of the results
-        at the end of the block.
+        """Make a temporary folder, into which the block writes the new files, and give its path;
+        at the end of the block all of them move into the folder of the results.
 
         The folder of the results must be under lock, see :meth:`open`. Files that are also in
         ``optional`` need not be written. If the block fails, the folder of the results is left as
         it was found. If moving the files fails, the next run that looks at the folder moves those
         that are left. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file
-        system.
+        system, also one in the block, and for files that the user has put in the way meanwhile.
         """
         target = self._target
         staging_folder = None
@@ -227,7 +231,7 @@ class ResultFiles:
             try:
                 staging_folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield staging_folder
-                self._check()
+                self._require_writable()
                 new_names = []
                 for name in self.names:
                     if name not in optional or os.path.lexists(staging_folder / name):
@@ -239,7 +243,7 @@ class ResultFiles:
                 os.rename(staging_folder, target / NEW)  # from here on the result counts
                 _finish(target)
             except BaseException:
-                # where a Ctrl-C has come while the files moved, the rest of them is moved
+                # where a Ctrl-C has come while the files moved, those that are left are moved
                 _finish(target)
                 raise
             finally:
@@ -247,12 +251,15 @@ class ResultFiles:
                     shutil.rmtree(staging_folder, ignore_errors=True)
 
     def _write_list(self, staging_folder: Path, new_names: Sequence[str]) -> None:
-        """Write the list of the folder of the results as it is to be, with the digests of its files
-        and of the old ones that make way, into the ``staging_folder`` that holds the new files.
+        """Write the list that the folder of the results is to have, with the digests of its files
+        and of the old ones that make way, into the ``staging_folder``, which holds the files called
+        ``new_names``.
         """
         target = self._target
         written = read_written_files(target)
-        existing = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
+        existing = [
+            name for name in (*self.names, *self._stale_names) if os.path.lexists(target / name)
+        ]
         # a file of a known text may make way too, though the list of the folder does not name it
         old = {name: written.get(name) or _digest_file(target / name) for name in existing}
         files = {name: digest for name, digest in written.items() if name not in old}
@@ -260,15 +267,13 @@ class ResultFiles:
         content = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
         (staging_folder / LIST).write_text(content, encoding="utf-8")
 
-    def _check(self) -> None:
+    def _require_writable(self) -> None:
         """Raise :class:`~granphon.base.errors.OutputError` if the files cannot be written into
-        their folder, or would replace files that are not an earlier result of granphon.
+        their folder, or would replace or remove files that they may not, as :meth:`require_free`
+        lists them.
         """
         target = self._target
-        if any("\0" in name for name in (str(target), *self.names)):
-            raise OutputError(
-                f"{str(target)!r} cannot be written: a null character is part of the name"
-            )
+        _require_no_null_character(target, *self.names)
         with explaining(target):
             ancestor = _find_existing_ancestor(target)
             if not ancestor.is_dir():
@@ -287,7 +292,7 @@ class ResultFiles:
             self._require_own(existing, written)
             if existing and not self.force:
                 raise self._make_existing_error(existing, written)
-            for name in self._stale:
+            for name in self._stale_names:
                 self._require_removable(name, written[name])
             if not os.access(ancestor, os.W_OK | os.X_OK):
                 problem = f"there is no permission to write to {_show_folder(ancestor)}"
@@ -348,7 +353,7 @@ class ResultFiles:
             )
 
     @property
-    def _stale(self) -> list[str]:
+    def _stale_names(self) -> list[str]:
         """Files of an earlier result, written by granphon, that the new result does not have."""
         target = self._target
         written = read_written_files(self.folder)
@@ -356,7 +361,7 @@ class ResultFiles:
         return [name for name in candidates if os.path.lexists(target / name)]
 
     def _is_read(self, name: str) -> bool:
-        """Whether a file of the folder is one that this run reads."""
+        """Whether the file ``name`` of the folder is one that this run reads."""
         for path in self.inputs:
             with suppress(OSError):
                 if os.path.samefile(self._target / name, path):
@@ -373,8 +378,8 @@ def _find_existing_ancestor(path: Path) -> Path:
 
 
 def _finish(target: Path, is_alone: bool = False) -> None:
-    """Complete what an earlier run may have left unfinished in the folder ``target``: move the
-    files of a complete result from the folder :data:`NEW` to their places.
+    """Complete what this or an earlier run may have left unfinished in the folder ``target``: move
+    the files of a complete result from the folder :data:`NEW` to their places.
 
     ``is_alone`` says that no other run is under way; then staging folders, which only killed runs
     leave behind, are removed too.
@@ -404,6 +409,7 @@ def _move_files(new_folder: Path, target: Path) -> None:
         if path.is_file() and not path.is_symlink():
             waiting.append(name)
     for name, digest in old.items():
+        # a new file that does not wait any more has been moved, and stays
         is_in_the_way = name in waiting or name not in files
         if is_in_the_way and _is_written(target / name, digest):
             (target / name).unlink()
@@ -433,7 +439,7 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
     """
     try:
         yield
-    except GranphonError:
+    except GranphonError:  # some are an OSError too
         raise
     except OSError as error:
         problem = f"{_show_folder(target)} cannot be written: {error.strerror or error}"
@@ -451,8 +457,8 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
 
 @contextmanager
 def _hold_lock(target: Path) -> Iterator[bool]:
-    """Hold the lock of the folder ``target`` during the block; give whether it is certain that no
-    other run is under way, which it is not on a file system without locks.
+    """Hold the lock of the folder ``target`` during the block, and give True; on a file system
+    without locks give False, as another run may be under way there.
 
     Raises :class:`~granphon.base.errors.OutputError` if another run has the lock.
     """
@@ -488,7 +494,7 @@ def _hold_lock(target: Path) -> Iterator[bool]:
 
 def _open_lock(path: Path) -> int:
     """Open the file of a lock, which is made if need be, and return its descriptor; OutputError if
-    granphon did not make that file.
+    the file cannot be opened, or is not an empty file, as granphon makes it.
     """
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
     with explaining(path.parent):
@@ -525,9 +531,8 @@ def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> 
     :func:`write_text` writes one. All of them are checked, then written beside their places, and
     only then moved there: a fault of one of them before the moves leaves all places as they were.
 
-    Raises
-    ------
-    InputError : two of the paths are one file.
+    Errors are those of :func:`write_text`, and :class:`~granphon.base.errors.InputError` if two of
+    the paths are one file.
     """
     targets = [Path(path) for path, _text in files]
     contents = [text.encode("utf-8") for _path, text in files]
@@ -546,23 +551,35 @@ def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> 
 
 def _require_different(targets: Sequence[Path]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if two of the ``targets`` are one file."""
-    for place, target in enumerate(targets):
-        for earlier in targets[:place]:
-            is_same = os.path.realpath(earlier) == os.path.realpath(target)
-            with suppress(OSError, ValueError):  # a file that is not there
-                is_same = is_same or os.path.samefile(earlier, target)
-            if is_same:
-                raise InputError(
-                    f"{target} is the name of two files that are to be written",
-                    "The second one would replace the first one",
-                    "Give two names",
-                )
+    for first, second in combinations(targets, 2):
+        is_same = False
+        with suppress(OSError, ValueError):  # a file that is not there, or a null character
+            is_same = os.path.realpath(first) == os.path.realpath(second)
+            is_same = is_same or os.path.samefile(first, second)
+        if is_same:
+            raise InputError(
+                f"{second} is the name of two files that are to be written",
+                "The second one would replace the first one",
+                "Give two names",
+            )
+
+
+def _require_no_null_character(target: Path, *names: str) -> None:
+    """Raise :class:`~granphon.base.errors.OutputError` if a null character is part of the path
+    ``target``, or of one of the ``names`` of files to be written there.
+    """
+    if any("\0" in text for text in (str(target), *names)):
+        raise OutputError(
+            f"{str(target)!r} cannot be written: a null character is part of the name"
+        )
 
 
 def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder or, unless it may
-    ``replace`` any file, a file of another kind than the one that begins with ``new_head``.
+    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder, or has a null
+    character, or is a file of another kind than the one that begins with ``new_head``. With
+    ``replace`` true a file of any kind passes.
     """
+    _require_no_null_character(target)
     if target.is_dir():
         raise OutputError(f"{target} is a folder", "A file of that name is to be written")
     if replace or not os.path.lexists(target):
@@ -570,12 +587,12 @@ def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
     with open(target, "rb") as stream:
         old_head = stream.read(_HEAD_BYTES)
     if old_head and not _are_of_one_kind(old_head, new_head):
-        problem = f"{target} is there, and is no such file of granphon"
+        problem = f"{target} is there, and is another kind of file"
         raise FileExistsInRunError(problem, mend="Give another name")
 
 
 def _is_own(head: bytes) -> bool:
-    """Whether the first bytes of a file name granphon, or have the line of its digest."""
+    """Whether the ``head`` of a file, its first bytes, names granphon or has the line of a seal."""
     return b"granphon" in head or SEAL.encode() in head
 
 
@@ -607,7 +624,7 @@ def put_beside(target: Path) -> Iterator[Path]:
     ``target`` after the block, or is removed if the block fails.
 
     The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure
-    of the file system; other errors of the block pass as they are.
+    of the file system, also one in the block; other errors of the block pass as they are.
     """
     temporary = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):

@@ -16,7 +16,9 @@ from granphon.base.validation import real_array
 
 
 def standard_error(values: Array, axis: int) -> Array:
-    """Return the standard error of the mean along an axis of two or more independent values."""
+    """Return the standard error of the mean of ``values`` along an ``axis``, on which two or more
+    independent values stand.
+    """
     return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
 
 
@@ -25,7 +27,7 @@ def read_errors(name: str, errors: ArrayLike, shape: tuple[int, ...]) -> Array:
     error that is not known.
 
     Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for another
-    shape.
+    shape, for an error below zero, and for what are no numbers.
     """
     numbers = real_array(name, errors)
     if numbers.shape != shape:
@@ -34,17 +36,23 @@ def read_errors(name: str, errors: ArrayLike, shape: tuple[int, ...]) -> Array:
             f"The values have the shape {shape}",
             "Give a standard error for each",
         )
+    if np.any(numbers < 0.0):
+        raise InputError(
+            f"{name} has {np.nanmin(numbers):g}",
+            "A standard error is zero or above",
+            "Give nan for an error that is not known",
+        )
     return numbers
 
 
-def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
-    """Return the standard error (...) of the value that a function ``of`` has at the mean (..., m)
-    of two or more independent rows of ``values`` (..., n, m); ``of`` takes an array (..., m) and
-    returns an array (...).
+def jackknife(function: Callable[[Array], Array], values: Array) -> Array:
+    """Return the standard error (...) of the value that a ``function`` has at the mean (..., m) of
+    n independent rows of ``values`` (..., n, m), two or more; the ``function`` takes an array
+    (..., m) and returns an array (...).
 
-    The error is estimated from the values of ``of`` at means from which each row is left out in
-    turn (the jackknife, J. W. Tukey, 1958).
+    The error is estimated from the n values of the function at means from which each row is left
+    out in turn (the jackknife, J. W. Tukey, 1958).
     """
-    count = values.shape[-2]
-    without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))
-    return np.asarray(math.sqrt(count - 1) * np.std(without, axis=-1))
+    n_rows = values.shape[-2]
+    means = (np.sum(values, axis=-2, keepdims=True) - values) / (n_rows - 1)  # each without a row
+    return np.asarray(math.sqrt(n_rows - 1) * np.std(function(means), axis=-1))

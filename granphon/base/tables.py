@@ -6,9 +6,9 @@ The first line heads the columns by their names and, in brackets, units: ``force
 else by commas. Empty lines and lines that begin with # are skipped. granphon itself writes commas,
 puts cells that hold a comma in quotes, and writes numbers with all digits.
 
-Errors may quote the content of a table that the caller has named. They quote one that a scene has
-named only if it is a table of quantities, with the wanted column and a unit for it: somebody else
-may have written the scene, and a scene can name any file.
+Errors may quote the content of a table that the caller has named. Of a table that a scene has named
+they quote the content only if it is a table of quantities, with the requested column and a unit for
+it: somebody else may have written the scene, and a scene can name any file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ import csv
 import os
 import re
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO, StringIO, TextIOWrapper
@@ -31,7 +33,10 @@ from granphon.base.errors import InputError, brief
 from granphon.base.quantities import NUMBER, Quantity, is_plain
 from granphon.base.text import closest, counted, decode, list_names, read_bytes
 
+#: the advice where a decimal comma is the probable fault
 _POINT = "Write decimals with a point"
+#: a unit in brackets at the end of a heading: letters, and brackets of its own that are closed
+_UNIT_IN_BRACKETS = re.compile(r"[(\[]((?:[^()\[\]]|\([^()\[\]]*\))*)[)\]]\Z")
 #: the most characters of a cell that a message quotes
 _MOST_QUOTED = 40
 #: longest cell that csv reads, in characters
@@ -49,18 +54,15 @@ class Heading:
     def parse(cls, text: str) -> Self:
         """Read the heading ``name``, ``name (unit)`` or ``name [unit]``, or a name that ends with
         its unit, as ``total_per_Hz`` of dos.csv. A unit may have brackets of its own, as m/(N s).
+        Any other text is a name without a unit.
         """
-        unit_text = r"(?:[^()\[\]]|\([^()\[\]]*\))*?"
-        pattern = rf"(.*?)\s*(?:[(\[]\s*({unit_text})\s*[)\]])?"
-        match = re.fullmatch(pattern, text.strip(), re.DOTALL)
-        if match is None:
-            return cls(text, "")
-        name, unit = match.groups()
-        if unit is None and name.endswith("_per_Hz"):
-            return cls(name, "1/Hz")
-        if unit is None and name.endswith("_Hz"):
-            return cls(name, "Hz")
-        return cls(name, unit or "")
+        title = text.strip()
+        in_brackets = _UNIT_IN_BRACKETS.search(title)
+        if in_brackets is not None:
+            return cls(title[: in_brackets.start()].rstrip(), in_brackets[1].strip())
+        if title.endswith("_per_Hz"):
+            return cls(title, "1/Hz")
+        return cls(title, "Hz" if title.endswith("_Hz") else "")
 
     @property
     def of_error(self) -> Heading:
@@ -120,7 +122,8 @@ class Table:
         cls, name: str, raw: bytes, most_rows: int, quoted: bool = True
     ) -> Iterator[Self]:
         """Yield the table in the bytes ``raw`` in parts of ``most_rows`` rows, all under the same
-        headings, so that the cells of a large table are never all in memory; see :meth:`parse`.
+        headings, so that the cells of a large table are never all in memory; a table without rows
+        is one part. The other arguments and the errors are those of :meth:`parse`.
         """
         lines = _list_lines(name, raw)
         head_number, head = next(lines, (0, ""))
@@ -154,8 +157,9 @@ class Table:
         """Return the numbers of the column called ``name``, (rows,), converted to the SI unit of
         their ``kind``.
 
-        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case
-        does not matter. ``mend`` is the advice of the message if the column is not found. Raises
+        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Names
+        are compared by :attr:`Heading.key`: case does not matter. ``mend`` is the advice of the
+        message if the column is not found. Raises
         :class:`~granphon.base.errors.InputError` if there is no such column or more than one, if
         the column has no unit, if there are no rows, or if the kind does not allow the text of a
         cell.
@@ -183,7 +187,7 @@ class Table:
                 f" this kind",
             )
         values = kind.read_many(self.columns[index], unit)
-        if values is None:  # read one by one, so that the error names the first bad cell
+        if values is None:  # one by one all texts are read, and the error names the first bad cell
             values = self._read_cells(index, kind, unit, may_quote)
         return values
 
@@ -274,7 +278,7 @@ class Table:
 
     def unit(self, name: str) -> str:
         """Return the unit of the column called ``name``: the unit in ``name`` if there is one, else
-        that of the heading.
+        that of the first heading of that name.
 
         The unit is empty if neither has one, or if there is no such column.
         """
@@ -296,18 +300,18 @@ class Table:
 
 
 def _count_columns(number: int) -> str:
-    """Return in words how many columns have one name: none or more than one."""
+    """Return the ``number`` of columns of one name, none or more than one, in words."""
     return {0: "no column", 2: "two columns"}.get(number, f"{number} columns")
 
 
 def _mend_comma(cell: str) -> str:
-    """Return the advice for a cell that is no number, where a decimal comma is the reason."""
+    """Return the advice for a cell that is no number, empty unless that is due to a comma."""
     return _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
 
 
 def plain_float(cell: str) -> float:
-    """Return the number in a cell, nan and inf too; ValueError for texts that Python alone takes
-    for numbers: 1_0, digits of other scripts.
+    """Return the number in a cell, nan and inf too; ValueError for a text that is no number, also
+    for those that Python alone takes for numbers: 1_0, digits of other scripts.
     """
     if "_" in cell or not cell.isascii():
         raise ValueError(cell)
@@ -325,20 +329,20 @@ def read_rows(
     """Return the numbers (count, m) of rows whose cells are parted by white space; nan and inf are
     taken.
 
-    ``body`` has ``count`` lines, the first of which is line ``first_line`` of the file called
-    ``name``; ``places`` (m,) are the indices of the cells that are read, and ``columns`` (m,) name
-    them. Raises :class:`~granphon.base.errors.InputError`, which names the line, for a cell that is
-    missing or no number.
+    ``body`` is text in UTF-8 of ``count`` lines, the first of which is line ``first_line`` of the
+    file called ``name``; ``places`` (m,) are the indices of the cells of a line that are read, and
+    ``columns`` (m,) name these cells. Raises :class:`~granphon.base.errors.InputError`, which names
+    the line, for a cell that is missing or no number.
     """
     if not count or not places:
         return np.empty((count, len(places)))
-    try:
+    # the line of a bad cell is found below
+    with suppress(ValueError), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a body of empty lines alone
         # parsed by NumPy's compiled reader, which skips empty lines
         rows = np.loadtxt(BytesIO(body), usecols=places, comments=None, ndmin=2, encoding="utf-8")
         if len(rows) == count:
             return rows
-    except ValueError:
-        pass  # the line of the bad cell is found below
     numbers = np.empty((count, len(places)))
     for row, line in enumerate(body.splitlines()):
         cells = [cell.decode() for cell in line.split()]
@@ -370,7 +374,7 @@ def write_table(
 def table_text(
     headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()
 ) -> str:
-    """The text of a table, as :func:`write_table` writes it."""
+    """Return the text of a table, as :func:`write_table` writes it."""
     stream = StringIO(newline="")
     write_table(stream, headings, rows, comments)
     return stream.getvalue()
@@ -380,7 +384,7 @@ def _list_lines(name: str, raw: bytes) -> Iterator[tuple[int, str]]:
     """Yield number, counted from 1, and text of each line that is not empty and no comment;
     InputError for bytes that are no text.
     """
-    decode(name, raw)
+    decode(name, raw)  # raises the error; the text itself is decoded line by line
     stream = TextIOWrapper(BytesIO(raw), encoding="utf-8-sig")
     for number, line in enumerate(stream, 1):
         if line.strip()[:1] not in ("", "#"):
@@ -406,8 +410,8 @@ def _split_evenly(
     lines: list[str], separator: str, count: int
 ) -> tuple[tuple[str, ...], ...] | None:
     """Return ``count`` columns of cells, one cell for each line, split from all lines at once at
-    the ``separator``, which is fast; None if lines have quotes, other numbers of cells, or may be
-    too long.
+    the ``separator``, which is fast; None if a line has quotes, or another number of cells, or is
+    so long that a cell may be too long.
     """
     joined = separator.join(lines)
     if '"' in joined:
@@ -422,11 +426,11 @@ def _split_evenly(
 def _split_columns(
     name: str, lines: list[tuple[int, str]], separator: str, count: int
 ) -> tuple[tuple[str, ...], ...]:
-    """Return ``count`` columns of cells, split line by line at the ``separator``; InputError names
-    the file ``name`` and the line that has too many cells. ``lines`` are pairs of a number and a
-    text.
+    """Return ``count`` columns of cells, split line by line at the ``separator``; ``lines`` are
+    pairs of the number and the text of a line.
 
-    A short line is filled with empty cells; of a long line, only empty cells are dropped.
+    A line with fewer cells is filled up with empty ones, and of a line with more cells empty ones
+    are dropped; InputError names the file ``name`` and the line where a cell beyond is not empty.
     """
     rows = []
     for number, text in lines:
@@ -449,8 +453,8 @@ def _split_columns(
 
 def _split_cells(where: str, line: str, separator: str) -> tuple[str, ...]:
     """Return the cells of a line, parted by the ``separator``, without spaces around them;
-    InputError, which names the place ``where``, for a line that csv cannot read, as one with a
-    cell that is too long.
+    InputError, which names the place ``where``, for a line that csv cannot read, as with a cell
+    that is too long.
     """
     if '"' not in line and len(line) < _LONGEST_CELL:
         # str.split gives the same cells as csv, at a tenth of the cost

@@ -58,9 +58,10 @@ _LONGEST_NAME = 60
 #: than a float has
 _MOST_DIGITS = 640
 
-#: characters that are refused in a scene: control characters and lone surrogates
+#: characters that are refused in a scene, also as escapes: control characters and lone surrogates
 _ODD = re.compile(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-#: and, where they are no escapes, in every text: also what ends a line in YAML 1.1 alone
+#: characters that are refused in every text, though not as escapes: control characters, lone
+#: surrogates, and what ends a line in YAML 1.1 alone
 _ODD_IN_TEXTS = re.compile(_ODD.pattern + r"|[\x85\u2028\u2029]")
 _NULL = re.compile(r"(?:|~|null|Null|NULL)")
 _TRUTH = re.compile(r"true|True|TRUE|false|False|FALSE")
@@ -70,7 +71,6 @@ _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
 _POINTLESS = re.compile(r"(?<=[ -]\d)e")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
-
 #: what writes texts and floats, which most entries of plain data are, as :func:`canonical` does
 _CANONICAL: dict[type, Callable[[Any], str]] = {str: json.dumps, float: float.hex}
 #: byte order marks of UTF-16
@@ -78,6 +78,7 @@ _MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 #: the comment line of a file with the digest of the others
 SEAL = "# sha256 of all other lines: "
 
+#: keys and list indices that lead to a value of a document
 Path_ = tuple[str | int, ...]
 
 
@@ -134,7 +135,9 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
 
 
 def write_limit(limit: int) -> str:
-    """Return the largest size of a file, ``limit`` bytes, as a message shows it, such as 100 kB."""
+    """Return the largest size of a file, ``limit`` bytes, as a message shows it: in whole MB or kB,
+    such as 100 kB, or in bytes.
+    """
     for size, unit in ((1_000_000, "MB"), (1000, "kB")):
         if limit >= size:
             return f"{limit // size} {unit}"
@@ -154,14 +157,14 @@ def require_path(path: str | os.PathLike[str]) -> None:
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file in UTF-8, with line feeds as the ends of lines; errors are those of
-    :func:`read_bytes` and :func:`decode`.
+    """Return the text of a file in UTF-8, in which CR LF at the ends of lines has become a line
+    feed; errors are those of :func:`read_bytes` and :func:`decode`.
     """
     return decode(str(path), read_bytes(path)).replace("\r\n", "\n")
 
 
 def join_numbers(numbers: Iterable[float]) -> str:
-    """Return the ``numbers`` as text on one line, with all of their digits."""
+    """Return plain ``numbers`` as text on one line, parted by spaces, with all of their digits."""
     return " ".join(map(repr, numbers))
 
 
@@ -236,7 +239,9 @@ class Document:
         return 1
 
     def error(self, path: Sequence[str | int], what: str) -> SceneError:
-        """Return the error with the message ``what``, preceded by file, line and key."""
+        """Return the error with the message ``what`` after the name of the document, and the line
+        and the key of ``path``.
+        """
         keys = [str(key) if str(key).isprintable() else repr(key) for key in path]
         joined_keys = ".".join(keys)
         place = f"{self.name}:{self.line(path)}: "
@@ -276,13 +281,13 @@ def parse_yaml(text: str, name: str) -> Document:
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
-    """The data of a YAML file, read as :func:`plain_yaml` does."""
+    """Return the data of a YAML file, read as :func:`plain_yaml` does."""
     return plain_yaml(read_utf8(path), path)
 
 
 def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
-    """Return the data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing
-    else.
+    """Return the data of a YAML text, of the file ``path``: mappings, lists, strings, numbers,
+    booleans and None, nothing else.
 
     Plain values are those of YAML 1.2, see :func:`plain_scalar`. Raises
     :class:`~granphon.base.errors.InputError`, which names file and line, for broken YAML, an empty
@@ -302,7 +307,7 @@ class _Builder:
     """
 
     def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
-        """Take the text, which is not read before :meth:`build`."""
+        """Set the text, which is not read before :meth:`build`."""
         self.text = text
         self.name = name
         self.lines = lines
@@ -331,12 +336,11 @@ class _Builder:
         # libyaml, where it is installed, reads the same events about ten times faster
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         self.events = yaml.parse(self.text, loader)
-        self.kinds = (
-            yaml.ScalarEvent,
-            yaml.SequenceStartEvent,
-            yaml.SequenceEndEvent,
-            yaml.MappingEndEvent,
-        )
+        # the classes of events that values and keys begin and end with
+        self.scalar = yaml.ScalarEvent
+        self.list_start = yaml.SequenceStartEvent
+        self.list_end = yaml.SequenceEndEvent
+        self.mapping_end = yaml.MappingEndEvent
         try:
             self._read_event()  # the start of the stream
             if not isinstance(self._read_event(), yaml.DocumentStartEvent):
@@ -357,7 +361,7 @@ class _Builder:
 
     def _make_parser_error(self, error: Exception) -> InputError:
         """Return the error that says, from the ``error`` of the parser, what the parser did not
-        understand, and in which line.
+        understand, and in which line; the key is left out, as it may be another one.
         """
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         if mark is not None:
@@ -402,9 +406,9 @@ class _Builder:
 
     def _build_value(self, event: Any) -> Any:
         """Return the data that begin with an ``event``: a scalar, a list or a mapping."""
-        scalar, sequence, _, _ = self.kinds
-        self._check_node(event)
-        if type(event) is scalar:
+        self._refuse_special(event)
+        self._note_line(event)
+        if type(event) is self.scalar:
             is_without_quotes = event.implicit[0]
             if not is_without_quotes:
                 return event.value
@@ -414,13 +418,12 @@ class _Builder:
                 raise self._make_error(f"found {refused.found}", refused.allowed) from None
         if len(self.path) >= MAX_DEPTH:
             raise self._make_error(*_TOO_DEEP)
-        return self._build_list() if type(event) is sequence else self._build_mapping()
+        return self._build_list() if type(event) is self.list_start else self._build_mapping()
 
     def _build_list(self) -> list[Any]:
         """Return the list whose first event was read."""
-        end = self.kinds[2]
         items: list[Any] = []
-        while type(event := self._read_event()) is not end:
+        while type(event := self._read_event()) is not self.list_end:
             self.path.append(len(items))
             items.append(self._build_value(event))
             self.path.pop()
@@ -428,10 +431,9 @@ class _Builder:
 
     def _build_mapping(self) -> dict[str, Any]:
         """Return the mapping whose first event was read."""
-        scalar, _, _, end = self.kinds
         mapping: dict[str, Any] = {}
-        while type(event := self._read_event()) is not end:
-            if type(event) is not scalar:
+        while type(event := self._read_event()) is not self.mapping_end:
+            if type(event) is not self.scalar:
                 raise self._make_error("found a list or block as a key", "a word")
             key = event.value
             self.path.append(key)
@@ -442,14 +444,22 @@ class _Builder:
                 raise self._make_error(
                     f"found the key twice{first_line}", "each key once", "Remove one of the two"
                 )
-            self._check_node(event)  # notes the line of the key
+            self._refuse_special(event)
+            self._note_line(event)  # that of the key, where the value begins on another line
             mapping[key] = self._build_value(self._read_event())
             self.path.pop()
         return mapping
 
-    def _check_node(self, event: Any) -> None:
-        """Note the line of the node that begins with an ``event``, in a scene; refuse an anchor, an
-        alias, a tag, and in a scene characters that cannot be printed.
+    def _note_line(self, event: Any) -> None:
+        """Note, in a scene, the line of an ``event`` as that of the present path, unless the path
+        has a line.
+        """
+        if self.lines is not None:
+            self.lines.setdefault(tuple(self.path), event.start_mark.line + 1)
+
+    def _refuse_special(self, event: Any) -> None:
+        """Raise the error if the key or value that begins with an ``event`` has an anchor or a tag,
+        or is an alias, or in a scene has characters that cannot be printed.
         """
         if event.anchor is not None:
             raise self._make_error(
@@ -459,10 +469,8 @@ class _Builder:
             raise self._make_error(
                 f"found the tag {show(event.tag)}", "plain values", "Leave the tag out"
             )
-        if self.lines is not None:
-            self.lines.setdefault(tuple(self.path), event.start_mark.line + 1)
-            scalar = self.kinds[0]
-            odd_character = _ODD.search(event.value) if type(event) is scalar else None
+        if self.lines is not None and type(event) is self.scalar:
+            odd_character = _ODD.search(event.value)
             if odd_character:
                 raise self._make_error(
                     f"found the character {odd_character[0]!r}", "printable text"
@@ -470,21 +478,21 @@ class _Builder:
 
 
 def plain_scalar(text: str) -> Any:
-    """Return the value of a text written without quotes, by the core schema of YAML 1.2: a number,
-    a truth value, None, or the text itself.
+    """Return the value of a text written without quotes, by the core schema of YAML 1.2: a decimal
+    number, a truth value, None, or the text itself, as for 0x1F and 0o17.
 
     Raises :class:`~granphon.base.errors.Refused` for a whole number of more than 640 digits.
     """
-    if _FLOAT.fullmatch(text):
-        if not _WHOLE.fullmatch(text):
-            return float(text)
-        digits = len(text.lstrip("+-"))
-        if digits > _MOST_DIGITS:
+    if _WHOLE.fullmatch(text):
+        n_digits = len(text.lstrip("+-"))
+        if n_digits > _MOST_DIGITS:
             raise Refused(
-                f"a whole number of {digits} digits",
+                f"a whole number of {n_digits} digits",
                 f"whole numbers of {_MOST_DIGITS} digits at most",
             )
         return int(text)
+    if _FLOAT.fullmatch(text):
+        return float(text)
     if _NULL.fullmatch(text):
         return None
     if _TRUTH.fullmatch(text):
@@ -499,24 +507,24 @@ def plain_scalar(text: str) -> Any:
 
 def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     """Return ``data`` as YAML that readers of version 1.1 and 1.2 understand alike, each line after
-    the ``indent``.
+    the ``indent``; without an entry the text is empty.
 
-    Takes mappings, lists, strings, numbers, booleans, None and objects with ``tolist`` (numpy).
-    Floats are written so that reading them gives the same bits.
+    The values may be mappings, lists, strings, numbers, booleans, None and objects with ``tolist``
+    (numpy). Floats are written so that reading them gives the same bits.
     """
     # PyYAML's own writer, even in C, takes more than twice the time, and writes the text "1e5"
     # without quotes, which YAML 1.2 reads as a number
     blocks = []
     for key, value in data.items():
-        plain = value.tolist() if hasattr(value, "tolist") else value
+        entry = value.tolist() if hasattr(value, "tolist") else value
         head = f"{indent}{_write_key(key)}:"
-        if isinstance(plain, Mapping) and plain:
-            blocks.append(f"{head}\n{dump_yaml(plain, indent + '  ')}")
-        elif isinstance(plain, list | tuple) and _is_nested(plain):
-            items = [f"{indent}  - {_write_flow(item)}\n" for item in plain]
+        if isinstance(entry, Mapping) and entry:
+            blocks.append(f"{head}\n{dump_yaml(entry, indent + '  ')}")
+        elif isinstance(entry, list | tuple) and _is_nested(entry):
+            items = [f"{indent}  - {_write_flow(item)}\n" for item in entry]
             blocks.append(f"{head}\n{''.join(items)}")
         else:
-            blocks.append(f"{head} {_write_flow(plain)}\n")
+            blocks.append(f"{head} {_write_flow(entry)}\n")
     return "".join(blocks)
 
 
@@ -527,8 +535,8 @@ def _is_nested(values: Sequence[Any]) -> bool:
 
 @lru_cache(1024)  # states of a sweep have the same keys
 def _write_key(key: Any) -> str:
-    """A key, in quotes unless it is a word that is a text to every reader."""
-    # readers of YAML 1.1 or 1.2 do not take all words for a text
+    """Return a key as a text, in quotes unless it is a word that every reader takes for a text."""
+    # readers of YAML 1.1 or 1.2 take these words for other values
     is_text = str(key).lower() not in ("true", "false", "yes", "no", "on", "off", "y", "n", "null")
     is_word = is_text and re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", str(key))
     return str(key) if is_word else _write_flow(str(key))
@@ -538,16 +546,16 @@ def _write_flow(value: Any) -> str:
     """Return a value as YAML on one line: lists in brackets, mappings in braces, texts in
     quotes.
     """
-    plain = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(plain, Mapping):
-        entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in plain.items()]
+    content = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(content, Mapping):
+        entries = [f"{_write_key(key)}: {_write_flow(entry)}" for key, entry in content.items()]
         return "{" + ", ".join(entries) + "}"
-    if isinstance(plain, list | tuple):
-        return "[" + ", ".join(map(_write_flow, plain)) + "]"
-    if isinstance(plain, float):
-        return write_float(plain)
+    if isinstance(content, list | tuple):
+        return "[" + ", ".join(map(_write_flow, content)) + "]"
+    if isinstance(content, float):
+        return write_float(content)
     # JSON is YAML, but for letters that cannot be printed, which YAML takes as escapes alone
-    text = json.dumps(plain, ensure_ascii=False)
+    text = json.dumps(content, ensure_ascii=False)
     if text.isprintable():
         return text
     return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in text)
@@ -557,7 +565,7 @@ def write_float(value: float) -> str:
     """Return a float with all its digits, in a form that every reader of YAML takes for a float:
     readers of 1.1 need a point, as in 1.0e-06.
     """
-    text = repr(value)
+    text = repr(float(value))  # as the repr of NumPy's float64 is no text of a number
     is_finite = "n" not in text  # neither nan nor inf
     if not is_finite:
         return text.replace("inf", ".inf").replace("nan", ".nan")
@@ -644,8 +652,8 @@ def closest(word: str, options: Iterable[str]) -> str | None:
 
 
 def suggest(word: str, options: Iterable[str]) -> str:
-    """What to write in place of an unknown word: the option that was probably meant, or else any of
-    them.
+    """Return what to write in place of an unknown ``word``: the option that was probably meant, or
+    else any of the ``options``.
     """
     candidates = list(options)
     meant = closest(word, candidates)
@@ -653,7 +661,7 @@ def suggest(word: str, options: Iterable[str]) -> str:
 
 
 def spell(name: str) -> str:
-    """The words of a name, such as "Young modulus" of "young_modulus"."""
+    """Return a name in words, such as "Young modulus" for "young_modulus"."""
     return name.replace("_", " ").replace("young", "Young").replace("poisson", "Poisson")
 
 
@@ -668,10 +676,11 @@ def join_alike(pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def counted(number: int, one: str, many: str = "") -> str:
-    """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than
-    an s.
+    """Return the ``number`` of things that are called ``one`` each, "1 ball" or "2 balls"; ``many``
+    is the plural if that is not ``one`` with an s.
     """
-    return f"{number} {one if number == 1 else many or one + 's'}"
+    noun = one if number == 1 else (many or f"{one}s")
+    return f"{number} {noun}"
 
 
 def list_names(names: Iterable[object], most_names: int = 10) -> str:
@@ -694,8 +703,8 @@ def list_names(names: Iterable[object], most_names: int = 10) -> str:
 
 
 def seal(lines: list[str], place: int = 0) -> str:
-    """Return the text of ``lines`` with a comment line that holds their digest, inserted before
-    ``lines[place]``.
+    """Return the text of ``lines``, with a line feed at its end, and with a comment line that holds
+    their digest, inserted before ``lines[place]``.
     """
     comment = SEAL + digest_lines([*lines, ""])  # the last line ends with a line feed too
     return "\n".join([*lines[:place], comment, *lines[place:], ""])
@@ -719,14 +728,14 @@ def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
     Raises :class:`~granphon.base.errors.InputError` if that line does not hold this digest.
     """
     lines = text.split("\n")
-    seals = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
-    if not seals:
+    places = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]
+    if not places:
         return text, False
-    seal_line = lines.pop(seals[0])
+    seal_line = lines.pop(places[0])
     # the pattern first: a line that is no seal needs no digest of millions of lines
     is_seal = re.fullmatch(SEAL + "[0-9a-f]{64}", seal_line)
     if not is_seal or seal_line != SEAL + digest_lines(lines):
-        raise damage_error(path, f"sha256 in line {seals[0] + 1}")
+        raise damage_error(path, f"sha256 in line {places[0] + 1}")
     return "\n".join(lines), True
 
 
@@ -742,15 +751,17 @@ def digest_lines(lines: list[str]) -> str:
 
 
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
-    """Return the error for a damaged file: the digest at ``where`` is not that of the data."""
+    """Return the error for a damaged file ``path``, or data that are called so: the digest that
+    stands ``where`` is not that of the data.
+    """
     problem = f"{path} was damaged, or edited after granphon wrote it"
     why = f"Its digest ({where}) does not match its data"
     return InputError(problem, why, "Make it again, or remove the digest to read it as it is")
 
 
 def warn_unverified(path: str | os.PathLike[str]) -> None:
-    """Issue :class:`~granphon.base.errors.UnverifiedFileWarning`, for a file without a digest, two
-    callers up the stack.
+    """Issue :class:`~granphon.base.errors.UnverifiedFileWarning` for a file ``path``, or data that
+    are called so, without a digest: at the line that called the function that calls this one.
     """
     text = message(
         f"{path} carries no digest",
@@ -788,8 +799,8 @@ def _explain_content(error: Exception) -> str:
 
 
 def digest(data: Any) -> str:
-    """The sha256 of plain data, the same after a round trip through JSON or YAML: see
-    :func:`canonical`.
+    """Return the sha256 of plain data, as hexadecimal digits. It is the same after a round trip
+    through JSON or YAML: see :func:`canonical`, whose errors it has.
     """
     return hashlib.sha256(canonical(data).encode("utf-8", "surrogatepass")).hexdigest()
 

@@ -1,9 +1,9 @@
-"""Pieces of numerical work that do not depend on each other, on all processors that this process
-may use; and its signals.
+"""Threads and workers: pieces of numerical work that do not depend on each other, on all processors
+that this process may use; and the signals that stop this process.
 
 Other threads go on while numpy works on a large array. The libraries of linear algebra behind numpy
 start threads of their own for each product, which wait for each other longer than a small product
-takes: meanwhile each is held to one.
+takes: :func:`single_products` holds each library to one thread.
 """
 
 from __future__ import annotations
@@ -41,14 +41,15 @@ def count_processors() -> int:
 
 def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Return the results of a function for all items, in the order of the items. The items are
-    shared by as many threads as this process may use processors.
+    shared by as many threads as this process may use processors. An error of the function for an
+    item is raised.
     """
-    listed = list(items)
-    n_threads = min(count_processors(), len(listed))
+    all_items = list(items)
+    n_threads = min(count_processors(), len(all_items))
     if n_threads < 2:
-        return [function(item) for item in listed]
+        return [function(item) for item in all_items]
     with ThreadPoolExecutor(n_threads) as executor:
-        return list(executor.map(function, listed))
+        return list(executor.map(function, all_items))
 
 
 def require_executor(executor: Any) -> None:
@@ -90,31 +91,31 @@ def single_products() -> Iterator[None]:
 
 @contextmanager
 def hold_back_signals() -> Iterator[None]:
-    """Hold back the signals that stop this process until the end of the block; processes started in
-    the block never take these signals.
+    """Hold back the signals that stop this process until the end of the block, where the first of
+    them takes its usual course; processes started in the block never take these signals.
 
     The mask of this thread does not suffice, so the handlers are replaced too: another thread, with
     an open mask, may take the signal, and Python then runs the handler in the main thread.
     """
     arrived_signals = list[int]()
     handlers = dict[int, Any]()
-    if threading.current_thread() is threading.main_thread():  # no other may set handlers
-        for stop in _STOPS:
-            handler = signal.getsignal(stop)
+    if threading.current_thread() is threading.main_thread():  # no other thread may set handlers
+        for number in _STOPS:
+            handler = signal.getsignal(number)
             if handler is not None:  # None: a handler that Python has not set, and cannot restore
-                handlers[stop] = handler
+                handlers[number] = handler
     has_masks = hasattr(signal, "pthread_sigmask")
     old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if has_masks else None
     try:
-        for kind in handlers:
-            signal.signal(kind, lambda number, _: arrived_signals.append(number))
+        for number in handlers:
+            signal.signal(number, lambda arrived, _: arrived_signals.append(arrived))
         if old_mask is not None:  # threads and processes that are started now inherit the new mask
             signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
         yield
     finally:
         if old_mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
-        for kind, handler in handlers.items():
-            signal.signal(kind, handler)
-        if arrived_signals:  # raised once, however often it came
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if arrived_signals:  # raised once, however many came
             signal.raise_signal(arrived_signals[0])

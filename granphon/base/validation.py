@@ -44,7 +44,7 @@ _DEEPEST = 64
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
     """Return the ``value`` that stands at ``key`` of a block or list, read by its ``rule``; if the
-    rule refuses the value, the refusal that is raised has the key in front of its path.
+    rule refuses the value, raise the refusal with the key in front of its path.
     """
     try:
         return rule(value)
@@ -54,29 +54,32 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 def spell_out(arguments: Any) -> Callable[[Function], Function]:
     """Return a decorator for a function whose ``**options`` are fields of the dataclass
-    ``arguments``. The decorator changes the signature that help and pages show: in place of
-    ``**options`` it names each field, with its default, that the function does not name itself.
+    ``arguments``, each with a default. The decorator changes the signature that help and pages
+    show: in place of ``**options`` stand the fields, with their types and defaults, that the
+    function does not name itself.
     """
 
     def decorate(function: Function) -> Function:
         """Return the ``function`` with a signature that names the options."""
         signature = inspect.signature(function)
-        named = dict(signature.parameters)
-        parameters = [each for each in named.values() if each.kind is not Parameter.VAR_KEYWORD]
+        parameters = dict(signature.parameters)
+        for name, parameter in signature.parameters.items():
+            if parameter.kind is Parameter.VAR_KEYWORD:
+                del parameters[name]
         for field in fields(arguments):
-            if field.name not in named:
-                option = Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default)
-                parameters.append(option.replace(annotation=field.type))
-        spelled_out: Any = function
-        spelled_out.__signature__ = signature.replace(parameters=parameters)
+            option = Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default)
+            parameters.setdefault(field.name, option.replace(annotation=field.type))
+        any_function: Any = function  # the type of functions has no such attribute
+        any_function.__signature__ = signature.replace(parameters=list(parameters.values()))
         return function
 
     return decorate
 
 
 def require(name: str, rule: Rule, value: Any) -> Any:
-    """Return an argument of a Python call, read by a rule; raise
-    :class:`~granphon.base.errors.InputError` with the ``name`` of the argument if the rule refuses.
+    """Return the ``value`` of an argument of a Python call, read by a ``rule``; raise
+    :class:`~granphon.base.errors.InputError` with the ``name`` of the argument if the rule refuses
+    the value.
     """
     try:
         return rule(value)
@@ -98,24 +101,25 @@ def _name_argument(name: str, refused: Refused) -> InputError:
     return InputError(f"{place}: {refused}")
 
 
-def refuse_unknown_key(key: Any, known: Iterable[str], mend: str = "") -> Refused:
-    """Return the refusal of a key that is not one of ``known``; without a ``mend`` the refusal
-    suggests the known key that is closest.
+def make_key_refusal(key: Any, known: Iterable[str], mend: str = "") -> Refused:
+    """Return the refusal of a ``key`` that is not one of the ``known`` ones; without a ``mend`` the
+    refusal suggests the known key that is closest.
     """
-    guess = closest(str(key), known)
+    names = list(known)
+    guess = closest(str(key), names)
     suggestion = f"Did you mean '{guess}'?" if guess else ""
-    return Refused("an unknown key", ", ".join(known) or "none", mend or suggestion, (key,))
+    return Refused("an unknown key", ", ".join(names) or "none", mend or suggestion, (key,))
 
 
 def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a block of keys, each value read by the rule of its key; the keys in ``needed`` must
-    be in the block.
+    """Return the entries of a block of keys, each value read by the rule of its key. A key without
+    a rule is refused, and a block that lacks one of the keys in ``needed``.
     """
     if not isinstance(value, Mapping):
         raise Refused(show(value), f"a block of keys: {', '.join(rules) or 'none'}")
     for key in value:
         if key not in rules:
-            raise refuse_unknown_key(key, rules)
+            raise make_key_refusal(key, rules)
     entries = {key: read_inside(key, rules[key], entry) for key, entry in value.items()}
     for key in needed:
         if key not in value:
@@ -125,7 +129,7 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
 
 
 def _describe_allowed(rule: Rule) -> str:
-    """Return what a rule allows, in words: the rule refuses None, and says so."""
+    """Return what a rule allows, in the words by which the rule refuses None; else "a value"."""
     try:
         rule(None)
     except Refused as refused:
@@ -134,11 +138,12 @@ def _describe_allowed(rule: Rule) -> str:
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
-    """Return the values of a list that is not empty, each read by the same ``rule``; ``what`` is
-    the plural for the values in messages.
+    """Return the values of a list or tuple that is not empty, each read by the same ``rule``;
+    ``what`` is the plural for the values in messages.
     """
-    if not isinstance(value, list | tuple) or not value:
-        content = "an empty list" if value == [] else show(value)
+    is_list = isinstance(value, list | tuple)
+    if not is_list or not value:
+        content = "an empty list" if is_list else show(value)
         raise Refused(content, f"a list of one or more {what}")
     return tuple(read_inside(index, rule, entry) for index, entry in enumerate(value))
 
@@ -167,15 +172,15 @@ def choice(value: Any, options: Collection[str]) -> str:
 
 
 def text(value: Any) -> str:
-    """A text that is not blank and has no null character."""
+    """Return a text, as it is; a blank one and one with a null character are refused."""
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
     raise Refused(show(value), "a name")
 
 
 def label(value: Any) -> str:
-    """Return a name that stands in tables: printable, without letters that have no width, and no
-    formula to a spreadsheet.
+    """Return a name that stands in tables, as it is; refused are a name with a letter that cannot
+    be seen and one that a spreadsheet takes for a formula, and what :func:`text` refuses.
     """
     name = text(value)
     if not name.isprintable():
@@ -192,12 +197,15 @@ def label(value: Any) -> str:
 
 
 def text_list(value: Any) -> tuple[str, ...]:
-    """Return one text, or a list or array of texts, as a tuple; an array without axes is one."""
+    """Return one text, or a list or array of texts, as a tuple; an array without axes is one text.
+    An empty list is an empty tuple.
+    """
     # masked entries of an array become None, which is no text
     entries: Any = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(entries, str):
         return (entries,)
-    if not isinstance(entries, Sequence) or not all(isinstance(entry, str) for entry in entries):
+    is_list = isinstance(entries, Sequence) and not isinstance(entries, bytes | bytearray)
+    if not is_list or not all(isinstance(entry, str) for entry in entries):
         raise Refused(brief(value), "a text, or a list of texts")
     return tuple(entries)
 
@@ -234,9 +242,9 @@ def real_number(value: Any) -> float:
         return math.nan
 
 
-def _refuse_number(value: Any, allowed: str, unit: str = "") -> Refused:
+def _make_number_refusal(value: Any, allowed: str, unit: str = "") -> Refused:
     """Return the refusal of a ``value`` that is no number of the kind that the words ``allowed``
-    describe, in an SI ``unit``.
+    describe, in an SI ``unit``; a number without a unit if that is empty.
     """
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
     return Refused(show(value), f"{allowed}, {unit}" if unit else allowed, mend)
@@ -244,10 +252,10 @@ def _refuse_number(value: Any, allowed: str, unit: str = "") -> Refused:
 
 def number(value: Any, low: float, high: float) -> float:
     """Return a plain number, without a unit, from ``low`` to ``high``."""
-    plain = real_number(value)
-    if low <= plain <= high:
-        return plain
-    raise _refuse_number(value, f"a plain number from {low:g} to {high:g}")
+    as_float = real_number(value)
+    if low <= as_float <= high:
+        return as_float
+    raise _make_number_refusal(value, f"a plain number from {low:g} to {high:g}")
 
 
 def fraction(value: Any, largest: float) -> float:
@@ -256,7 +264,7 @@ def fraction(value: Any, largest: float) -> float:
 
     The magnitude of the number is at most ``largest``; a quotient may have any magnitude.
     """
-    plain = value
+    plain_number = value
     if isinstance(value, str):
         quotient = re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)
         if quotient:
@@ -264,24 +272,24 @@ def fraction(value: Any, largest: float) -> float:
             denominator = int(quotient[2])
             return numerator / denominator
         if re.fullmatch(NUMBER, value):
-            plain = float(value)
-    return number(plain, -largest, largest) + 0.0  # zeros lose their sign
+            plain_number = float(value)
+    return number(plain_number, -largest, largest) + 0.0  # zeros lose their sign
 
 
 def above_zero(value: Any, unit: str = "") -> float:
     """Return a finite number above zero, in an SI ``unit``."""
-    plain = real_number(value)
-    if 0.0 < plain < math.inf:
-        return plain
-    raise _refuse_number(value, "a finite number above zero", unit)
+    as_float = real_number(value)
+    if 0.0 < as_float < math.inf:
+        return as_float
+    raise _make_number_refusal(value, "a finite number above zero", unit)
 
 
 def zero_or_above(value: Any, unit: str = "") -> float:
     """Return a finite number, zero or above, in an SI ``unit``."""
-    plain = real_number(value)
-    if 0.0 <= plain < math.inf:
-        return plain
-    raise _refuse_number(value, "a finite number, zero or above", unit)
+    as_float = real_number(value)
+    if 0.0 <= as_float < math.inf:
+        return as_float
+    raise _make_number_refusal(value, "a finite number, zero or above", unit)
 
 
 def is_whole(value: Any) -> bool:
@@ -295,8 +303,7 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
     """Return a whole number from ``low`` to ``high``; without an upper limit if ``high`` is
     None.
     """
-    is_below_limit = is_whole(value) and (high is None or value <= high)
-    if is_below_limit and low <= value:
+    if is_whole(value) and low <= value and (high is None or value <= high):
         return int(value)
     allowed = f"a whole number, {low} or more"
     if high is not None:
@@ -305,25 +312,26 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
 
 
 def read_words(text: str) -> list[int | str]:
-    """Return the words of a text between spaces: whole numbers of at most nine digits as such, and
-    other words as they are, for a rule to refuse.
+    """Return the words of a text between spaces: a word of at most nine digits as the whole number
+    that it is, and another word as it is, for a rule to refuse.
     """
     is_count = re.compile(r"[0-9]{1,9}").fullmatch
     return [int(word) if is_count(word) else word for word in text.split()]
 
 
 def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
-    """Return as many whole numbers from ``low`` to ``high`` as there are ``periods``, 1 to 3, from
-    "64 64", [64, 64], (64, 64) or an array of two.
+    """Return as many whole numbers from ``low`` to ``high`` as there are ``periods``, 1 to 3: of
+    two periods, those of "64 64", [64, 64], (64, 64) or an array of two.
 
-    The message shows the ``example``. If the example has more numbers than there are periods, the
-    value may have as many as the example, of which those beyond the periods are ones and are not
-    returned.
+    The message shows the ``example``, which has as many numbers as there are periods, or up to
+    three. If the example has more numbers than there are periods, the value may have as many as the
+    example, of which those beyond the periods must be ones, and are not returned.
     """
     most = len(example.split())
-    allowed_ones = ("", " and a 1", " and two ones")[most - periods]
-    allowed_count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
-    allowed = f"{allowed_count} from {low} to {high}{allowed_ones}, such as {example}"
+    counts_in_words = {1: "one whole number", 2: "two whole numbers", 3: "three whole numbers"}
+    ones_in_words = {0: "", 1: " and a 1", 2: " and two ones"}
+    allowed = f"{counts_in_words[periods]} from {low} to {high}"
+    allowed += f"{ones_in_words[most - periods]}, such as {example}"
     numbers: Any = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, str):
         numbers = read_words(value)
@@ -331,12 +339,12 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
         raise Refused(show(value), allowed)
     if not all(map(is_whole, numbers)):
         raise Refused(show(value), allowed)
-    for index, number in enumerate(numbers[periods:], periods):
-        if number != 1:
+    for index, count in enumerate(numbers[periods:], periods):
+        if count != 1:
             ordinal = ("first", "second", "third")[index]
             mend = "The packing is one row." if periods == 1 else "The packing is one layer."
-            raise Refused(f"{show(value)}, whose {ordinal} number is {number}", allowed, mend)
-    if not all(low <= number <= high for number in numbers[:periods]):
+            raise Refused(f"{show(value)}, whose {ordinal} number is {count}", allowed, mend)
+    if not all(low <= count <= high for count in numbers[:periods]):
         raise Refused(show(value), allowed)
     return tuple(map(int, numbers[:periods]))
 
@@ -344,11 +352,11 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
 def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tuple[int, ...]:
     """Return the numbers of cells of a sample along each of its ``periods``, from ``low`` to
     ``high``; ``value`` is a text, list or NumPy array as for :func:`grid`, or for one period a
-    plain number. Without ``periods``, one to three numbers are allowed.
+    plain number. If ``periods`` is None, one to three numbers are allowed.
     """
-    plain = value.tolist() if hasattr(value, "tolist") else value
-    is_single = is_whole(plain) and periods in (None, 1)
-    entries = [plain] if is_single else plain
+    entries = value.tolist() if hasattr(value, "tolist") else value
+    if is_whole(entries) and periods in (None, 1):
+        entries = [entries]
     if periods is None:
         words = entries.split() if isinstance(entries, str) else entries
         count = len(words) if hasattr(words, "__len__") else 0
@@ -364,7 +372,8 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
 
 
 def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
-    """Return real numbers, finite or not, as an array of floats of the shape of ``values``.
+    """Return real numbers, finite or not, as an array of floats of the shape of ``values``; an
+    array of floats is returned as it is, without a copy.
 
     An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if
     ``unit`` is empty, a unit that SI has without a factor. Values are refused that NumPy would turn
@@ -384,7 +393,7 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
         mend = "Leave them out, as .compressed() does."
         raise _make_numbers_refusal(values, "which has masked entries", mend)
     try:
-        array, why = _convert(values)
+        array, why = _convert_numbers(values)
     except OverflowError:
         raise _make_numbers_refusal(values, "which is too large") from None
     except (TypeError, ValueError):
@@ -396,8 +405,8 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
 
 
 def _make_numbers_refusal(values: Any, why: str, mend: str = "") -> Refused:
-    """Return the refusal of ``values`` that are no real numbers; ``why`` goes on with the sentence
-    after the values, and may be empty.
+    """Return the refusal of ``values`` that are no real numbers; ``why`` is a relative clause about
+    the values, or empty.
     """
     content = brief(values)
     if why and not content.endswith("too large"):
@@ -407,9 +416,9 @@ def _make_numbers_refusal(values: Any, why: str, mend: str = "") -> Refused:
     return Refused(content, "a real number or an array of them", mend)
 
 
-def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
-    """Return values as an array of floats of their shape and ""; or None and why the values are no
-    real numbers, "" if that is not known.
+def _convert_numbers(values: Any) -> tuple[NDArray[np.float64] | None, str]:
+    """Return values as an array of floats of their shape, and ""; or None, and a relative clause
+    that says why the values are no real numbers, "" if that is not known.
     """
     numbers = np.asarray(values)
     kind = numbers.dtype.kind
@@ -419,7 +428,7 @@ def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
     if kind in "iuf" or are_real_objects:
         with np.errstate(over="ignore"):
             array = np.asarray(numbers, np.float64)
-        may_overflow = numbers.dtype.itemsize > array.dtype.itemsize
+        may_overflow = numbers.dtype.itemsize > array.dtype.itemsize  # long doubles
         if may_overflow and np.any(np.isinf(array) & np.isfinite(numbers)):
             return None, "which is too large"
         return array, ""
@@ -430,7 +439,7 @@ def _convert(values: Any) -> tuple[NDArray[np.float64] | None, str]:
 
 def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.float64]:
     """Return one or more finite numbers in an SI ``unit`` as an array of floats of the shape of
-    ``values``; the numbers may have any sign if ``low`` is empty.
+    ``values``, see :func:`real_numbers`; the numbers may have any sign if ``low`` is empty.
     """
     array = real_numbers(values, unit)
     is_allowed = np.isfinite(array)
@@ -440,10 +449,10 @@ def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.flo
         is_allowed &= array >= 0.0
     if array.size and np.all(is_allowed):
         return array
-    refused = array[~is_allowed]
+    refused_numbers = array[~is_allowed]
     content = brief(values)
-    if refused.size and array.size > 1:
-        content = f"{refused[0]!s} among {array.size} numbers"
+    if refused_numbers.size and array.size > 1:
+        content = f"{refused_numbers[0]!s} among {array.size} numbers"
     allowed = f"one or more finite numbers {low}".rstrip()
     if unit:
         allowed += f", {unit}"
@@ -451,8 +460,8 @@ def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.flo
 
 
 def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
-    """Return one index or a list of n as an array (n,): each from 0 to below ``count``, and each
-    once; ``what`` is the plural for the indexed objects in messages.
+    """Return one index or a list of n as an array (n,): each is from 0 to ``count`` - 1, and stands
+    there once; ``what`` is the plural for the indexed objects in messages.
     """
     numbers = finite_numbers(values)
     is_whole_number = numbers == np.rint(numbers)
@@ -469,7 +478,8 @@ def frequencies(
     values: Any, low: Low = "zero or above", in_order: bool = True
 ) -> NDArray[np.float64]:
     """Return one frequency or a list of n as an array (n,), Hz, none above
-    :data:`HIGHEST_FREQUENCY`; with ``in_order`` each must be above the one before.
+    :data:`HIGHEST_FREQUENCY`, and of the sign that ``low`` says; with ``in_order`` each must be
+    above the frequency before.
     """
     numbers = finite_numbers(values, "Hz", low)
     if numbers.ndim > 1:
@@ -478,7 +488,7 @@ def frequencies(
     highest = float(array.max())
     if highest > HIGHEST_FREQUENCY:
         raise Refused(f"{highest:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
-    falls = np.flatnonzero(np.diff(array) <= 0.0)  # places before which the next is not higher
+    falls = np.flatnonzero(np.diff(array) <= 0.0)  # places of those that the next is not above
     if in_order and falls.size:
         frequency, following = array[falls[0] : falls[0] + 2].tolist()
         raise Refused(
@@ -488,7 +498,7 @@ def frequencies(
 
 
 def number_list(values: Any) -> tuple[float, ...]:
-    """One real number or a list of them, as plain floats."""
+    """Return one real number, or a list of one or more, as a tuple of plain floats."""
     array = np.atleast_1d(real_numbers(values))
     if array.ndim != 1 or not array.size:
         raise Refused(brief(values, 200), "a real number or a list of them")
@@ -496,13 +506,15 @@ def number_list(values: Any) -> tuple[float, ...]:
 
 
 def finite_number_list(values: Any, unit: str = "", low: Low = "") -> tuple[float, ...]:
-    """One finite number or a list of them, as plain floats; see :func:`finite_numbers`."""
+    """Return one finite number, or a list of one or more, as a tuple of plain floats; ``unit`` and
+    ``low`` are those of :func:`finite_numbers`.
+    """
     return number_list(finite_numbers(values, unit, low))
 
 
 def find_unit_of(values: Any) -> str | None:
-    """Return the unit that an array carries: of pint (``units``), astropy (``unit``), or an xarray
-    that has either as an attribute or as its data; None if there is no unit.
+    """Return the text of the unit that an array carries: as ``units`` (pint) or ``unit`` (astropy),
+    of the array or, as in xarray, of its data; None if there is no unit.
     """
     if not hasattr(values, "__array__"):
         return None
@@ -543,8 +555,8 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
 def _named(
     rule: Callable[Concatenate[Any, Options], Value],
 ) -> Callable[Concatenate[str, Any, Options], Value]:
-    """Return a rule as a check that takes the name of the argument before its value, and then the
-    options of the rule.
+    """Return the check of an argument by a ``rule``: a function that takes the name of the
+    argument, its value, and the options of the rule.
     """
 
     def check(

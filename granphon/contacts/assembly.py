@@ -87,7 +87,7 @@ class Assembly:
 
     @property
     def n_bodies(self) -> int:
-        """Number n + k + 1 of balls and walls, and one more for all that is held."""
+        """Number n + k + 1 of bodies: n balls, k walls, and one for all that is held."""
         return self.n_balls + self.n_walls + 1
 
     @property

@@ -8,6 +8,8 @@ diagonal, and its factors L D L^T have entries between the first of a row and th
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +54,22 @@ def join_balls(
         else:
             group[ball] = group[root]
     return count
+
+
+@compiled
+def find_largest(vectors: Array, group: NDArray[np.int64], largest: Array) -> None:
+    """Set ``largest`` (groups,) to the length of the longest of the ``vectors`` (n, d) of the balls
+    of each group, or to nan if a vector of the group is nan; ``group`` (n,) numbers the group of
+    each ball. Groups have the ``largest`` zero before.
+    """
+    n, d = vectors.shape
+    for ball in range(n):
+        square = 0.0
+        for axis in range(d):
+            square += vectors[ball, axis] * vectors[ball, axis]
+        length = math.sqrt(square)
+        if length > largest[group[ball]] or length != length:
+            largest[group[ball]] = length
 
 
 @compiled

@@ -8,12 +8,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from granphon.balls.contact_laws import PairLaw, opening_overlap, punch_stiffness, touching_overlap
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw
 from granphon.base.arrays import Array, Index
+
+
+class _Limits(NamedTuple):
+    """The limits of a law, as the attributes of :class:`ContactLaws` have them for each contact."""
+
+    least: float
+    touch: float
+    most: float
+    tension: float
+
+    @classmethod
+    def of(cls, law: PairLaw) -> _Limits:
+        """Return the limits of a ``law``."""
+        least = opening_overlap(law)
+        tension = math.inf
+        if least != -math.inf:
+            # the pull where the law ends: a law may be zero at the end itself, and pull just after
+            opening = np.array([least, math.nextafter(least, math.inf)])
+            tension = -min(float(np.min(law.force(opening))), 0.0)
+        most = float(getattr(law, "most_overlap", math.inf))
+        return cls(least, touching_overlap(law), most, tension)
 
 
 class ContactLaws:
@@ -25,6 +48,7 @@ class ContactLaws:
     groups : each law, with the indices of its contacts; no contact is in two groups.
     count : the number of contacts, n_c.
     modulus : (n_c,) E* of the two bodies, Pa; only :meth:`punch` reads it. Ones by default.
+    limits : the limits of the law of each group, if they are known.
 
     Attributes
     ----------
@@ -35,7 +59,11 @@ class ContactLaws:
     """
 
     def __init__(
-        self, groups: Sequence[tuple[PairLaw, Index]], count: int, modulus: Array | None = None
+        self,
+        groups: Sequence[tuple[PairLaw, Index]],
+        count: int,
+        modulus: Array | None = None,
+        limits: Sequence[_Limits] | None = None,
     ) -> None:
         self.groups = groups
         self.count = count
@@ -44,21 +72,17 @@ class ContactLaws:
         if len(groups) == 1 and np.array_equal(groups[0][1], np.arange(count)):
             self._law = groups[0][0]
         self.modulus = np.ones(count) if modulus is None else modulus
+        #: the limits of the law of each group
+        self._limits = [_Limits.of(law) for law, _ in groups] if limits is None else limits
         self.least = np.zeros(count)
         self.touch = np.zeros(count)
         self.most = np.full(count, np.inf)
         self.tension = np.zeros(count)
-        for law, contacts in groups:
-            least = opening_overlap(law)
-            self.least[contacts] = least
-            self.touch[contacts] = touching_overlap(law)
-            self.most[contacts] = float(getattr(law, "most_overlap", math.inf))
-            if least == -math.inf:
-                self.tension[contacts] = math.inf
-                continue
-            # the pull where the law ends: a law may be zero at the end itself, and pull just after
-            opening = np.array([least, math.nextafter(least, math.inf)])
-            self.tension[contacts] = -min(float(np.min(law.force(opening))), 0.0)
+        for (_, contacts), limit in zip(groups, self._limits, strict=True):
+            self.least[contacts] = limit.least
+            self.touch[contacts] = limit.touch
+            self.most[contacts] = limit.most
+            self.tension[contacts] = limit.tension
 
     @property
     def adhesion(self) -> Array:
@@ -80,7 +104,12 @@ class ContactLaws:
         The size is zero if no force acts and no contact adheres.
         """
         loaded = np.abs(force[force != 0.0])
-        return max(float(np.mean(loaded)) if loaded.size else 0.0, float(np.mean(self.adhesion)))
+        return max(float(np.mean(loaded)) if loaded.size else 0.0, self._mean_adhesion)
+
+    @cached_property
+    def _mean_adhesion(self) -> float:
+        """Mean :attr:`adhesion` of all contacts, N."""
+        return float(np.mean(self.adhesion))
 
     def among(self, contacts: Index) -> ContactLaws:
         """Return the laws of the chosen ``contacts``, whose numbers differ from each other,
@@ -93,7 +122,7 @@ class ContactLaws:
         for law, members in self.groups:
             numbers = new_number[members]
             groups.append((law, numbers[numbers >= 0]))
-        return ContactLaws(groups, len(contacts), self.modulus[contacts])
+        return ContactLaws(groups, len(contacts), self.modulus[contacts], self._limits)
 
     def append(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> ContactLaws:
         """Return the laws of these contacts and, numbered after them, of ``count`` further ones.

@@ -413,13 +413,14 @@ def _deform_straight(rows: Array, n: int) -> None:
         gap = rows[GAP + c]
         across = _get(rows, _ACROSS + c)
         end = _get(rows, _ACROSS_END + c)
+        # the arms: other levers, which _find_levers gives, come only with contacts that turn
         levers = (rows[NEAR + c], rows[FAR + c])
         turn_i = _get(rows, _TURN_I + c)
         turn_j = _get(rows, _TURN_J + c)
         rows[_E_START + c] = gap + dot(normal, across)
         rows[_E + c] = gap + dot(normal, end)
-        across = add(end, -1.0, across)
-        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, levers, normal, normal))
+        moved = add(end, -1.0, across)
+        _set(rows, _SIDES + c, _slip(moved, turn_i, turn_j, levers, normal, normal))
         _set(rows, _R + c, normal)
 
 

@@ -44,12 +44,13 @@ class Halo:
 
     def __init__(self, shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> None:
         self.shape = tuple(shape)
-        along = list(zip(*shifts, strict=True))
-        self.below = tuple(max(0, -min(steps)) for steps in along)
-        self.above = tuple(max(0, *steps) for steps in along)
+        steps_of_axes = list(zip(*shifts, strict=True))
+        self.below = tuple(max(0, -min(steps)) for steps in steps_of_axes)
+        self.above = tuple(max(0, *steps) for steps in steps_of_axes)
         self.outer = tuple(
             sum(widths) for widths in zip(self.below, self.shape, self.above, strict=True)
         )
+        # the numbers of places in the flattened array by which one step along each axis moves
         self._strides = [math.prod(self.outer[axis + 1 :]) for axis in range(len(self.outer))]
         inside = (slice(low, low + size) for low, size in zip(self.below, self.shape, strict=True))
         self.inner: tuple[Any, ...] = (..., *inside)

@@ -30,6 +30,9 @@ _ROWS = 6.0
 #: shift of lambda for which the eigenproblem is inverted: a point without symmetry, well inside the
 #: unit circle
 _SHIFT = 0.31 + 0.17j
+#: least |1/(lambda - _SHIFT)| of a wave; a lesser one is taken for the zero of a motion that decays
+#: infinitely fast
+_LEAST_INVERSE = float(np.finfo(float).eps) ** 2
 #: distance of lambda from the unit circle up to which a wave runs
 _ON_CIRCLE = 1e-7
 #: difference of the lambda of two waves up to which the two have one lambda
@@ -113,8 +116,8 @@ class BlochWaves(NamedTuple):
         basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         # motions that reach no other block leave the other block at rest
         n_still = self.still_motions.shape[1]
-        continued = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
-        return np.asarray(np.linalg.solve(basis.T, continued.T).T)
+        image_of_basis = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
+        return np.asarray(np.linalg.solve(basis.T, image_of_basis.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
         """Return the amplitudes (running, ...) of the running waves of which, with those that
@@ -124,50 +127,51 @@ class BlochWaves(NamedTuple):
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
 
 
-def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
+def require_bloch_memory(count: int, size: int, n_contacts: int = 0) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if waves at ``count`` frequencies do not fit
     into memory.
 
-    A block has ``size`` motions. If couplings differ from frequency to frequency, ``contacts`` is
-    the number of contacts from which they are made at each.
+    A block has ``size`` motions. If energy is lost, the couplings are made anew at each frequency,
+    from ``n_contacts`` contacts; otherwise ``n_contacts`` is zero.
     """
     mend = (
         "Take fewer frequencies" if count > 1 else "Take a narrower block: fewer balls in a layer"
     )
     require_memory(
         f"waves of {size:,} motions at {counted(count, 'frequency', 'frequencies')}",
-        count_bloch_bytes(count, size, contacts),
+        count_bloch_bytes(count, size, n_contacts),
         mend,
     )
 
 
-def count_bloch_bytes(count: int, size: int, contacts: int = 0) -> float:
-    """Return the bytes that waves at ``count`` frequencies take. ``size`` and ``contacts`` are as
+def count_bloch_bytes(count: int, size: int, n_contacts: int = 0) -> float:
+    """Return the bytes that waves at ``count`` frequencies take. ``size`` and ``n_contacts`` are as
     in :func:`require_bloch_memory`.
     """
-    bytes_of_matrices = _MATRICES * 16.0 * (2 * size) ** 2
-    bytes_of_rows = _ROWS * 32.0 * size * contacts
+    # complex numbers have 16 bytes; matrices and rows are those of two blocks
+    bytes_of_matrices = 16.0 * _MATRICES * (2 * size) ** 2
+    bytes_of_rows = 16.0 * _ROWS * (2 * size) * n_contacts
     return count * (bytes_of_matrices + bytes_of_rows)
 
 
 def find_bloch_waves(
-    blocks: Couplings, w: Array, layer: int
+    blocks: Couplings, w: Array, layer_size: int
 ) -> list[tuple[BlochWaves, BlochWaves]]:
     """Return a pair for each w (n_f,): the waves towards higher layers, and those towards lower
     ones.
 
-    ``w`` is in the unit of the ``blocks``, and ``layer`` is the number of motions of a layer.
-    Raises :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an
-    edge of a band, where motions that reach no other layer resonate, where a wave decays so fast
-    that it has no digits, and at any frequency if some motions reach the next layers alone.
+    ``w`` is in the unit of the ``blocks``, and a layer has ``layer_size`` motions. Raises
+    :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an edge of a
+    band, where motions that reach no other layer resonate, where a wave decays so fast that it has
+    no digits, and at any frequency if some motions reach the next layers alone.
     """
     size = blocks.inner.shape[-1]
     count = len(w)
-    reach = size // layer
+    reach = size // layer_size
     inner = np.broadcast_to(blocks.inner, (count, size, size))
     up = np.broadcast_to(blocks.up, (count, size, size))
     down = np.broadcast_to(blocks.down, (count, size, size))
-    steps = _list_steps(inner, up, down, w, layer)
+    steps = _list_steps(inner, up, down, w, layer_size)
     scale = float(np.max(np.abs(inner)))
     inverse, vectors = _solve_pencil(steps, size, scale)
     waves = []
@@ -175,14 +179,14 @@ def find_bloch_waves(
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
         # a motion that decays infinitely fast is no wave, and one nearly so fast has no digits
-        finite = _choose_finite(inverse[n], null_spaces)
-        smallest = np.min(np.abs(inverse[n, finite]), initial=1.0)
-        if smallest < np.finfo(float).eps ** 2:
+        finite_waves = _choose_finite(inverse[n], null_spaces)
+        smallest = np.min(np.abs(inverse[n, finite_waves]), initial=1.0)
+        if smallest < _LEAST_INVERSE:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
-        factors = _SHIFT + 1.0 / inverse[n, finite]
-        motions = vectors[n][:size, finite]
+        factors = _SHIFT + 1.0 / inverse[n, finite_waves]
+        motions = vectors[n][:size, finite_waves]
         couplings = [step[n] for step in steps]
-        couplings[reach] = couplings[reach] + w[n] * np.eye(layer)  # D_0 instead of D_0 - w
+        couplings[reach] = couplings[reach] + w[n] * np.eye(layer_size)  # D_0 instead of D_0 - w
         factors, motions = _sharpen_long_waves(factors, motions, couplings, w[n])
         if w[n] > _NEAR_ZERO * scale:
             _require_senses(factors, motions)
@@ -190,20 +194,23 @@ def find_bloch_waves(
     return waves
 
 
-def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int) -> list[Complex]:
-    """Return the 2 reach + 1 matrices D_s (n_f, layer, layer) of s = -reach ... reach, with D_0
-    replaced by D_0 - w.
+def _list_steps(
+    inner: Complex, up: Complex, down: Complex, w: Array, layer_size: int
+) -> list[Complex]:
+    """Return the 2 reach + 1 matrices D_s (n_f, layer_size, layer_size) of s = -reach ... reach,
+    with D_0 replaced by D_0 - w.
 
     ``inner``, ``up`` and ``down`` (n_f, size, size) are those of :class:`Couplings`. A block has
-    ``reach`` layers with ``layer`` motions each, so that size = reach * layer. ``w`` is (n_f,).
+    ``reach`` layers with ``layer_size`` motions each, so that size = reach * layer_size. ``w`` is
+    (n_f,).
     """
-    reach = inner.shape[-1] // layer
+    reach = inner.shape[-1] // layer_size
     # all layers are equal, so D_s is read from the rows or columns of the first layer of a block
-    first = slice(0, layer)
-    other_layers = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
+    first = slice(0, layer_size)
+    other_layers = [slice(s * layer_size, (s + 1) * layer_size) for s in range(1, reach)]
     steps = [down[:, first, first]]
     steps += [inner[:, other, first] for other in reversed(other_layers)]
-    steps += [inner[:, first, first] - w[:, None, None] * np.eye(layer)]
+    steps += [inner[:, first, first] - w[:, None, None] * np.eye(layer_size)]
     steps += [inner[:, first, other] for other in other_layers]
     steps += [up[:, first, first]]
     return steps
@@ -220,30 +227,31 @@ def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
     -1/:data:`_SHIFT`. There are as many such waves as motions without coupling to the layers on the
     other side.
     """
-    below, above = null_spaces
-    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _SHIFT))[: below.shape[1]]
-    fast_downwards = np.argsort(np.abs(inverse))[: above.shape[1]]
-    return np.setdiff1d(np.arange(len(inverse)), np.concatenate([fast_upwards, fast_downwards]))
+    to_lower, to_higher = null_spaces
+    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _SHIFT))[: to_lower.shape[1]]
+    fast_downwards = np.argsort(np.abs(inverse))[: to_higher.shape[1]]
+    infinitely_fast = np.concatenate([fast_upwards, fast_downwards])
+    return np.setdiff1d(np.arange(len(inverse)), infinitely_fast)
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
     """Return all solutions of (sum over s of D_s lambda^s) u = w u: 1/(lambda - :data:`_SHIFT`)
     (n_f, 2 size), and the motions (n_f, 2 size, 2 size) of two blocks, as columns.
 
-    ``steps`` are D_s (n_f, layer, layer), the middle one less w, and ``scale`` is the largest entry
-    of D within a block. A block has ``size`` motions.
+    ``steps`` are D_s (n_f, layer_size, layer_size), the middle one less w, and ``scale`` is the
+    largest entry of D within a block. A block has ``size`` motions.
     """
-    count, layer, _ = steps[0].shape
+    count, layer_size, _ = steps[0].shape
     # companion form A v = lambda B v, where v (2 size,) holds the motions of all layers of two
     # blocks. The upper rows say that each layer moves by lambda times the layer before. The last
-    # `layer` rows are the sum over s, divided by the scale, so that they have no unit and, at w
-    # within the bands, are of the size of the upper rows
+    # `layer_size` rows are the sum over s, divided by the scale: so they have no unit, and at w
+    # within the bands they are of the size of the upper rows
     a = np.zeros((count, 2 * size, 2 * size), complex)
     b = np.zeros((count, 2 * size, 2 * size), complex)
-    a[:, :-layer, layer:] = np.eye(2 * size - layer)
-    b[:, :-layer, :-layer] = np.eye(2 * size - layer)
-    a[:, -layer:] = -np.concatenate(steps[:-1], axis=2) / scale
-    b[:, -layer:, -layer:] = steps[-1] / scale
+    a[:, :-layer_size, layer_size:] = np.eye(2 * size - layer_size)
+    b[:, :-layer_size, :-layer_size] = np.eye(2 * size - layer_size)
+    a[:, -layer_size:] = -np.concatenate(steps[:-1], axis=2) / scale
+    b[:, -layer_size:, -layer_size:] = steps[-1] / scale
     # (A - shift B)^-1 B has the eigenvalues 1/(lambda - shift), also finite if lambda is infinite
     inverse, vectors = np.linalg.eig(np.linalg.solve(a - _SHIFT * b, b))
     return inverse, vectors
@@ -258,11 +266,11 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
     passed on if inner - w couples both null spaces at full rank. Where the rank is lower at all w,
     it is lower at w = -scale too, where nothing resonates; so it is tested there.
     """
-    below, above = null_spaces
-    between = above.conj().T @ (inner + scale * np.eye(len(inner))) @ below
-    if not between.size:
+    to_lower, to_higher = null_spaces
+    coupling = to_higher.conj().T @ (inner + scale * np.eye(len(inner))) @ to_lower
+    if not coupling.size:
         return
-    if np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(between.shape):
+    if np.linalg.matrix_rank(coupling, tol=_UNCOUPLED * scale) < min(coupling.shape):
         raise PrecisionError(
             "some motions of a layer are passed on to the next ones and no further",
             "They decay infinitely fast, at any frequency",
@@ -273,26 +281,25 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
 def _sharpen_long_waves(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
-    """Return the ``factors`` (b,), lambda, and the ``vectors`` (n, b), motions of a block, of all
-    waves, those of long running waves with all digits. Where energy is lost the arguments are
-    returned as they are. A long wave whose motion is mostly stiff keeps its factor and vector too:
-    the edge of another band is near.
+    """Return the ``factors`` lambda (b,) and the ``vectors`` (n, b), motions of a block, of all
+    waves; those of long running waves are computed again, with all digits. If energy is lost,
+    ``factors`` and ``vectors`` are returned as they are. A long wave whose motion is mostly stiff
+    keeps its factor and vector too: the edge of another band is near.
 
-    ``couplings`` are the matrices D_s (layer, layer) of s = -reach ... reach, with D_0 itself, not
-    less w; and ``w`` is the eigenvalue.
+    ``couplings`` are the matrices D_s (layer_size, layer_size) of s = -reach ... reach, with D_0
+    itself in the middle, and not D_0 - w; ``w`` is the eigenvalue.
 
-    A long wave that runs has lambda = exp(i theta) with a small theta, and the sum of D_s lambda^s,
-    less w, is then a difference of near-equal numbers. Free motions are those that cost nothing if
-    all layers move by the same amount: on them the sum of all D_s is zero. That sum is left out for
-    them, and the sum of D_s (exp(i s theta) - 1) remains, which keeps all digits. The other
-    motions, which are stiff, follow from the free ones at each theta, and theta is found by
-    Newton's method. The amplitudes of the free motions are kept as they are: theta depends on the
-    square of their error.
+    A long wave that runs has lambda = exp(i theta) with a small theta, so that the sum of D_s
+    lambda^s, less w, is a difference of near-equal numbers. Free motions cost nothing if all layers
+    move by the same amount: the sum of all D_s takes them to zero. This sum is left out for free
+    motions. What is left is the sum of D_s (exp(i s theta) - 1), which keeps all digits. All other
+    motions are stiff, and follow from the free ones at each theta. Newton's method finds theta. The
+    amplitudes of the free motions stay as they are, as theta depends on the square of their error.
     """
-    layer = len(couplings[0])
-    runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
+    layer_size = len(couplings[0])
+    is_running = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     is_long = np.abs(np.angle(factors)) < _LARGEST_LONG_ANGLE
-    long_waves = np.flatnonzero(runs & is_long)
+    long_waves = np.flatnonzero(is_running & is_long)
     # without loss of energy D_-s is the adjoint of D_s
     loss = max(
         np.max(np.abs(coupling - opposite.conj().T))
@@ -303,18 +310,21 @@ def _sharpen_long_waves(
         return factors, vectors
     stiffness, modes = np.linalg.eigh(np.sum(couplings, axis=0))
     is_stiff = np.abs(stiffness) > NO_ENERGY * np.max(np.abs(stiffness))
-    free = modes[:, ~is_stiff]
-    stiff = modes[:, is_stiff]
+    free_motions = modes[:, ~is_stiff]
+    stiff_motions = modes[:, is_stiff]
+    stiffness_of_stiff = stiffness[is_stiff]
     factors = factors.copy()
     vectors = vectors.copy()
-    layer_numbers = range(len(vectors) // layer)
+    layer_numbers = range(len(vectors) // layer_size)
     for wave in long_waves:
-        layer_motion = vectors[:layer, wave]
-        free_part = free @ (free.conj().T @ layer_motion)
+        layer_motion = vectors[:layer_size, wave]
+        free_part = free_motions @ (free_motions.conj().T @ layer_motion)
         if np.linalg.norm(free_part) < _MOSTLY_FREE * np.linalg.norm(layer_motion):
             continue
         start = float(np.angle(factors[wave]))
-        theta, motion = _solve_theta(start, free_part, couplings, stiff, stiffness[is_stiff], w)
+        theta, motion = _solve_theta(
+            start, free_part, couplings, stiff_motions, stiffness_of_stiff, w
+        )
         factors[wave] = np.exp(1j * theta)
         vectors[:, wave] = np.concatenate(
             [motion * factors[wave] ** number for number in layer_numbers]
@@ -326,17 +336,17 @@ def _solve_theta(
     theta: float,
     free_part: Complex,
     couplings: list[Complex],
-    stiff: Complex,
+    stiff_motions: Complex,
     stiffness: Array,
     w: float,
 ) -> tuple[float, Complex]:
-    """Return theta, rad, of a long wave lambda = exp(i theta), and the motion (layer,) of a layer
-    in it, by Newton's method from a first ``theta``.
+    """Return theta, rad, of a long wave lambda = exp(i theta), and the motion (layer_size,) of a
+    layer in the wave, by Newton's method from a first ``theta``.
 
-    ``free_part`` (layer,) is the part of the motion that costs nothing if all layers move by the
-    same amount. ``stiff`` (layer, m) are the other motions, as columns, and ``stiffness`` (m,) are
-    their eigenvalues of D if all layers move so. ``couplings`` are D_s (layer, layer), and w is the
-    eigenvalue to be reached.
+    ``free_part`` (layer_size,) is the part of the motion that costs nothing if all layers move by
+    the same amount. ``stiff_motions`` (layer_size, m) are the other motions, as columns, and
+    ``stiffness`` (m,) are their eigenvalues of the sum of all D_s. ``couplings`` are D_s
+    (layer_size, layer_size), and ``w`` is the eigenvalue to be reached.
     """
     reach = len(couplings) // 2
     steps = list(zip(range(-reach, reach + 1), couplings, strict=True))
@@ -345,10 +355,10 @@ def _solve_theta(
         change = sum(coupling * np.expm1(1j * s * theta) for s, coupling in steps)
         slope = sum(coupling * 1j * s * np.exp(1j * s * theta) for s, coupling in steps)
         # the stiff rows of (D(theta) - w) motion = 0 give the amplitudes of the stiff motions
-        pull = stiff.conj().T @ change
-        stiff_matrix = np.diag(stiffness - w) + pull @ stiff
+        pull = stiff_motions.conj().T @ change
+        stiff_matrix = np.diag(stiffness - w) + pull @ stiff_motions
         stiff_amplitudes = np.linalg.solve(stiff_matrix, -pull @ free_part)
-        motion = free_part + stiff @ stiff_amplitudes
+        motion = free_part + stiff_motions @ stiff_amplitudes
         # motion^H (D(theta) - w) motion, which vanishes at the theta of the wave
         residual = (
             (motion.conj() @ change @ motion).real
@@ -406,20 +416,20 @@ def _sort_senses(
     ``up`` and ``down`` (n, n) couple the block to the next and to the one before. ``null_spaces``
     are the motions, as columns, without coupling to lower and to higher layers.
     """
-    runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
+    is_running = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     vectors = vectors / np.linalg.norm(vectors, axis=0)
-    flux = _normalise_running(factors, vectors, np.flatnonzero(runs), up, down, reach)
+    flux = _normalise_running(factors, vectors, np.flatnonzero(is_running), up, down, reach)
     senses = []
     for sign, still_motions in zip((1.0, -1.0), null_spaces, strict=True):
-        running = np.flatnonzero(runs & (sign * flux > 0.0))
+        running = np.flatnonzero(is_running & (sign * flux > 0.0))
         running = running[np.argsort(np.angle(factors[running]), kind="stable")]
         # |lambda| in the sense of the waves; a lambda of zero has no finite inverse
         with np.errstate(divide="ignore"):
             decay = np.abs(factors) ** sign
-        decaying = np.flatnonzero(~runs & (decay < 1.0))
+        decaying = np.flatnonzero(~is_running & (decay < 1.0))
         decaying = decaying[np.argsort(-decay[decaying], kind="stable")]
-        chosen = np.concatenate([running, decaying])
-        waves = BlochWaves(factors[chosen], vectors[:, chosen], running.size, still_motions)
+        numbers = np.concatenate([running, decaying])
+        waves = BlochWaves(factors[numbers], vectors[:, numbers], running.size, still_motions)
         _require_basis(waves, decay[decaying] ** reach)
         senses.append(waves)
     upward, downward = senses
@@ -429,14 +439,14 @@ def _sort_senses(
 def _normalise_running(
     factors: Complex, vectors: Complex, running: Index, up: Complex, down: Complex, reach: int
 ) -> Array:
-    """Return the flux (b,) of each wave, dw/dk with k per block, and zero for waves that decay;
-    scale and turn the ``vectors`` (n, b) of the ``running`` waves, in place, such that the flux of
-    each would be one or minus one.
+    """Return the flux (b,) of each wave of norm one, dw/dk with k per block; zero for waves that
+    decay. Change the ``vectors`` (n, b) of the ``running`` waves, in place: each is scaled such
+    that its flux is one or minus one, and waves with one lambda become combinations of these waves
+    without mutual flux.
 
     ``running`` are the indices of the waves that run; the other arguments are those of
-    :func:`_sort_senses`. Waves with one lambda become combinations of them without mutual flux.
-    Raises :class:`~granphon.base.errors.PrecisionError` if more waves have one lambda than a block
-    has motions.
+    :func:`_sort_senses`. Raises :class:`~granphon.base.errors.PrecisionError` if more waves have
+    one lambda than a block has motions.
     """
     flux = np.zeros(len(factors))
     ungrouped = running  # waves that belong to no group of one lambda yet
@@ -460,10 +470,10 @@ def _require_basis(waves: BlochWaves, decays: Array) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` unless the waves of one sense, with the
     motions that reach no other block, are a basis of the motions of a block.
 
-    ``decays`` (m,) are the factors, from block to block, by which the waves that decay do so.
+    ``decays`` (m,) are the factors by which the m waves that decay change from block to block.
     """
-    scaled = waves.vectors / np.linalg.norm(waves.vectors, axis=0)
-    basis = np.concatenate([scaled, waves.still_motions], axis=1)
+    unit_vectors = waves.vectors / np.linalg.norm(waves.vectors, axis=0)
+    basis = np.concatenate([unit_vectors, waves.still_motions], axis=1)
     is_square = basis.shape[0] == basis.shape[1]
     if is_square and not np.linalg.cond(basis) > _LARGEST_CONDITION:
         return

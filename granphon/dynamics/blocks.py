@@ -150,8 +150,8 @@ class Block:
         Balls that turn like gears are an example. Near Gamma the columns of the single rotations
         would cancel each other, and lose digits.
         """
-        turn, free = self._find_free_motions()
-        if not free.size:
+        turn, free_columns = self._find_free_motions()
+        if not free_columns.size:
             return self
         odd = self.deforming.odd @ turn
         even = self.deforming.even @ turn
@@ -159,8 +159,8 @@ class Block:
         # if a motion deforms nothing at any q, such as the spin of a ball between two others. Gears
         # whose arms differ a little leave more than rounding, which is kept
         lengths = _find_lengths(self.deforming)
-        odd[..., free] = _clear_rounding(odd[..., free], lengths)
-        even[..., free] = _clear_rounding(even[..., free], lengths)
+        odd[..., free_columns] = _clear_rounding(odd[..., free_columns], lengths)
+        even[..., free_columns] = _clear_rounding(even[..., free_columns], lengths)
         # `bent` keeps its numbers: a displacement of all balls has a column of zeros at q = 0, and
         # `turn` leaves such motions as they are
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
@@ -182,13 +182,13 @@ class Block:
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         even = self.deforming.even.reshape(self.n_rows, self.size)
         turn = np.eye(self.size, dtype=even.dtype)
-        deforming = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if deforming.size < 2:  # a single column that is not zero depends on no other
+        columns = np.flatnonzero(np.any(even != 0.0, axis=0))
+        if columns.size < 2:  # a single column that is not zero depends on no other
             return turn, np.zeros(0, np.intp)
         sizes = np.abs(odd) + np.abs(even)
-        free, complement = find_dependent(even[:, deforming], sizes[:, deforming])
-        turn[np.ix_(deforming, deforming)] = np.concatenate([free, complement], axis=1)
-        return turn, deforming[: free.shape[1]]
+        free_motions, complement = find_dependent(even[:, columns], sizes[:, columns])
+        turn[np.ix_(columns, columns)] = np.concatenate([free_motions, complement], axis=1)
+        return turn, columns[: free_motions.shape[1]]
 
     @property
     def size(self) -> int:
@@ -210,14 +210,15 @@ class Block:
         """Generic rank of C(q): the number of its branches that do not vanish at every wave
         vector.
         """
-        largest = 0
+        highest_rank = 0
         periods = self.deforming.half.shape[1]
         # the rank is lower at special wave vectors, and never higher than the generic one
         for q in GENERIC[:, None, :periods]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._wave_rows])
-            if largest < min(rows.shape):
-                largest = max(largest, find_rank(rows))
-        return largest
+            is_full = highest_rank == min(rows.shape)  # no wave vector can give a higher rank
+            if not is_full:
+                highest_rank = max(highest_rank, find_rank(rows))
+        return highest_rank
 
     @property
     def n_free(self) -> int:
@@ -269,15 +270,15 @@ class Block:
         frequencies, modes = self._decompose(point)
         slopes = _Slopes(self, point, frequencies)
         # (n_q, n - 1) whether a branch has the frequency of the next
-        joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
-        if np.any(joined):
+        is_joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
+        if np.any(is_joined):
             if np.any(frequencies[:, 0] == 0.0):
                 # nothing tells branches that vanish everywhere from each other
-                joined[:, : self.n_free] = False
-            self._split_degenerate(point, modes, slopes, joined, along)
+                is_joined[:, : self.n_free] = False
+            self._split_degenerate(point, modes, slopes, is_joined, along)
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
-        doubled = np.where(frequencies > 0.0, 2.0 * frequencies, np.inf)
-        velocities = slopes.compute_gradients(modes) / doubled[..., None]
+        twice_omega = np.where(frequencies > 0.0, 2.0 * frequencies, np.inf)
+        velocities = slopes.compute_gradients(modes) / twice_omega[..., None]
         if not frequencies.all():
             n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
             for number in np.flatnonzero(n_zeros > self.n_free).tolist():
@@ -322,12 +323,12 @@ class Block:
             [waves.compute_rows(q, derivative=True)[0] for waves in self._wave_rows]
         )
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._wave_rows])
-        stiff = rows @ motions[:, count:] / frequencies[count:]
+        stiff_deformations = rows @ motions[:, count:] / frequencies[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
         if self.signs is None:
-            speeds, turn, forms = self._find_cones(stiff, change, along)
+            speeds, turn, forms = self._find_cones(stiff_deformations, change, along)
         else:
-            speeds, turn, forms = self._find_pressed_cones(stiff, change, along)
+            speeds, turn, forms = self._find_pressed_cones(stiff_deformations, change, along)
         speeds = np.where(speeds <= self._rounding * self._longest_column, 0.0, speeds)
         is_equal = np.diff(speeds) <= DEGENERATE * speeds[1:]
         for _, run in _find_runs(is_equal[None]):
@@ -343,21 +344,23 @@ class Block:
         velocities[:count] = gradients * inverse[:, None] + 0.0  # no minus zero
 
     def _find_cones(
-        self, stiff: NDArray[Any], change: NDArray[Any], along: Array
+        self, stiff_deformations: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
         """Return speeds (m,), ascending, of the m modes whose frequencies rise from zero along a
-        unit vector ``along`` (p,), the modes (m, m), as columns in terms of the m modes given, and
-        forms (p, m, m).
+        unit vector ``along`` (p,); the modes (m, m), as columns in terms of the m modes in which
+        ``change`` is given; and forms (p, m, m).
 
-        After a step of length s along the path, a mode v (m,) of speed c has the frequency s c,
-        and the square of that has the gradient 2 s v^H forms v with respect to q. ``stiff``
-        (rows, k) are the deformations of the modes of higher frequencies, each over its frequency,
-        and ``change`` (p, rows, m) is the derivative, with respect to q, of those of the m modes.
+        After a step of length s along the path, a mode v (m,) of speed c has the frequency s c. The
+        square of this frequency has the gradient 2 s v^H forms v with respect to q.
+
+        ``stiff_deformations`` (rows, k) are the deformations of the modes of higher frequencies,
+        each over its frequency. ``change`` (p, rows, m) is the derivative of the deformations of
+        the m modes with respect to q.
         """
         count = change.shape[2]
         change_along = np.tensordot(along, change, 1)
         # modes of higher frequencies follow, and compensate the deformations in their span
-        basis = np.linalg.qr(stiff)[0]
+        basis = np.linalg.qr(stiff_deformations)[0]
         rigid = change - basis @ (basis.conj().T @ change)
         rigid_along = change_along - basis @ (basis.conj().T @ change_along)
         forms = rigid.conj().swapaxes(1, 2) @ rigid_along
@@ -367,18 +370,19 @@ class Block:
         return speeds[::-1], turn[::-1].conj().T, forms
 
     def _find_pressed_cones(
-        self, stiff: NDArray[Any], change: NDArray[Any], along: Array
+        self, stiff_deformations: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
         """Return speeds (m,), modes (m, m) and forms (p, m, m) as :meth:`_find_cones` does, with
         the same arguments, under static forces.
 
-        The rows of ``stiff`` and ``change`` are then those of C(q), followed by those on which
-        static forces act. The squares of the latter are subtracted from omega^2, with their signs.
+        The rows of ``stiff_deformations`` and ``change`` are then those of C(q), followed by those
+        on which static forces act. The squares of the latter, times :attr:`signs`, are subtracted
+        from omega^2.
         """
         weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
         change_along = np.tensordot(along, change, 1)
-        pull = stiff.conj().T @ (weight * change)
-        pull_along = stiff.conj().T @ (weight * change_along)
+        pull = stiff_deformations.conj().T @ (weight * change)
+        pull_along = stiff_deformations.conj().T @ (weight * change_along)
         whole_forms = change.conj().swapaxes(1, 2) @ (weight * change_along)
         # modes of higher frequencies follow, and lower the squares
         forms = whole_forms - pull.conj().swapaxes(1, 2) @ pull_along
@@ -390,7 +394,7 @@ class Block:
         point: _Point,
         modes: NDArray[Any],
         slopes: _Slopes,
-        joined: NDArray[np.bool_],
+        is_joined: NDArray[np.bool_],
         along: Array,
     ) -> None:
         """Turn the vectors of each degenerate set, columns of ``modes`` (n_q, n, n), in place, into
@@ -399,20 +403,20 @@ class Block:
         Branches are told apart by the slopes of omega^2 along the direction, and those of equal
         slope by the modes a small step further.
 
-        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next one. ``point``
-        is C at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
+        ``is_joined`` (n_q, n - 1) says whether a branch has the frequency of the next one.
+        ``point`` is C at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
         """
         equal_slopes: list[tuple[NDArray[np.intp], slice]] = []
-        for points, branches in _find_runs(joined):
+        for points, branches in _find_runs(is_joined):
             vectors = modes[points, :, branches]
             matrices = slopes.compute_along(points, vectors, branches.start, along[points])
             slope, turn = np.linalg.eigh(matrices)
             modes[points, :, branches] = vectors @ turn
-            # branches of this set that have one slope, with the numbers of the points, among
-            # `points`, at which they do
-            for sets, equal in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
-                run = slice(branches.start + equal.start, branches.start + equal.stop)
-                equal_slopes.append((points[sets], run))
+            # runs of branches within this set that have one slope, each with the numbers of the
+            # points, among `points`, at which they do
+            for numbers, run in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
+                equal_branches = slice(branches.start + run.start, branches.start + run.stop)
+                equal_slopes.append((points[numbers], equal_branches))
         if equal_slopes:
             self._split_equal_slopes(point, modes, equal_slopes, along)
 
@@ -434,14 +438,14 @@ class Block:
         Branches that still have one frequency after the step have no vectors of their own, and
         theirs are left as they are.
         """
-        solved = np.unique(np.concatenate([points for points, _ in equal_slopes]))
-        q_beside = point.q[solved] + _STEP_BESIDE * along[solved]
+        solved_points = np.unique(np.concatenate([points for points, _ in equal_slopes]))
+        q_beside = point.q[solved_points] + _STEP_BESIDE * along[solved_points]
         rows_beside = self.deforming.compute_rows(q_beside)
         across = None if self.pushing is None else self.pushing.compute_rows(q_beside)
         matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
-            steps = np.searchsorted(solved, points)
+            steps = np.searchsorted(solved_points, points)
             highest = squares[steps, branches.stop - 1]
             lowest = squares[steps, branches.start]
             is_split = highest - lowest > DEGENERATE * highest
@@ -483,8 +487,8 @@ class Block:
             return _Point(q, rows)
         # tilted motions: first the bent displacements, each with its rotation, then all others
         count = len(self.bent)
-        untilted = np.eye(self.size)[:, self._order]
-        motions = untilted + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
+        unit = np.eye(self.size)[:, self._order]
+        motions = unit + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
         # the motions n that go with each bent displacement k at each q, summed over its components
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
@@ -494,7 +498,8 @@ class Block:
         angle = q @ half.T
         by_bending = bend(angle)[..., None] * displaced
         by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", rotated, q)
-        # columns of the tilted motions, then of the first vectors of the basis
+        # the triangle turns the columns of the tilted motions into those of the first vectors of
+        # the basis
         columns = (by_bending + by_turning) @ np.linalg.inv(triangle[:, :count, :count])
         rows_in_basis = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
         return _Point(q, rows_in_basis, basis=basis, triangle=triangle)
@@ -553,26 +558,26 @@ class Block:
     def _split_free(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns; the
-        ``n_free`` modes that cost nothing, of frequency zero, are found by LAPACK, and the others
-        by :meth:`_decompose_all`, whose arguments are the same.
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns. LAPACK
+        finds the :attr:`n_free` modes that cost nothing, which have the frequency zero, and
+        :meth:`_decompose_all`, with the same arguments, finds the others.
 
         The plane rotations by which that method finds all modes would take minutes to tell the
         free modes of a large block from the softest others.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
-            stiff = basis[:, :, self.n_free :]
-            frequencies, modes = self._decompose_all(rows @ stiff, None)
+            stiff_basis = basis[:, :, self.n_free :]
+            frequencies, modes = self._decompose_all(rows @ stiff_basis, None)
         else:
             squares, vectors = np.linalg.eigh(matrices)
             # a negative square, of a lattice that buckles, is not among the smallest
             order = np.argsort(np.abs(squares), axis=1)
             basis = np.take_along_axis(vectors, order[:, None], 2)
-            stiff = basis[:, :, self.n_free :]
-            stiff_matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
+            stiff_basis = basis[:, :, self.n_free :]
+            stiff_matrices = stiff_basis.conj().swapaxes(1, 2) @ matrices @ stiff_basis
             frequencies, modes = self._decompose_all(rows, stiff_matrices)
-        all_vectors = np.concatenate([basis[:, :, : self.n_free], stiff @ modes], axis=2)
+        all_vectors = np.concatenate([basis[:, :, : self.n_free], stiff_basis @ modes], axis=2)
         return np.pad(frequencies, ((0, 0), (self.n_free, 0))), all_vectors
 
     def _drop_small(
@@ -695,16 +700,17 @@ class _Slopes:
             self.tilted = half.T[:, :, None] * by_angle[:, None] + by_rotation
 
     def compute_along(
-        self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array
+        self, points: NDArray[np.intp], vectors: NDArray[Any], branch: int, along: Array
     ) -> NDArray[Any]:
-        """Return the matrices (k, b, b) of <v_b| dD/dq.along |v_c> between degenerate ``vectors``
-        (k, n, b), along unit vectors ``along`` (k, p), at k of the wave vectors, whose numbers are
-        ``points`` (k,). Their eigenvalues are the slopes of omega^2.
+        """Return the matrices (k, n_v, n_v) of <v| dD/dq.along |w> between degenerate vectors v and
+        w, the columns of ``vectors`` (k, n, n_v), along unit vectors ``along`` (k, p), at k of the
+        wave vectors, whose numbers are ``points`` (k,). The eigenvalues of these matrices are the
+        slopes of omega^2.
 
-        All ``vectors`` at a wave vector have the frequency of the branch of number ``first``.
+        All ``vectors`` at a wave vector have the frequency of the ``branch`` of this number.
         """
         if self.point.basis is not None:
-            frequencies = self.frequencies[points, first]
+            frequencies = self.frequencies[points, branch]
             deformations, changes = self._deform_tilted(points, vectors, frequencies)
             # at each wave vector q sums over the deformations x and the components a of `along`
             products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
@@ -737,42 +743,45 @@ class _Slopes:
     def _deform_tilted(
         self, points: Any, vectors: NDArray[Any], frequencies: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return two arrays, (k, m + n, b) and (k, p, m + n, b), twice the real part of whose
-        products, summed over m + n, is the gradient of omega^2 of amplitudes v in the basis.
+        """Return two arrays, (k, m + n, n_v) and (k, p, m + n, n_v), from which the gradients of
+        omega^2 of n_v vectors v follow: they are twice the real part of the products of the first
+        array, conjugated, with the second, summed over m + n.
 
         The tilted motions T depend on q. The eigenvalues omega^2 are those of (C T)^H C T in the
         metric T^H T, so that their gradients are 2 Re (<C T v| d(C T) v> - omega^2 <T v| dT v>).
         The arrays hold C T v and d(C T) v in their first m rows, and T v and -omega^2 dT v in the
         last n.
 
-        ``points`` select k of the wave vectors, ``vectors`` (k, n, b) are the amplitudes v, and
-        ``frequencies``, (k,) or (k, 1, b), are those of the vectors.
+        ``points`` select k of the wave vectors. ``vectors`` (k, n, n_v) are in the basis of the
+        point, and ``frequencies``, (k,) or (k, 1, n_v), are those of the vectors.
         """
         block = self.block
         point = self.point
         count = len(block.bent)
-        # amplitudes of the tilted motions, and then of the others
-        tilted = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
+        # v: amplitudes of the tilted motions, and then of the others
+        amplitudes = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
         rows, slope, half = self.row_sets[0]
-        motion = np.zeros_like(tilted)
-        motion[:, block._order[count:]] = tilted[:, count:]
-        plain = half.T[:, :, None] * (slope[points] @ motion)[:, None]
-        bent = self.tilted[points] @ tilted[:, None, :count]
+        other_motions = np.zeros_like(amplitudes)
+        other_motions[:, block._order[count:]] = amplitudes[:, count:]
+        # d(C T) v, by the tilted motions and by all others
+        by_others = half.T[:, :, None] * (slope[points] @ other_motions)[:, None]
+        by_tilted = self.tilted[points] @ amplitudes[:, None, :count]
         # dT v: gradients of the motions n that go with the amplitudes of bent displacements k
-        tilt_changes = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
+        tilt_changes = np.einsum("kna,qkb->qanb", block.tilt, amplitudes[:, :count])
         motions = point.basis[points] @ vectors  # type: ignore[index]
         squares = frequencies.reshape(len(frequencies), 1, 1, -1) ** 2
         deformations = np.concatenate([rows[points] @ vectors, motions], axis=1)
-        changes = np.concatenate([plain + bent, -squares * tilt_changes], axis=2)
+        changes = np.concatenate([by_others + by_tilted, -squares * tilt_changes], axis=2)
         return deformations, changes
 
 
 def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
-    """Return F (n_q, n, n) with F^H F = D for the ``matrices`` D (n_q, n, n): the triangle of a
-    Cholesky decomposition, or, where D is not positive definite, omega v^H of its modes v.
+    """Return F (n_q, n, n) with F^H F = D for the ``matrices`` D (n_q, n, n). F are the factors of
+    :func:`cholesky_factor`; if it refuses some D, the rows of all F are omega v^H of the modes v.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if the square of a frequency is negative,
-    by more than ``slack`` of the largest square. Other negative squares are taken for zero.
+    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, by
+    more than ``slack`` times the largest of the same matrix. Other negative squares are taken for
+    zero.
     """
     try:
         return cholesky_factor(matrices)
@@ -792,31 +801,31 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     n_columns = effects.shape[1]
     if effects.all(axis=1).any():  # a single row joins all columns
         return [np.arange(n_columns)]
-    unassigned = np.ones(n_columns, bool)
+    is_unassigned = np.ones(n_columns, bool)
     blocks = []
-    while np.any(unassigned):
+    while np.any(is_unassigned):
         # a block begins with the first unassigned column, and grows by the columns that its rows
         # join to it
-        block = np.arange(n_columns) == np.argmax(unassigned)
-        count = 0
-        while count < int(np.count_nonzero(block)):
-            count = int(np.count_nonzero(block))
-            rows_of_block = np.any(effects[:, block], axis=1)
-            block = block | np.any(effects[rows_of_block], axis=0)
-        unassigned &= ~block
-        blocks.append(np.flatnonzero(block))
+        is_in_block = np.arange(n_columns) == np.argmax(is_unassigned)
+        size = 0
+        while size < int(np.count_nonzero(is_in_block)):
+            size = int(np.count_nonzero(is_in_block))
+            rows_of_block = np.any(effects[:, is_in_block], axis=1)
+            is_in_block = is_in_block | np.any(effects[rows_of_block], axis=0)
+        is_unassigned &= ~is_in_block
+        blocks.append(np.flatnonzero(is_in_block))
     return blocks
 
 
-def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
+def _find_runs(is_joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
     """Return the runs of neighbouring items that belong together in n rows of m items: pairs of the
     numbers (k,) of all rows that have a run, and the run as a slice of items.
 
-    ``joined`` (n, m - 1) says whether item j + 1 of a row belongs with item j.
+    ``is_joined`` (n, m - 1) says whether item j + 1 of a row belongs with item j.
     """
-    count, width = joined.shape
+    count, width = is_joined.shape
     padded = np.zeros((count, width + 2), np.int8)
-    padded[:, 1:-1] = joined
+    padded[:, 1:-1] = is_joined
     # 1 where a run begins, and -1 at its last item
     edges = padded[:, 1:] - padded[:, :-1]
     rows, start = np.nonzero(edges == 1)

@@ -137,10 +137,11 @@ class AcousticBranch:
         shape = (target.size, len(self.wavenumbers))
         wavenumbers = np.broadcast_to(self.wavenumbers, shape)
         frequencies = np.broadcast_to(self.frequencies, shape)
-        above, q, omega = _find_brackets(wavenumbers, frequencies, target)
+        point_above, q, omega = _find_brackets(wavenumbers, frequencies, target)
         lattice = self.lattice
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
-        return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
+        references = self.vectors[point_above]
+        return _solve_wavenumbers(lattice, along, target, q, omega, references, self.name)
 
 
 def _find_brackets(
@@ -148,18 +149,19 @@ def _find_brackets(
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Return the number (m,) of the first point of each of m branches whose frequency is at least
     the ``target`` (m,), and the wavenumbers (2, m) and the frequencies (2, m) of the branch at the
-    point before and at this point. Before the first point that is Gamma, where both are zero.
+    point before and at this point. The point before the first one is Gamma, where both are zero.
 
     ``wavenumbers`` and ``frequencies`` (m, n_points), ascending, are those of the points of the
     branches. No target may be above all frequencies of its branch.
     """
-    above = np.sum(frequencies < target[:, None], axis=1)
+    point_above = np.sum(frequencies < target[:, None], axis=1)
     row = np.arange(len(target))
-    low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
-    low_omega = np.where(above > 0, frequencies[row, above - 1], 0.0)
-    q = np.stack([low_q, wavenumbers[row, above]])
-    omega = np.stack([low_omega, frequencies[row, above]])
-    return above, q, omega
+    is_first = point_above == 0
+    low_q = np.where(is_first, 0.0, wavenumbers[row, point_above - 1])
+    low_omega = np.where(is_first, 0.0, frequencies[row, point_above - 1])
+    q = np.stack([low_q, wavenumbers[row, point_above]])
+    omega = np.stack([low_omega, frequencies[row, point_above]])
+    return point_above, q, omega
 
 
 def _find_nearest_modes(
@@ -190,12 +192,13 @@ def _find_nearest_modes(
         difference = np.abs(modes.frequencies - frequencies[:, None])
         slope_difference = np.abs(slopes - slopes[points, nearest][:, None])
         steepest = np.max(np.abs(slopes), axis=1, keepdims=True)
-        coincides = difference <= DEGENERATE * frequencies[:, None]
-        coincides &= slope_difference <= DEGENERATE * steepest
-        counts = np.count_nonzero(coincides, axis=1)
-        shared = np.flatnonzero(counts > 1)  # points at which several branches coincide
-        sums = np.sum(coincides[shared, :, None] * modes.group_velocities[shared], axis=1)
-        velocities[shared] = sums / counts[shared, None]
+        is_coincident = difference <= DEGENERATE * frequencies[:, None]
+        is_coincident &= slope_difference <= DEGENERATE * steepest
+        counts = np.count_nonzero(is_coincident, axis=1)
+        crossings = np.flatnonzero(counts > 1)  # points at which several branches coincide
+        coincident_velocities = is_coincident[..., None] * modes.group_velocities
+        sums = np.sum(coincident_velocities[crossings], axis=1)
+        velocities[crossings] = sums / counts[crossings, None]
     return frequencies, velocities
 
 
@@ -224,7 +227,7 @@ def _solve_wavenumbers(
     # the root at any scale
     q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
     omega, velocity = _find_nearest_modes(lattice, q, along, references)
-    unsettled = np.arange(q.size)
+    unsettled = np.arange(q.size)  # numbers of the targets whose wavenumbers still change
     for _ in range(_MOST_STEPS):
         goal = target[unsettled]
         guess = q[unsettled]
@@ -233,11 +236,11 @@ def _solve_wavenumbers(
         low[unsettled] = np.where(value <= goal, guess, low[unsettled])
         slope = np.sum(velocity[unsettled] * along[unsettled], axis=1)
         step = np.divide(value - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
-        newton = guess - step
+        newton_q = guess - step
         middle = 0.5 * (low[unsettled] + high[unsettled])
         # a step of Newton's method that leaves the bracket is replaced by bisection
-        is_inside = (newton >= low[unsettled]) & (newton <= high[unsettled])
-        q[unsettled] = np.where(is_inside, newton, middle)
+        is_inside = (newton_q >= low[unsettled]) & (newton_q <= high[unsettled])
+        q[unsettled] = np.where(is_inside, newton_q, middle)
         omega[unsettled], velocity[unsettled] = _find_nearest_modes(
             lattice, q[unsettled], along[unsettled], references[unsettled]
         )
@@ -270,9 +273,9 @@ class AcousticBranches:
     wavenumbers : (n, n_points), 1/d, from the first point after Gamma to the edge of the zone.
     frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the first
         maximum; +inf at the points after it, and at those to which the branch was not followed.
-    rising : (n_u, n), number of points before the first maximum, among those at which the branch
+    n_rising : (n_u, n), number of points before the first maximum, among those at which the branch
         was followed.
-    falls : (n_u, n), whether the branch was followed to a point behind a maximum.
+    has_fallen : (n_u, n), whether the branch was followed to a point behind a maximum.
     vectors : (n_u, n, n_points, n_dof), eigenvectors.
     """
 
@@ -280,8 +283,8 @@ class AcousticBranches:
     directions: Array
     wavenumbers: Array
     frequencies: Array
-    rising: NDArray[np.intp]
-    falls: NDArray[np.bool_]
+    n_rising: NDArray[np.intp]
+    has_fallen: NDArray[np.bool_]
     vectors: NDArray[np.complex128]
 
     @classmethod
@@ -305,28 +308,28 @@ class AcousticBranches:
             directions=directions,
             wavenumbers=grid,
             frequencies=np.full(shape, np.inf),
-            rising=np.zeros((n_waves, n_directions), np.intp),
-            falls=np.zeros((n_waves, n_directions), bool),
+            n_rising=np.zeros((n_waves, n_directions), np.intp),
+            has_fallen=np.zeros((n_waves, n_directions), bool),
             vectors=np.zeros((*shape, lattice.n_branches), complex),
         )
         # eigenvectors at the last point, and the column of each wave among them
         last_vectors, column = _find_sound(lattice, _BESIDE_GAMMA * grid[:, :1], directions)
-        followed = np.arange(n_directions)  # directions in which some branch is not at its end
+        numbers = np.arange(n_directions)  # of the directions in which some branch goes on
         for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
-            q = grid[followed, first : first + _POINTS_TOGETHER]
-            modes = _find_path_modes(lattice, q, directions[followed], last_vectors)
-            row = np.arange(len(followed))
+            q = grid[numbers, first : first + _POINTS_TOGETHER]
+            modes = _find_path_modes(lattice, q, directions[numbers], last_vectors)
+            row = np.arange(len(numbers))
             for point in range(q.shape[1]):
                 # the column, at this point, of the mode that continues each of the last point
                 next_column = _assign_columns(modes.overlap[:, point])
-                column = np.stack([next_column[row, branch] for branch in column])
-                branches._add_point(modes, point, column, followed, first + point)
-            is_below = branches._find_top()[:, followed] < goals[:, followed]
-            is_unfinished = np.any(is_below & ~branches.falls[:, followed], axis=0)
-            followed = followed[is_unfinished]
+                column = np.stack([next_column[row, last_column] for last_column in column])
+                branches._add_point(modes, point, column, numbers, first + point)
+            is_below = branches._find_top()[:, numbers] < goals[:, numbers]
+            is_unfinished = np.any(is_below & ~branches.has_fallen[:, numbers], axis=0)
+            numbers = numbers[is_unfinished]
             column = column[:, is_unfinished]
             last_vectors = modes.vectors[is_unfinished, -1]
-            if not followed.size:
+            if not numbers.size:
                 break
         return branches
 
@@ -335,68 +338,69 @@ class AcousticBranches:
         modes: _PathModes,
         point: int,
         column: NDArray[np.intp],
-        followed: NDArray[np.intp],
+        directions: NDArray[np.intp],
         number: int,
     ) -> None:
         """Write into the arrays, in place, what the branches have at the point of this ``number``
-        in the directions ``followed`` (k,).
+        in k of the directions, whose numbers are ``directions`` (k,).
 
-        ``modes`` are those of several points in these directions, of which this is the
-        ``point``-th; ``column`` (n_u, k) are the columns of the branches among them.
+        ``modes`` are those of a group of points in these directions, and ``point`` is the number of
+        this point in the group; ``column`` (n_u, k) are the columns of the branches among the
+        modes.
         """
-        row = np.arange(len(followed))
+        row = np.arange(len(directions))
         # a branch that has fallen once is not followed up again
-        climbs = ~self.falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
-        rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
-        self.falls[:, followed] |= ~climbs
-        self.rising[:, followed] += climbs
-        self.frequencies[:, followed, number] = rising_frequencies
-        self.vectors[:, followed, number] = modes.vectors[row, point, :, column]
+        is_rising = ~self.has_fallen[:, directions] & (modes.slopes[row, point, column] > 0.0)
+        rising_frequencies = np.where(is_rising, modes.frequencies[row, point, column], np.inf)
+        self.has_fallen[:, directions] |= ~is_rising
+        self.n_rising[:, directions] += is_rising
+        self.frequencies[:, directions, number] = rising_frequencies
+        self.vectors[:, directions, number] = modes.vectors[row, point, :, column]
 
     def _find_top(self) -> Array:
         """Return the frequency (n_u, n), (k/M)^1/2, of each branch at the last point at which it
         rose; +inf if it rose at none.
         """
-        last_rise = np.maximum(self.rising - 1, 0)
+        last_rise = np.maximum(self.n_rising - 1, 0)
         return np.take_along_axis(self.frequencies, last_rise[..., None], 2)[..., 0]
 
-    def take_branch(self, which: int, direction: int) -> AcousticBranch:
-        """Return the branch of index ``which`` in the lattice's ``wave_names``, in the direction of
+    def take_branch(self, wave: int, direction: int) -> AcousticBranch:
+        """Return the branch of index ``wave`` in the lattice's ``wave_names``, in the direction of
         index ``direction``, up to the last point before its first maximum and the maximum itself.
         """
-        count = int(self.rising[which, direction])
-        has_fallen = bool(self.falls[which, direction])
-        points_kept = slice(0, count + has_fallen)
+        count = int(self.n_rising[wave, direction])
+        has_maximum = bool(self.has_fallen[wave, direction])
+        points = slice(0, count + has_maximum)
         along = self.directions[direction]
-        q = self.wavenumbers[direction, points_kept].copy()
-        omega = self.frequencies[which, direction, points_kept].copy()
-        vectors = self.vectors[which, direction, points_kept]
-        if has_fallen:
+        q = self.wavenumbers[direction, points].copy()
+        omega = self.frequencies[wave, direction, points].copy()
+        vectors = self.vectors[wave, direction, points]
+        if has_maximum:
             # the last point is behind the maximum, and is replaced by the maximum
             low = q[count - 1] if count else 0.0
             reference = vectors[count][None]
             q[count] = _find_maximum(self.lattice, along, low, q[count], reference)
             frequency, _ = _find_nearest_modes(self.lattice, q[count : count + 1], along, reference)
             omega[count] = frequency[0]
-        name = self.lattice.wave_names[which]
+        name = self.lattice.wave_names[wave]
         return AcousticBranch(self.lattice, along, name, q, omega, vectors)
 
     def find_wavenumber(
-        self, which: int, direction: NDArray[np.intp], target: Array
+        self, wave: int, direction: NDArray[np.intp], target: Array
     ) -> tuple[Array, Array]:
         """Return wavenumbers (m,), 1/d, and group velocities (m, p), d (k/M)^1/2, of the branch of
-        index ``which`` in the lattice's ``wave_names``, at frequencies ``target`` (m,), (k/M)^1/2,
+        index ``wave`` in the lattice's ``wave_names``, at frequencies ``target`` (m,), (k/M)^1/2,
         in the directions of indices ``direction`` (m,).
 
         No target may be above the frequency at the last point before the maximum. Raises
         :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed through an
         avoided crossing.
         """
-        above, q, omega = _find_brackets(
-            self.wavenumbers[direction], self.frequencies[which, direction], target
+        point_above, q, omega = _find_brackets(
+            self.wavenumbers[direction], self.frequencies[wave, direction], target
         )
-        references = self.vectors[which, direction, above]
-        name = self.lattice.wave_names[which]
+        references = self.vectors[wave, direction, point_above]
+        name = self.lattice.wave_names[wave]
         return _solve_wavenumbers(
             self.lattice, self.directions[direction], target, q, omega, references, name
         )
@@ -421,13 +425,13 @@ class _PathModes(NamedTuple):
 
 
 def _find_path_modes(
-    lattice: ContactLattice, q: Array, along: Array, last: NDArray[np.complex128]
+    lattice: ContactLattice, q: Array, along: Array, last_vectors: NDArray[np.complex128]
 ) -> _PathModes:
     """Return the modes of a ``lattice`` at wavenumbers q (n, k), 1/d, in directions ``along``
     (n, p), unit vectors.
 
-    ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these
-    points, for the overlap with the eigenvectors at the first.
+    ``last_vectors`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of
+    these points, for the overlap with the eigenvectors at the first.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -435,9 +439,9 @@ def _find_path_modes(
     vectors = modes.eigenvectors.reshape(*q.shape, size, size)
     velocities = modes.group_velocities.reshape(*q.shape, size, -1)
     slopes = np.einsum("npba,na->npb", velocities, along)
-    with_last = np.concatenate([last[:, None], vectors], axis=1)
+    vectors_before = np.concatenate([last_vectors[:, None], vectors[:, :-1]], axis=1)
     # products of modes a at the point before and b at the point, summed over the motions m
-    overlap = np.abs(np.einsum("npma,npmb->npab", with_last[:, :-1].conj(), vectors)) ** 2
+    overlap = np.abs(np.einsum("npma,npmb->npab", vectors_before.conj(), vectors)) ** 2
     return _PathModes(modes.frequencies.reshape(*q.shape, size), slopes, vectors, overlap)
 
 
@@ -521,4 +525,4 @@ def follow_acoustic_branches(
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])
-    return {name: branches.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}
+    return {name: branches.take_branch(wave, 0) for wave, name in enumerate(lattice.wave_names)}

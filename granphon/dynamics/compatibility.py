@@ -376,7 +376,9 @@ class Compatibility:
 
     @cached_property
     def lacks_potential(self) -> bool:
-        """Whether D lacks a part of what acts at contacts, which has no potential."""
+        """Whether tangential forces, torques or slip by levers that exceed the arms act at
+        contacts: D lacks the part of these that has no potential.
+        """
         return self.has_tangential_force or self.has_torque or self.has_excesses
 
     @cached_property
@@ -493,27 +495,27 @@ class Compatibility:
         return self._complete(np.sqrt(self.masses / self.masses.sum()))
 
     @staticmethod
-    def _complete(first: Array) -> Array:
-        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,), a vector of
-        length one and with a first entry other than zero.
+    def _complete(first_column: Array) -> Array:
+        """Return an orthogonal matrix (n, n) with the ``first_column`` (n,), a vector of length one
+        whose first entry is not zero.
         """
-        basis = np.eye(len(first))
-        basis[:, 0] = first
+        basis = np.eye(len(first_column))
+        basis[:, 0] = first_column
         frame, _ = np.linalg.qr(basis)
         # column k > 0 is zero for the balls 1 to k - 1. Rounding errors there would couple the
         # column to the contacts of these balls
         frame[1:, 1:] = np.tril(frame[1:, 1:])
         # QR leaves the sign of the first column open
-        return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
+        return np.asarray(frame * np.sign(frame[0, 0] * first_column[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
         """Return K^1/2 C(q) M^-1/2, (k/M)^1/2, at each wave vector, or its gradient.
 
         Rows are the elongations of all contacts, then their slips, twists and rolls. Columns are
-        mass-weighted motions, for each vector of the frame those of a ball, (x, y, w) in the plane.
-        The first vector of the frame is the motion of the centre of mass, and rotations are divided
-        by i. The matrix is real if the cell has one ball, whose contacts have equal arms and are
-        not with bodies that do not move.
+        mass-weighted motions: for each vector of the frame the motions of a ball, (x, y, w) in the
+        plane. The first vector of the frame is the motion of the centre of mass, and rotations are
+        divided by i. The matrix is real if the cell has one ball, its contacts have equal arms, and
+        the ball touches no body that does not move.
 
         Parameters
         ----------
@@ -775,13 +777,13 @@ class Compatibility:
                 continue
             image, cells = inversion
             is_involution = np.array_equal(image[image], np.arange(self.n_balls))
-            differ = np.any(np.abs(balls[image] - balls) > rounding * balls)
-            if not is_involution or differ:
+            have_equal_images = np.all(np.abs(balls[image] - balls) <= rounding * balls)
+            if not is_involution or not have_equal_images:
                 continue
             contact_images = self._invert_contacts(image, cells)
             if contact_images is not None:
-                chosen = np.flatnonzero(contact_images > np.arange(len(contact_images)))
-                return image, chosen, contact_images[chosen]
+                one_of_pair = np.flatnonzero(contact_images > np.arange(len(contact_images)))
+                return image, one_of_pair, contact_images[one_of_pair]
         return None
 
     def _describe_balls(self) -> tuple[Array, Array]:
@@ -797,16 +799,18 @@ class Compatibility:
         balls = np.column_stack([self.masses, self.gyration, *sums])
         return balls, np.repeat([_ROUNDED_EQUAL, _ROUNDED_AT_REST], 2)
 
-    def _invert_balls(self, first: int) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-        """Return the image (n,) of each ball under the inversion that takes ball 0 to ball
-        ``first``, and the cell (n, p) in which the image lies; None if a ball is taken to where no
-        ball is.
+    def _invert_balls(
+        self, image_of_first: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+        """Return the image (n,) of each ball under the inversion that takes ball 0 to the ball
+        number ``image_of_first``, and the cell (n, p) in which the image lies; None if a ball is
+        taken to where no ball is.
         """
         p = self.periods
         n = self.n_balls
         size = np.abs(self.positions).max() + np.abs(self.cell).max()
         inverse = np.linalg.inv(self.cell[:, :p])
-        target = self.positions[0] + self.positions[first] - self.positions
+        target = self.positions[0] + self.positions[image_of_first] - self.positions
         # most inversions that fail do so for the first few balls, which are tried before all
         for count in (min(n, 4), n):
             offset = target[:count, None] - self.positions  # from each ball to each target
@@ -994,9 +998,9 @@ class Compatibility:
         dashpots and drag, (k/M)^1/2; each is (n_q, n_branches, n_branches), in the motions of
         :attr:`_wave_frame`.
 
-        ``wavevectors`` are (n_q, p), 1/d. ``times``, (M/k)^1/2, and ``factors`` are (2, n) arrays
-        for the n contacts without springs to the ground: of their elongations, and of their other
-        deformations. ``drags`` (m,), (k/M)^1/2, are those of the m motions of a ball; see
+        ``wavevectors`` are (n_q, p), 1/d. ``times``, (M/k)^1/2, and ``factors`` are (2, n_between)
+        arrays for the contacts without springs to the ground: of their elongations, and of their
+        other deformations. ``drags`` (motions,), (k/M)^1/2, are those of the motions of a ball; see
         :class:`granphon.dynamics.damping.Losses`. Springs to the ground lose no energy.
         """
         rows = self.compatibility(wavevectors)
@@ -1004,8 +1008,8 @@ class Compatibility:
         n_springs = len(self.contacts) - self.n_between
 
         def weigh(numbers: Array) -> NDArray[Any]:
-            """Return M^-1/2 C^H K W C M^-1/2, where the weights W are ``numbers`` (2, n), of
-            elongations and of other deformations, and zero for springs.
+            """Return M^-1/2 C^H K W C M^-1/2, where the weights W are ``numbers`` (2, n_between),
+            of elongations and of other deformations, and zero for springs.
             """
             weights = weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs))))
             return np.asarray(adjoint @ (weights.reshape(-1, 1) * rows))
@@ -1052,8 +1056,9 @@ class Compatibility:
 
         Raises
         ------
-        InputError : balls touch bodies that do not move, or springs to the ground hold balls: the
-            network would lack these. Also a wrong shape, and what the network refuses.
+        InputError : balls touch bodies that do not move, or springs to the ground hold balls, as
+            the network would lack these bodies and springs; a wrong shape; and what the network
+            refuses.
         """
         require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
         table = self.contacts
@@ -1072,7 +1077,7 @@ class Compatibility:
         cell[:p, : self.dimension] = d * self.cell
         shift[:, :p] = table.shift
         masses = units.mass * self.masses
-        spring = units.stiffness * self.stiffness
+        normal_stiffness = units.stiffness * self.stiffness
         defaults: dict[str, Any] = {
             "motions": self.named_motions.name,
             "prestress": self.is_prestressed,
@@ -1093,10 +1098,10 @@ class Compatibility:
             shift=shift,
             normal=put_in_space(table.normal),
             normal_force=units.force * _repeat("normal_force", normal_force, (count,)),
-            normal_stiffness=spring,
-            shear_stiffness=self.mindlin_ratio * spring,
-            torsion_stiffness=self.torsion * d * d * spring,
-            bending_stiffness=self.bending * d * d * spring,
+            normal_stiffness=normal_stiffness,
+            shear_stiffness=self.mindlin_ratio * normal_stiffness,
+            torsion_stiffness=self.torsion * d * d * normal_stiffness,
+            bending_stiffness=self.bending * d * d * normal_stiffness,
             arm_i=d * table.arm_i,
             arm_j=d * table.arm_j,
             dimension=self.dimension,
@@ -1117,8 +1122,9 @@ def _split_lengths(vectors: Array) -> tuple[Array, Array]:
 def _look_up(
     numbers: dict[tuple[int, ...], int], i: Index, j: Index, shift: Index
 ) -> NDArray[np.intp]:
-    """Return the number (n,) of the contact from ball ``i`` (n,) to ball ``j`` (n,) in the cell
-    ``shift`` (n, p); -1 if there is none. ``numbers`` are all contacts, by their (i, j, *shift).
+    """Return the numbers (m,) of contacts from balls ``i`` (m,) to balls ``j`` (m,) in the cells
+    ``shift`` (m, p); -1 where there is no such contact. ``numbers`` has the number of each contact
+    of the table, by its (i, j, *shift).
     """
     keys = np.column_stack([i, j, shift]).tolist()
     return np.array([numbers.get(tuple(key), -1) for key in keys], np.intp)

@@ -97,8 +97,8 @@ class Modes(Result):
 
     @property
     def transverse_fraction(self) -> Array:
-        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; in a
-        plane, within it.
+        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; of balls
+        in a plane, perpendicular to q within the plane.
         """
         total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
         return np.clip(1.0 - total, 0.0, 1.0)  # rounding may leave this range
@@ -141,21 +141,18 @@ class ContactLattice(LongWaves):
                 f"spacing is {distance:g}",
                 "The distance of touching balls, in diameters, must be below 2",
             )
-        eta = not_negative("mindlin_ratio", mindlin_ratio)
-        push = not_negative("prestress", prestress)
         structure = find_lattice(lattice)
-        chosen_motions = default_motions(structure.dimension) if motions is None else motions
-        require_instance("motions", chosen_motions, Motions, "Give gp.Motions, or leave them out")
-        twist = not_negative("torsion", torsion)
-        roll = not_negative("bending", bending)
+        if motions is None:
+            motions = default_motions(structure.dimension)
+        require_instance("motions", motions, Motions, "Give gp.Motions, or leave them out")
         return cls._make_of_equal_balls(
             structure,
-            chosen_motions,
-            mindlin_ratio=eta,
+            motions,
+            mindlin_ratio=not_negative("mindlin_ratio", mindlin_ratio),
             spacing=distance,
-            prestress=push,
-            torsion=twist,
-            bending=roll,
+            prestress=not_negative("prestress", prestress),
+            torsion=not_negative("torsion", torsion),
+            bending=not_negative("bending", bending),
         )
 
     @classmethod
@@ -232,13 +229,14 @@ class ContactLattice(LongWaves):
         normal_stiffness = network.normal_stiffness[numbers]
         rotational = normal_stiffness * units.length**2
         motions = allowed_motions(network.dimension)[network.motions]
-        anchored, springs = _find_springs(network, contacts.axes, motions)
+        anchored_balls, springs = _find_springs(network, contacts.axes, motions)
 
         def extend(values: Array, of_spring: float = 0.0) -> Array:
             """Return ``values`` (n_c, ...) of contacts, followed by one value, ``of_spring``, for
             each of the n_g springs to the ground, (n_c + n_g, ...).
             """
-            return np.concatenate([values, np.full((len(anchored), *values.shape[1:]), of_spring)])
+            shape = (len(anchored_balls), *values.shape[1:])
+            return np.concatenate([values, np.full(shape, of_spring)])
 
         static_fields: dict[str, Any] = {}
         if network.prestress:
@@ -250,7 +248,7 @@ class ContactLattice(LongWaves):
         return cls(
             cell / units.length,
             contacts.turn(network.positions[moving]) / units.length,
-            _add_springs(contacts.tabulate(), anchored, int(np.count_nonzero(moving))),
+            _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(moving))),
             extend(network.shear_stiffness[numbers] / normal_stiffness),
             stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[moving] / units.mass,
@@ -264,7 +262,7 @@ class ContactLattice(LongWaves):
             turns_with_balls=network.turns_with_balls,
             distance=extend(network.distance[numbers] / units.length, 1.0),
             motions=motions,
-            on_site=springs if len(anchored) else None,
+            on_site=springs if len(anchored_balls) else None,
             name="of this network",
             **static_fields,
         )
@@ -287,13 +285,14 @@ class ContactLattice(LongWaves):
         q, _ = self._fold(wavevectors)
         self._require_memory_of_results(len(q), 1)
         omega = np.concatenate(self._share_out(lambda points: self._solve(q[points]), len(q)))
-        # almost at Gamma powers of the deformations of contacts would underflow. Frequencies are
-        # found farther out, and follow from those by their powers of |q|
+        # almost at Gamma the deformations of contacts would underflow. There each frequency follows
+        # from that at a longer wave vector, by its power of |q|
         is_almost_gamma = _is_almost_gamma(q)
         if np.any(is_almost_gamma):
-            near = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
-            modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], near, *modes)[0]
+            directions = as_direction(q[is_almost_gamma], self.periods)
+            solved_q = _NEAR_GAMMA * directions
+            modes = self._solve_with_velocities(solved_q, directions)
+            omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], solved_q, *modes)[0]
         return omega
 
     @cached_property
@@ -377,12 +376,13 @@ class ContactLattice(LongWaves):
         begins_above_zero = at_gamma > 0.0
         slopes = np.where(begins_above_zero, 2.0 * modes.frequencies * velocities, velocities)
         # the first two coefficients of the cubic: the slope at Gamma, and its derivative
-        slope, bend, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
+        slope, slope_change, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
         # omega'' = (omega^2)''/(2 omega) - omega'^2/omega, with omega' = (omega^2)'/(2 omega); of a
         # branch that begins at zero, omega'' = v'
         twice_omega = np.where(begins_above_zero, 2.0 * at_gamma, 1.0)
         first_derivative = np.where(begins_above_zero, slope / twice_omega, 0.0)
-        return at_gamma, bend / twice_omega - first_derivative**2 / twice_omega * 2.0
+        curvatures = slope_change / twice_omega - 2.0 * first_derivative**2 / twice_omega
+        return at_gamma, curvatures
 
     def require_rigid(self, units: Units | None = None) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if springs to the ground hold the balls,
@@ -396,10 +396,10 @@ class ContactLattice(LongWaves):
             if units is not None:
                 frequencies, curvatures = self.find_onset(np.eye(self.periods)[0])
                 hertz = write_quantity(float(frequencies[0]) * units.frequency, "Hz")
-                bend = float(curvatures[0]) * units.velocity * units.length
+                curvature = float(curvatures[0]) * units.velocity * units.length
                 why = (
                     f"Long waves begin at a cut-off frequency, {hertz} of the lowest branch, whose"
-                    f" curvature d^2 omega/dq^2 is {bend:.5g} m^2/s along x there"
+                    f" curvature d^2 omega/dq^2 is {curvature:.5g} m^2/s along x there"
                 )
             mend = "Use gp.Phonons(...).onset() and bands, or leave on_site out"
             raise InputError("springs to the ground hold the balls", why, mend)
@@ -419,7 +419,9 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : the energies do not fit into memory.
+        InputError : a wave vector of another shape or not finite; or the energies do not fit into
+            memory.
+        PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
         """
         # frequencies alone do not need the derivatives
@@ -507,8 +509,8 @@ class ContactLattice(LongWaves):
         is_limit = np.all(q == 0.0, axis=1) | _is_almost_gamma(q)
         if self._large is not None and not np.any(is_limit):
             # large cells are solved at one wave vector at a time, the equivalent one near Gamma
-            folded, copies = self._fold(q)
-            modes = self._large.solve_modes(folded[0])
+            folded_q, copies = self._fold(q)
+            modes = self._large.solve_modes(folded_q[0])
             if modes is not None:
                 frequencies, vectors = modes
                 phase = self._find_copy_phases(copies)[0]
@@ -572,54 +574,56 @@ class ContactLattice(LongWaves):
             squares[:, columns] = deformations.real**2 + deformations.imag**2
         return squares
 
-    def _require_memory_of_results(self, points: int, numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if results at ``points`` wave vectors do
-        not fit into memory.
+    def _require_memory_of_results(self, n_points: int, n_numbers: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if results at ``n_points`` wave vectors
+        do not fit into memory.
 
-        ``numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
+        ``n_numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
         else the length of its eigenvector.
         """
         # a frequency and the array in which it is found; three copies of complex eigenvectors
-        bytes_per_number = 16.0 if numbers == 1 else 48.0
+        bytes_per_number = 16.0 if n_numbers == 1 else 48.0
         require_memory(
-            f"{self.n_branches:,} branches at {points:,} wave vectors",
-            bytes_per_number * points * self.n_branches * numbers,
+            f"{self.n_branches:,} branches at {n_points:,} wave vectors",
+            bytes_per_number * n_points * self.n_branches * n_numbers,
             "Take fewer wave vectors, or leave eigenvectors out",
         )
 
-    def _find_modes(self, requested: Array, along: Array) -> tuple[NDArray[Any], ...]:
+    def _find_modes(self, wavevectors: Array, along: Array) -> tuple[NDArray[Any], ...]:
         """Return the arrays of :class:`Modes`, in the order of its attributes, at a few
-        ``requested`` wave vectors (n_q, p), 1/d, through which paths run in the directions
-        ``along`` (n_q, p), unit vectors.
+        ``wavevectors`` (n_q, p), 1/d, through which paths run in the directions ``along`` (n_q, p),
+        unit vectors.
         """
-        q, copies = self._fold(requested)
+        q, copies = self._fold(wavevectors)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
-        at_gamma = np.all(q == 0.0, axis=1)
+        is_gamma = np.all(q == 0.0, axis=1)
         is_almost_gamma = _is_almost_gamma(q)
-        near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
+        solved_q = np.where(is_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(is_almost_gamma):
-            near[is_almost_gamma] = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
-        frequencies, vectors, velocities = self._solve_with_velocities(near, along)
-        is_limit = at_gamma | is_almost_gamma
+            directions = as_direction(q[is_almost_gamma], self.periods)
+            solved_q[is_almost_gamma] = _NEAR_GAMMA * directions
+        frequencies, vectors, velocities = self._solve_with_velocities(solved_q, along)
+        is_limit = is_gamma | is_almost_gamma
         if np.any(is_limit):
             frequencies[is_limit], vectors[is_limit], velocities[is_limit] = _follow_powers(
                 q[is_limit],
-                near[is_limit],
+                solved_q[is_limit],
                 frequencies[is_limit],
                 vectors[is_limit],
                 velocities[is_limit],
             )
         by_ball = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches)
         motion = by_ball * self._find_copy_phases(copies)[:, :, None, None]
-        wave_direction = np.where(at_gamma[:, None], along, requested)
+        # that of the wave vector itself, and not of the equivalent one near Gamma
+        wave_direction = np.where(is_gamma[:, None], along, wavevectors)
         energy_parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
         eigenvectors = motion.reshape(len(q), self.n_branches, self.n_branches)
-        return requested, frequencies, eigenvectors, velocities, *energy_parts
+        return wavevectors, frequencies, eigenvectors, velocities, *energy_parts
 
     def _split_energy(self, motion: Complex, direction: Array) -> tuple[Array, Array, Array]:
         """Return three parts (n_q, n_branches) of the kinetic energy: that of rotation, that of
         displacements along a ``direction`` (n_q, p), unit vectors, and that of displacements out of
-        a plane of balls.
+        a plane of balls, which is zero on a line and in space.
 
         ``motion`` (n_q, n_balls, motions, n_branches) are eigenvectors of norm one.
         """
@@ -758,9 +762,9 @@ class ContactLattice(LongWaves):
                 signs = np.broadcast_to(self._push_signs, rows[1].shape)[rows[1]]
                 block = replace(block, pushing=pushing, signs=signs[:, None], slack=self.slack)
             elif not self.is_held:
-                tilted = self._tilt_block(block)
-                if tilted.keeps_digits:
-                    block = tilted
+                tilted_block = self._tilt_block(block)
+                if tilted_block.keeps_digits:
+                    block = tilted_block
             blocks.append(block.split_free_motions())
         return blocks
 
@@ -785,8 +789,8 @@ class ContactLattice(LongWaves):
         for number, motion in enumerate(bent):
             axis = motions.translations[columns[motion]]
             for along in range(p):
-                tilted = self._tilt_balls(axis, along)
-                tilt[number, :, along] = (weights.T @ tilted).ravel()[columns]
+                motions_of_balls = self._tilt_balls(axis, along)
+                tilt[number, :, along] = (weights.T @ motions_of_balls).ravel()[columns]
         is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
         gradients = tilt.real.copy() if is_real else tilt
         tilting = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
@@ -802,11 +806,12 @@ class ContactLattice(LongWaves):
         height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
         height = height - self.masses @ height / self.masses.sum()
         turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
-        tilted = np.zeros((self.n_balls, motions.count), complex)
-        tilted[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+        motions_of_balls = np.zeros((self.n_balls, motions.count), complex)
+        turns = self.gyration[:, None] * turn[list(motions.rotations)]
+        motions_of_balls[:, motions.turning] = turns
         if along in motions.translations:
-            tilted[:, motions.translations.index(along)] = -1.0j * height
-        return tilted
+            motions_of_balls[:, motions.translations.index(along)] = -1.0j * height
+        return motions_of_balls
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
@@ -824,8 +829,8 @@ class ContactLattice(LongWaves):
         """Number of branches that vanish at every wave vector: the number of branches less the
         generic rank of C(q).
         """
-        free = None if self._large is None else self._large.free_branches
-        return sum(block.n_free for block in self._blocks) if free is None else free
+        n_free = None if self._large is None else self._large.free_branches
+        return sum(block.n_free for block in self._blocks) if n_free is None else n_free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -836,7 +841,7 @@ class ContactLattice(LongWaves):
         if not count:
             return ()
         vanish, them = ("vanishes", "it") if count == 1 else ("vanish", "them")
-        remedy = self.find_remedy(lambda stiffer: stiffer.free_branches == 0)
+        remedy = self.find_remedy(lambda lattice: lattice.free_branches == 0)
         return (
             f"{count} of {self.n_branches} branches {vanish} at every wave vector, as these"
             f" motions deform no contact; to stop {them}, {remedy}",
@@ -844,10 +849,11 @@ class ContactLattice(LongWaves):
 
     def find_remedy(self, stops: Callable[[Self], bool]) -> str:
         """Return words for what would stop a motion that costs nothing: the fewest kinds of
-        stiffness that do, as "add torsion", or more contacts if no kind does.
+        stiffness that stop the motion, such as "add torsion"; or more contacts, if no kind of
+        stiffness does.
 
-        ``stops`` says whether the motion costs energy on a lattice: this one with further kinds of
-        stiffness.
+        ``stops`` is called with this lattice plus further kinds of stiffness, and returns whether
+        the motion costs energy on that lattice.
         """
         stiffness = {
             "friction": self.mindlin_ratio,
@@ -911,18 +917,18 @@ class ContactLattice(LongWaves):
         counts = np.count_nonzero(by_point == 0.0, axis=1)
         if not np.any(counts):
             return ()
-        at_gamma = np.all(q == 0.0, axis=1)
-        expected = np.where(at_gamma, self._zeros_at_gamma, self.free_branches)
-        soft = np.maximum(counts - expected, 0)
-        if not np.any(soft):
+        is_gamma = np.all(q == 0.0, axis=1)
+        n_expected = np.where(is_gamma, self._zeros_at_gamma, self.free_branches)
+        n_soft = np.maximum(counts - n_expected, 0)
+        if not np.any(n_soft):
             return ()
-        first = int(np.argmax(soft > 0))
-        requested = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
-        count = int(soft.sum())
+        first = int(np.argmax(n_soft > 0))
+        unfolded_q = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
+        count = int(n_soft.sum())
         modes_vanish = "mode vanishes" if count == 1 else "modes vanish"
         return (
-            f"{count} {modes_vanish} at {np.count_nonzero(soft)} of {len(q)} wave vectors, the"
-            f" first at {self.name_wavevector(requested[first])}: these motions deform no contact"
+            f"{count} {modes_vanish} at {np.count_nonzero(n_soft)} of {len(q)} wave vectors, the"
+            f" first at {self.name_wavevector(unfolded_q[first])}: these motions deform no contact"
             f" there",
         )
 
@@ -934,22 +940,23 @@ class ContactLattice(LongWaves):
         """
         direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]  # without symmetry
         # motions of the frame, as columns: displacements of all balls come first
-        rigid = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
+        sound_motions = np.eye(self.n_branches, len(self.motions.translations), dtype=complex)
         if np.any(self.contacts.j[: self.n_between] == self.n_balls):
-            rigid[:] = 0.0
+            sound_motions[:] = 0.0
         elif self.periods == 1:
-            rigid = np.column_stack([rigid, self._turn_about_line()])
-        rigid[:, self._are_anchored(rigid)] = 0.0
+            sound_motions = np.column_stack([sound_motions, self._turn_about_line()])
+        sound_motions[:, self._are_anchored(sound_motions)] = 0.0
         if self._large is not None and not self.free_branches:
-            return int(np.linalg.matrix_rank(rigid, tol=_INDEPENDENT))
+            return int(np.linalg.matrix_rank(sound_motions, tol=_INDEPENDENT))
         total = 0
         for block in self._blocks:
-            zeros = rigid[block.columns]
+            zero_motions = sound_motions[block.columns]
             if block.n_free:
                 _, modes = block.solve(_BESIDE_GAMMA * direction)
-                free = modes[0][:, : block.n_free]
-                zeros = np.concatenate([zeros, free], axis=1)
-            total += int(np.linalg.matrix_rank(zeros, tol=_INDEPENDENT))
+                free_motions = modes[0][:, : block.n_free]
+                zero_motions = np.concatenate([zero_motions, free_motions], axis=1)
+            # a motion of sound may also be free: only independent motions count
+            total += int(np.linalg.matrix_rank(zero_motions, tol=_INDEPENDENT))
         return total
 
     def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
@@ -959,10 +966,10 @@ class ContactLattice(LongWaves):
         if self.on_site is None:
             return np.zeros(motions.shape[1], bool)
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
-        held = of_balls[self.contacts.i[self.n_between :]]
+        at_springs = of_balls[self.contacts.i[self.n_between :]]
         springs = self.on_site[:, : self.motions.count]
-        resists = (springs[..., None] > 0.0) & (np.abs(held) > _AT_REST)
-        return np.asarray(np.any(resists, axis=(0, 1)))
+        is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _AT_REST)
+        return np.asarray(np.any(is_resisted, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
         """Return the amplitudes (n_branches,) of the motions of the frame, of norm one, in the
@@ -975,11 +982,12 @@ class ContactLattice(LongWaves):
         # an amplitude of one in the frame is a rotation phi = i, as rotations are divided by i
         shifts = 1.0j * np.cross([1.0, 0.0, 0.0], arms)
         turns = self.gyration[:, None] * np.eye(3)[:1]
-        chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-        motions = np.concatenate([shifts, turns], axis=1)[:, chosen]
-        turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ motions
-        length = max(float(np.linalg.norm(turned)), np.finfo(float).tiny)
-        return np.asarray(turned.ravel() / length)
+        # of the six motions of a ball in space those that balls have
+        columns = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
+        motions = np.concatenate([shifts, turns], axis=1)[:, columns]
+        amplitudes = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ motions
+        length = max(float(np.linalg.norm(amplitudes)), np.finfo(float).tiny)
+        return np.asarray(amplitudes.ravel() / length)
 
 
 class _LatticeContacts(NamedTuple):
@@ -1097,8 +1105,8 @@ def _find_springs(network: ContactNetwork, axes: Array, motions: Motions) -> tup
     if springs is None:
         return np.zeros(0, np.intp), np.zeros((0, motions.count))
     of_moving = springs[network.moving] / network.scales.stiffness
-    anchored = np.flatnonzero(np.any(of_moving, axis=1))
-    return anchored, of_moving[anchored]
+    anchored_balls = np.flatnonzero(np.any(of_moving, axis=1))
+    return anchored_balls, of_moving[anchored_balls]
 
 
 def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable:
@@ -1124,8 +1132,8 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
 
 
 def _is_almost_gamma(q: Array) -> NDArray[np.bool_]:
-    """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is nearer to Gamma than
-    :data:`_NEAR_GAMMA`, but not Gamma.
+    """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is so near to Gamma that all of its
+    components are below :data:`_NEAR_GAMMA`, but not Gamma.
     """
     size = np.max(np.abs(q), axis=1)
     return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
@@ -1146,21 +1154,21 @@ def _sort_branches(
 
 
 def _follow_powers(
-    q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
+    q: Array, solved_q: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
     """Return frequencies (n_q, b), eigenvectors (n_q, n, b) and group velocities (n_q, b, p) at
-    wave vectors ``q`` (n_q, p), from those at ``near`` (n_q, p), longer wave vectors of the same
-    directions.
+    wave vectors ``q`` (n_q, p), from those at ``solved_q`` (n_q, p), longer wave vectors of the
+    same directions.
 
     Near Gamma the frequency of each branch is in proportion to a power of |q|: the first for sound,
     the second or third for a flexural branch, and the zeroth for others.
     """
-    slope = np.einsum("qa,qba->qb", near, velocities)
+    slope = np.einsum("qa,qba->qb", solved_q, velocities)
     # d ln(omega)/d ln|q| = q.v/omega is the power, up to rounding
     ratio = np.zeros_like(frequencies)
     np.divide(slope, frequencies, out=ratio, where=frequencies > 0.0)
     power = np.maximum(np.rint(ratio), 0.0)
-    scale = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
+    scale = (np.max(np.abs(q), axis=1) / np.max(np.abs(solved_q), axis=1))[:, None]
     frequency_scale = scale**power
     velocity_scale = scale ** np.maximum(power - 1.0, 0.0)
     return _sort_branches(

@@ -88,11 +88,19 @@ class GivenLosses:
     def with_tangential(self, damping: float | None) -> Self:
         """Return the losses with another ``damping``, s, of all other than normal motion; None
         leaves it as it is.
+
+        Raises :class:`~granphon.base.errors.InputError` if the losses have a pair of values of
+        their damping, the second of which would be dropped.
         """
         if damping is None:
             return self
-        normal = self.damping[0] if isinstance(self.damping, tuple) else self.damping
-        return replace(self, damping=(normal, damping))
+        if isinstance(self.damping, tuple):
+            raise InputError(
+                f"damping is {brief(self.damping)}, and tangential_damping is {brief(damping)}",
+                "The second of the pair is that of slip, twist and rolling too",
+                "Give damping=(normal, tangential) alone, or one number with tangential_damping",
+            )
+        return replace(self, damping=(self.damping, damping))
 
 
 #: what is given of contacts and balls that lose nothing
@@ -170,8 +178,8 @@ class Losses:
         """(5, n_c) dashpots of the contacts: tau, s, of normal motion and of all other motion, c_0,
         N s/m, of normal motion and of slip, and alpha m*^1/2, kg^1/2.
         """
-        none = np.zeros(0, np.intp)
-        return self.list_dashpots(none, none)
+        no_balls = np.zeros(0, np.intp)
+        return self.list_dashpots(no_balls, no_balls)
 
     def list_dashpots(self, i: Index, j: Index) -> Array:
         """Return the :attr:`dashpots` (5, n) of the contacts of the network, followed by those of
@@ -227,11 +235,11 @@ class Losses:
         if self.is_none:
             return 0.0, 0.0, 0.0
         network = self.network
-        resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
-        resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
-        resisted[1] &= network.ball_motions.count > 1  # balls that move along a line do not slip
-        factors = self.factors[resisted]
-        times = self.times[resisted]
+        is_resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
+        is_resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
+        is_resisted[1] &= network.ball_motions.count > 1  # balls that move along a line do not slip
+        factors = self.factors[is_resisted]
+        times = self.times[is_resisted]
         drags = self.drag_of(network.ball_motions)
         is_even = all(
             np.ptp(numbers) <= ALIKE * np.max(numbers) for numbers in (factors, times, drags)
@@ -281,10 +289,11 @@ def _read_restitution(value: Any) -> NDArray[Any]:
     above 1.
     """
     restitution = finite_numbers(value)
-    refused = restitution[(restitution < LEAST_RESTITUTION) | (restitution > 1.0)]
-    if refused.size:
+    is_outside = (restitution < LEAST_RESTITUTION) | (restitution > 1.0)
+    if np.any(is_outside):
+        first_outside = restitution[is_outside][0]
         allowed = f"the velocity after a collision over that before, {LEAST_RESTITUTION:g} to 1"
-        raise Refused(f"{refused[0]:g}", allowed)
+        raise Refused(f"{first_outside:g}", allowed)
     return restitution
 
 
@@ -359,12 +368,13 @@ class DampedModes(Result, array="frequencies"):
 
 
 def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0) -> Complex:
-    """Return the complex angular frequencies z of damped modes from ``omega``, those without
-    losses, for even losses: eta, tau and gamma are ``loss_factor``, ``time`` and ``drag``.
+    """Return the complex angular frequencies z (...) of damped modes from ``omega`` (...), the
+    angular frequencies without losses. Losses are even: the ``loss_factor`` eta, the ``time`` tau
+    and the ``drag`` gamma.
 
-    The z have the shape of ``omega``, and solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i
-    eta). A mode that creeps has the slower of its two rates. The units of ``omega`` and ``time``
-    are inverse to each other, and ``drag`` has the unit of ``omega``.
+    The z solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i eta). Of a mode that creeps the
+    slower of its two rates is returned. The units of ``omega`` and ``time`` are inverse to each
+    other, and ``drag`` has the unit of ``omega``.
     """
     squared = omega**2 * (1.0 + 1j * loss_factor)
     creep = 0.5 * (time * omega**2 + drag)
@@ -372,9 +382,9 @@ def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0
     damped = 1j * creep + root
     # the product of both solutions is -squared, which gives the slower rate without cancellation.
     # With a loss factor both solutions have a real part, unless omega is zero
-    creeps = (squared.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
-    slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
-    return np.asarray(np.where(creeps, slower, damped))
+    is_creeping = (squared.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
+    slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=is_creeping)
+    return np.asarray(np.where(is_creeping, slower, damped))
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
@@ -384,9 +394,9 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     Returns
     -------
     omega : (..., n) complex, of motions x exp(i omega t), ascending in their real part, then in the
-        imaginary part. Of each pair omega and -conj(omega) the root with a real part above zero is
-        returned, for each motion without a spring one zero, and of the roots of modes that creep,
-        whose real part is zero, the slowest.
+        imaginary part. Three kinds of roots are returned: of each pair omega and -conj(omega) that
+        with a real part above zero; one zero for each motion without a spring; and, to make n
+        roots, the slowest of those of modes that creep, whose real part is zero.
     vectors : (..., n, n) motions x, columns of norm one.
 
     Raises
@@ -413,36 +423,36 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     rates, states = np.linalg.eig(matrices)
     # a motion without a spring has the rate zero twice, or once if drag resists it
     values = np.linalg.svd(stiffness / scale**2, compute_uv=False)
-    without_spring = np.sum(values <= _NEAR_ZERO**2, axis=-1)
-    omega, columns = _choose_half(-1j * rates, without_spring)
+    n_without_spring = np.sum(values <= _NEAR_ZERO**2, axis=-1)
+    omega, columns = _choose_half(-1j * rates, n_without_spring)
     # the first half of a state (x, y) is the motion
     motions = np.take_along_axis(states[..., :n, :], columns[..., None, :], -1)
     vectors = motions / np.linalg.norm(motions, axis=-2, keepdims=True)
     return omega * scale[..., 0], np.asarray(vectors, complex)
 
 
-def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]:
+def _choose_half(omega: Complex, n_without_spring: Index) -> tuple[Complex, Index]:
     """Return n of the 2 n roots ``omega`` (..., 2 n), those that :func:`damp_unevenly` returns, and
     their indices (..., n) among all; ascending in their real part, then in the imaginary part.
 
-    The n roots are those with a positive real part, as many zeros as there are motions
-    ``without_spring`` (...,), and the slowest of the roots that creep. Roots are in units of the
+    The n roots are those with a positive real part, as many zeros as motions without a spring,
+    ``n_without_spring`` (...,), and the slowest of the roots that creep. Roots are in units of the
     square root of the largest stiffness.
     """
     n = omega.shape[-1] // 2
     is_zero = np.abs(omega) <= _NEAR_ZERO
-    oscillates = omega.real > _NEAR_ZERO
-    creeps = ~is_zero & (np.abs(omega.real) <= _NEAR_ZERO)
-    roots = np.where(creeps, 1j * omega.imag, omega)
+    is_oscillating = omega.real > _NEAR_ZERO
+    is_creeping = ~is_zero & (np.abs(omega.real) <= _NEAR_ZERO)
+    roots = np.where(is_creeping, 1j * omega.imag, omega)
     # first roots of a positive real part, then zeros, those that creep, and last the mirror images
-    kinds = np.select([oscillates, is_zero, creeps], [0, 1, 2], 3)
+    kinds = np.select([is_oscillating, is_zero, is_creeping], [0, 1, 2], 3)
     # zeros whose rounding has a positive real part come first; roots that creep ascend in their
     # rate
     order = np.lexsort((np.where(is_zero, -roots.real, roots.imag), kinds))
     sorted_roots = np.take_along_axis(roots, order, -1)
     is_zero = np.take_along_axis(is_zero, order, -1)
     zeros_so_far = np.cumsum(is_zero, axis=-1)
-    is_spare = is_zero & (zeros_so_far > without_spring[..., None])
+    is_spare = is_zero & (zeros_so_far > n_without_spring[..., None])
     # the first n roots, once the spare zeros have moved to the end; then in the order of the result
     half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
     half_roots = np.take_along_axis(sorted_roots, half, -1)

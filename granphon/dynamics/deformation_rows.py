@@ -98,7 +98,7 @@ def contact_rows(
         coefficients of w = R_g phi; by default they are those of phi.
     """
     n, t, b = contact_frames(normal)
-    none = [np.zeros(len(normal))] * 3
+    zeros = [np.zeros(len(normal))] * 3
     turn_i = 1.0 / np.asarray(gyration_i)
     turn_j = 1.0 / np.asarray(gyration_j)
     lever_i = arm_i * turn_i
@@ -107,12 +107,12 @@ def contact_rows(
     # phi_j and phi_i. As b = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     return _make_resisted_rows(
         [
-            ("elongation", elongation, n, none, turn_j, turn_i),
+            ("elongation", elongation, n, zeros, turn_j, turn_i),
             ("slip", slip, t, b, -lever_j, lever_i),
             ("slip", slip, b, t, lever_j, -lever_i),
-            ("twist", twist, none, n, turn_j, turn_i),
-            ("roll", roll, none, t, turn_j, turn_i),
-            ("roll", roll, none, b, turn_j, turn_i),
+            ("twist", twist, zeros, n, turn_j, turn_i),
+            ("roll", roll, zeros, t, turn_j, turn_i),
+            ("roll", roll, zeros, b, turn_j, turn_i),
         ],
         motions,
     )
@@ -140,28 +140,31 @@ def find_anchors(network: ContactNetwork) -> Array | None:
     return np.where(network.moving[:, None], springs, 0.0)
 
 
-def anchor_rows(springs: Array, held: Motions, motions: Motions, count: int) -> list[Row]:
-    """Return the rows of n_g springs to the ground, the last n_g of ``count`` contacts, in each of
-    which ball i is held by the ground.
+def anchor_rows(
+    springs: Array, spring_motions: Motions, motions: Motions, n_contacts: int
+) -> list[Row]:
+    """Return the rows of n_g springs to the ground, the last n_g of ``n_contacts`` contacts, in
+    each of which the ground holds ball i.
 
-    ``springs`` (n_g, m) are the stiffnesses against u and w of the m motions ``held``. The rows are
-    coefficients of ``motions``, which must contain those that springs resist. Entries of all other
-    contacts are zero.
+    The columns of ``springs`` (n_g, m) are the stiffnesses against u and w of the m
+    ``spring_motions``. The rows are coefficients of ``motions``, which must contain those that
+    springs resist. Entries of all other contacts are zero.
     """
-    n_shifts = len(held.translations)
+    n_shifts = len(spring_motions.translations)
+    n_others = n_contacts - len(springs)  # contacts that are no springs
     rows = []
     for number in np.flatnonzero(np.any(springs, axis=0)).tolist():
-        stiffness = springs[:, number]
-        kind = ANCHOR if number < n_shifts else ANCHORED_TURN
-        if kind == ANCHOR:
-            column = motions.translations.index(held.translations[number])
+        if number < n_shifts:
+            kind = ANCHOR
+            column = motions.translations.index(spring_motions.translations[number])
         else:
-            turn = motions.rotations.index(held.rotations[number - n_shifts])
+            kind = ANCHORED_TURN
+            turn = motions.rotations.index(spring_motions.rotations[number - n_shifts])
             column = len(motions.translations) + turn
-        tail = np.zeros((count, motions.count))
-        tail[count - len(springs) :, column] = -1.0
-        weights = np.pad(stiffness, (count - len(springs), 0))
-        rows.append(Row(kind, weights, np.zeros_like(tail), tail))
+        tail = np.zeros((n_contacts, motions.count))
+        tail[n_others:, column] = -1.0
+        stiffness = np.pad(springs[:, number], (n_others, 0))
+        rows.append(Row(kind, stiffness, np.zeros_like(tail), tail))
     return rows
 
 
@@ -196,7 +199,7 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
     if not network.prestress:
         return rows
     rows += push_rows(network.normal[:, : network.dimension], network.ball_motions)
-    across = network.static_forces[1]
+    tangential_force = network.static_forces[1]
     gyration = find_gyration(network)
     excesses = network.lever_excesses
     if excesses is not None:
@@ -208,10 +211,10 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
             network.ball_motions,
             (gyration[network.i], gyration[network.j]),
         )
-    if np.any(network.tangential_growth) and np.any(across):
+    if np.any(network.tangential_growth) and np.any(tangential_force):
         rows += growth_rows(
             network.normal,
-            across,
+            tangential_force,
             network.arm_i,
             network.arm_j,
             network.ball_motions,
@@ -245,8 +248,8 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     ``motions`` of each ball; rows in which no motion takes part are left out.
     """
     _, t, b = contact_frames(normal)
-    none = [np.zeros(len(normal))] * 3
-    return _make_resisted_rows([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
+    zeros = [np.zeros(len(normal))] * 3
+    return _make_resisted_rows([("push", 1.0, axis, zeros, 1.0, 1.0) for axis in (t, b)], motions)
 
 
 def carry_rows(
@@ -287,21 +290,21 @@ def carry_rows(
     turned_force = np.cross(normal, force)  # by a right angle about n
     turn_i = 1.0 / gyration_i
     turn_j = 1.0 / gyration_j
-    none = list(np.zeros((3, len(n))))
+    zeros = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
         """Return the row of ``vector`` (n_c, 3) times dn, the change of the normal."""
         axes = list((vector / distance[:, None]).T)
-        return _make_row("push", 1.0, axes, none, turn_j, turn_i, motions)
+        return _make_row("push", 1.0, axes, zeros, turn_j, turn_i, motions)
 
     def turn(vector: Array, lever_j: Array, lever_i: Array) -> Row:
         """Return the row of ``vector`` (n_c, 3) times lever_j phi_j + lever_i phi_i, with levers
         (n_c,).
         """
         axes = list(vector.T)
-        return _make_row("turn", 1.0, none, axes, lever_j * turn_j, -lever_i * turn_i, motions)
+        return _make_row("turn", 1.0, zeros, axes, lever_j * turn_j, -lever_i * turn_i, motions)
 
-    elongation = _make_row("elongation", 1.0, list(n.T), none, turn_j, turn_i, motions)
+    elongation = _make_row("elongation", 1.0, list(n.T), zeros, turn_j, turn_i, motions)
     ones = np.ones(len(n))
     pairs = [
         (elongation, push(force)),
@@ -326,34 +329,34 @@ def torque_pairs(
     """Return the stiffness that static torques of rolling and twist contribute, the sum of pull^T
     move, as pairs (pull, move) of rows.
 
-    ``torque`` (n_c, 3) is that with which ball i acts on ball j. Its parts t across the normal n
-    and m along it keep their sizes and turn with n, so that the torques change by
+    ``torque`` (n_c, 3) is that with which ball i acts on ball j. Its part p across the normal n and
+    its part m n along n keep their sizes and turn with n, so that the torques change by
 
-        dM_j = -dM_i = -(t.dn) n + m dn,    dn = v/r
+        dM_j = -dM_i = -(p.dn) n + m dn,    dn = v/r
 
     where v is the displacement across the contact. As the tangential forces of :func:`carry_rows`,
     the torques have no potential. ``gyration`` are the radii of gyration of balls i and of balls j;
     the other arguments are those of :func:`carry_rows`.
     """
     n, t, b = contact_frames(normal)
-    along = np.sum(torque * normal, axis=1)
-    across = torque - along[:, None] * normal
+    twist_torque = np.sum(torque * normal, axis=1)  # m
+    roll_torque = torque - twist_torque[:, None] * normal  # p
     turn_i = 1.0 / gyration[0]
     turn_j = 1.0 / gyration[1]
-    none = [np.zeros(len(normal))] * 3
+    zeros = [np.zeros(len(normal))] * 3
 
     def turn(axis: list[Array]) -> Row:
         """Return the row of the rotation of ball j relative to ball i about an ``axis``."""
-        return _make_row("turn", 1.0, none, axis, turn_j, turn_i, motions)
+        return _make_row("turn", 1.0, zeros, axis, turn_j, turn_i, motions)
 
     def push(vector: Sequence[Array]) -> Row:
         """Return the row of the ``vector`` times dn."""
         axes = [component / distance for component in vector]
-        return _make_row("push", 1.0, axes, none, turn_j, turn_i, motions)
+        return _make_row("push", 1.0, axes, zeros, turn_j, turn_i, motions)
 
-    pairs = [(turn(n), push(list(across.T)))]
+    pairs = [(turn(n), push(list(roll_torque.T)))]
     for axis in (t, b):
-        pairs.append((turn(axis), push([-along * component for component in axis])))
+        pairs.append((turn(axis), push([-twist_torque * component for component in axis])))
     return pairs
 
 
@@ -366,14 +369,15 @@ def growth_rows(
     gyration_i: Array,
     gyration_j: Array,
 ) -> list[Row]:
-    """Return two rows whose squares, times their stiffnesses, add up to the symmetric part of the
-    stiffness that the growth of static tangential forces contributes in :func:`carry_rows`, for a
-    ``growth`` of one; the arguments are as there.
+    """Return two rows whose squares, times their stiffnesses, add up to the symmetric part of what
+    the growth of static tangential forces adds to the stiffness: the last pair of
+    :func:`carry_rows` for a growth of one and forces that do not turn about the normals. The
+    arguments are those of :func:`carry_rows`.
 
     The stiffness of a row, 1 or -1, is the sign of its square.
     """
-    none = list(np.zeros((3, len(normal))))
-    elongation = _make_row("elongation", 1.0, list(normal.T), none, 1.0, 1.0, motions)
+    zeros = list(np.zeros((3, len(normal))))
+    elongation = _make_row("elongation", 1.0, list(normal.T), zeros, 1.0, 1.0, motions)
     slip = _slip_row(normal, force, arm_i, arm_j, motions, gyration_i, gyration_j)
     pairs = split_pairs([(slip, elongation)])
     return [row._replace(kind=GROWTH, stiffness=sign) for row, sign in pairs]
@@ -387,24 +391,31 @@ def excess_pairs(
     motions: Motions,
     gyration: tuple[Array, Array],
 ) -> list[tuple[Row, Row]]:
-    """Return the stiffness, over that of slip, which levers of slip have that exceed the arms, as
-    pairs (pull, move) of rows: the sum of pull^T move.
+    """Return what levers of slip that exceed the arms add to the stiffness, over the stiffness
+    against slip, as pairs (pull, move) of rows: the sum of pull^T move.
 
     Slip has the levers arm + ``excesses``, and counts displacements across the contact 1 +
     ``stretch`` (n_c,) times. Its force makes torques with the ``arms``, so that the sum is not
-    symmetric: pull is the slip by the arms, and move what excesses and stretch add to it.
+    symmetric: pull is the slip by the arms, and move is what excesses and stretch add to this slip.
     ``arms``, ``excesses`` and ``gyration`` are those of balls i and of balls j, each (n_c,);
-    ``normal`` (n_c, d) and ``motions`` are as for :func:`contact_rows`.
+    ``normal`` (n_c, d) and ``motions`` are as for :func:`contact_rows`. Pairs without effect on the
+    motions are left out.
     """
     _, t, b = contact_frames(normal)
-    levers = [arm / radius for arm, radius in zip(arms, gyration, strict=True)]
-    extra = [excess / radius for excess, radius in zip(excesses, gyration, strict=True)]
+    arm_levers = [arm / radius for arm, radius in zip(arms, gyration, strict=True)]
+    excess_levers = [excess / radius for excess, radius in zip(excesses, gyration, strict=True)]
     pairs = []
     # as in contact_rows, (phi x n).t is phi.b, and (phi x n).b is -phi.t
-    for moved, turned, sign in ((t, b, 1.0), (b, t, -1.0)):
-        pull = _make_row("slip", 1.0, moved, turned, -sign * levers[1], sign * levers[0], motions)
-        stretched = [stretch * component for component in moved]
-        move = _make_row("slip", 1.0, stretched, turned, -sign * extra[1], sign * extra[0], motions)
+    for shift_vector, turn_vector, sign in ((t, b, 1.0), (b, t, -1.0)):
+        lever_i, lever_j = arm_levers
+        pull = _make_row(
+            "slip", 1.0, shift_vector, turn_vector, -sign * lever_j, sign * lever_i, motions
+        )
+        stretch_vector = [stretch * component for component in shift_vector]
+        lever_i, lever_j = excess_levers
+        move = _make_row(
+            "slip", 1.0, stretch_vector, turn_vector, -sign * lever_j, sign * lever_i, motions
+        )
         if np.any(move.head) or np.any(move.tail):
             pairs.append((pull, move))
     return pairs
@@ -418,11 +429,10 @@ def excess_rows(
     motions: Motions,
     gyration: tuple[Array, Array],
 ) -> list[Row]:
-    """Return rows whose squares, times their stiffnesses, add up to the symmetric part of the
-    stiffness, over that of slip, that the pairs of :func:`excess_pairs` contribute.
+    """Return rows whose squares, times their stiffnesses, add up to the symmetric part of the sum
+    of pull^T move over the pairs of :func:`excess_pairs`; the arguments are the same.
 
-    The arguments are those of :func:`excess_pairs`. The stiffness of a row, 1 or -1, is the sign of
-    its square.
+    The stiffness of a row, 1 or -1, is the sign of its square.
     """
     pairs = excess_pairs(normal, arms, excesses, stretch, motions, gyration)
     return [row._replace(kind=EXCESS, stiffness=sign) for row, sign in split_pairs(pairs)]
@@ -482,23 +492,23 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
 def _make_row(
     kind: str,
     stiffness: Any,
-    moved: _Axes,
-    turned: _Axes,
+    shift_vector: _Axes,
+    turn_vector: _Axes,
     factor_j: Any,
     factor_i: Any,
     motions: Motions,
 ) -> Row:
-    """Return the row ``moved.(u_j - u_i) + turned.(factor_j phi_j - factor_i phi_i)`` of a ``kind``
-    and a ``stiffness``, as coefficients of ``motions``.
+    """Return the row ``shift_vector.(u_j - u_i) + turn_vector.(factor_j phi_j - factor_i phi_i)``
+    of a ``kind`` and a ``stiffness``, as coefficients of ``motions``.
 
-    ``moved`` and ``turned`` are the x, y and z components of vectors, each (n_c,). ``factor_j`` and
-    ``factor_i`` are numbers or (n_c,).
+    ``shift_vector`` and ``turn_vector`` are the x, y and z components of vectors, each (n_c,).
+    ``factor_j`` and ``factor_i`` are numbers or (n_c,).
     """
-    moves = [moved[axis] for axis in motions.translations]
-    turns = [turned[axis] for axis in motions.rotations]
+    shifts = [shift_vector[axis] for axis in motions.translations]
+    turns = [turn_vector[axis] for axis in motions.rotations]
     # the transposed array keeps the contacts of one motion contiguous in memory
-    head = np.array(moves + [factor_j * turn for turn in turns]).T
-    tail = np.array(moves + [factor_i * turn for turn in turns]).T
+    head = np.array(shifts + [factor_j * turn for turn in turns]).T
+    tail = np.array(shifts + [factor_i * turn for turn in turns]).T
     return Row(kind, stiffness, head, tail)
 
 
@@ -508,18 +518,20 @@ def _make_resisted_rows(
     """Return the rows of those ``deformations`` that have a stiffness, and that some motion makes
     in some contact.
 
-    Each deformation is a tuple (kind, stiffness, moved, turned, factor_j, factor_i) of arguments of
-    :func:`_make_row`. If there are no contacts at all, the second condition counts as met.
+    Each deformation is a tuple (kind, stiffness, shift_vector, turn_vector, factor_j, factor_i) of
+    arguments of :func:`_make_row`. If there are no contacts at all, the second condition counts as
+    met.
     """
     rows = []
-    for kind, stiffness, moved, turned, factor_j, factor_i in deformations:
+    for kind, stiffness, shift_vector, turn_vector, factor_j, factor_i in deformations:
         if not np.any(stiffness):
             continue
-        components = [moved[axis] for axis in motions.translations]
-        components += [turned[axis] for axis in motions.rotations]
+        components = [shift_vector[axis] for axis in motions.translations]
+        components += [turn_vector[axis] for axis in motions.rotations]
         has_effect = any(component.any() or not len(component) for component in components)
         if has_effect:
-            rows.append(_make_row(kind, stiffness, moved, turned, factor_j, factor_i, motions))
+            row = _make_row(kind, stiffness, shift_vector, turn_vector, factor_j, factor_i, motions)
+            rows.append(row)
     return rows
 
 
@@ -571,8 +583,8 @@ class WaveRows(NamedTuple):
         """Return the rows that are true in ``rows`` (kinds, n_c), for the motions of numbers
         ``columns`` (m,).
 
-        The result has several kinds of the same contacts if each kind that is chosen at all has the
-        same chosen contacts. Otherwise all chosen rows become one kind, with a half vector each.
+        If the kinds in which a row is true all have the same true contacts, the result has these
+        kinds and contacts. Otherwise all true rows become one kind, with a half vector each.
         """
         if np.all(rows) and len(columns) == self.odd.shape[2]:
             return self
@@ -580,9 +592,9 @@ class WaveRows(NamedTuple):
         contacts = np.any(rows, axis=0)
         is_full_table = np.all(rows[np.ix_(kinds, contacts)])
         if is_full_table:
-            chosen: Any = np.ix_(kinds, contacts, columns)
-            odd = self.odd[chosen]
-            even = self.even[chosen]
+            entries: Any = np.ix_(kinds, contacts, columns)
+            odd = self.odd[entries]
+            even = self.even[entries]
             half = self.half[contacts]
         else:
             odd = self.odd[rows][None, :, columns]

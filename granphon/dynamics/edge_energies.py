@@ -1,12 +1,12 @@
 """Energies of the waves of an edge, of which derivatives of their frequencies are made.
 
-Between the bands a wave of the edge decays from block to block. The motions of two blocks are
-V S^n z, n from zero at the edge: the columns of V span the motions that decay, S takes them to the
-next block, and the outer block decides which z is the wave. V and S come from a generalised Schur
-decomposition of the pencil that joins blocks, so that they exist also where the outer block of a
-crystal without this edge would have the wave itself. Energies of all layers together are sums over
-n, found by doubling: with P = z z^H the sum of S^n P S^nH over 2 m blocks is that over m, plus
-S^m times that over m times S^mH.
+Between the bands a wave of the edge, of the squared frequency w, decays from block to block. The
+motions of two neighbouring blocks are V S^n z, n from zero at the edge: the columns of V span the
+motions that decay, S takes them to the next block, and the outer block decides which z is the wave.
+V and S come from a generalised Schur decomposition of the pencil that joins blocks. So V and S
+exist also where the outer block of a crystal without this edge would have the wave itself. Energies
+of all layers together are sums over n, found by doubling: with P = z z^H the sum of S^n P S^nH over
+2 m blocks is that over m, plus S^m times that over m times S^mH.
 """
 
 from __future__ import annotations
@@ -42,21 +42,23 @@ _LAST_PART = 1e-18
 _ARRAYS_HELD = 4.0
 
 
-class _Wave(NamedTuple):
-    """Waves of one frequency, as mass-weighted motions.
+class _EqualWaves(NamedTuple):
+    """Waves of one frequency, as mass-weighted motions u of a block, or v of two neighbouring
+    blocks.
 
     Attributes
     ----------
-    outer : (blocks, size, count) motions of the waves in each of the outer blocks.
-    whole : (size, size) motions of a block, as columns, the sum of whose products X X^H is that
-        over all blocks, of the mean wave. The sum of their squares is one.
-    below : (2 size, size) motions of two blocks, as columns, the sum of whose products is that over
-        all pairs of blocks that follow each other, without the outermost pair.
+    outer_motions : (blocks, size, count) motions u of each of the ``count`` waves in each of the
+        outer blocks.
+    block_root : (size, size) X with X X^H = the sum of u u^H over all blocks, a mean over the
+        waves. The trace of X X^H is one.
+    pair_root : (2 size, size) Y with Y Y^H = the sum of v v^H over all pairs of neighbouring blocks
+        but the outermost pair, a mean over the waves.
     """
 
-    outer: Complex
-    whole: Complex
-    below: Complex
+    outer_motions: Complex
+    block_root: Complex
+    pair_root: Complex
 
 
 class _MeanSquares(NamedTuple):
@@ -120,19 +122,19 @@ class EdgeEnergies:
         frequencies = np.sqrt(squares)
         groups = np.zeros(len(point), np.intp)
         for wavevector in np.unique(point):
-            is_at = point == wavevector
+            is_here = point == wavevector
             # no two wave vectors share a number of a group
-            groups[is_at] = number_equal(frequencies[is_at]) + len(point) * wavevector
+            groups[is_here] = number_equal(frequencies[is_here]) + len(point) * wavevector
         _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
         outer, inner, hop = half_space.blocks(q)
         of_crystal = []
         of_cut = []
         for number, size in enumerate(sizes.tolist()):
             members = np.flatnonzero(group == number)
-            at = point[members[0]]
+            at = point[members[0]]  # number of the wave vector of the group
             w = float(np.mean(squares[members]))
-            wave = self._find_wave(outer[at], inner[at], hop[at], w, size)
-            energies_of_cut, energies_of_crystal = self._measure(wave, q[at])
+            waves = self._find_waves(outer[at], inner[at], hop[at], w, size)
+            energies_of_cut, energies_of_crystal = self._measure(waves, q[at])
             of_cut += [energies_of_cut] * size
             of_crystal += [energies_of_crystal] * size
         angular = frequencies * half_space.units.angular_frequency
@@ -143,17 +145,17 @@ class EdgeEnergies:
             self._make_sensitivities(of_cut, angular, degenerate, half_space.cut, warnings),
         )
 
-    def _find_wave(
+    def _find_waves(
         self, outer: Complex, inner: Complex, hop: Complex, w: float, count: int
-    ) -> _Wave:
+    ) -> _EqualWaves:
         """Return the ``count`` waves at w, from the blocks ``outer`` E_0, ``inner`` E and ``hop``
         A, (size, size).
         """
         size = len(outer)
-        waves, step = _find_decay(inner, hop, w)
-        first = waves[:size]
+        decaying_motions, step = _find_decay(inner, hop, w)  # V and S
+        first = decaying_motions[:size]
         # the outer block: (E_0 - w) u_0 + A u_1 = 0
-        condition = np.hstack([outer - w * np.eye(size), hop]) @ waves
+        condition = np.hstack([outer - w * np.eye(size), hop]) @ decaying_motions
         amplitudes = np.linalg.svd(condition)[2][size - count :].conj().T
         metric = amplitudes.conj().T @ _sum_blocks(first.conj().T @ first, step.conj().T)
         metric = metric @ amplitudes
@@ -163,9 +165,12 @@ class EdgeEnergies:
         in_blocks = [amplitudes]
         for _ in range(self._n_blocks - 1):
             in_blocks.append(step @ in_blocks[-1])
-        whole = _sum_blocks(amplitudes @ amplitudes.conj().T, step) / count
-        root = _find_root(whole)
-        return _Wave(np.array([first @ z for z in in_blocks]), first @ root, waves @ step @ root)
+        root = _find_root(_sum_blocks(amplitudes @ amplitudes.conj().T, step) / count)
+        return _EqualWaves(
+            outer_motions=np.array([first @ z for z in in_blocks]),
+            block_root=first @ root,
+            pair_root=decaying_motions @ step @ root,
+        )
 
     @property
     def _n_blocks(self) -> int:
@@ -177,38 +182,45 @@ class EdgeEnergies:
         """Number of balls of a block."""
         return self.half_space.reach * self.half_space.per_layer
 
-    def _measure(self, wave: _Wave, q: Array) -> tuple[_MeanSquares, _MeanSquares]:
-        """Return the mean squares in a ``wave`` at q (p - 1,): those of the contacts and balls of
+    def _measure(self, waves: _EqualWaves, q: Array) -> tuple[_MeanSquares, _MeanSquares]:
+        """Return the mean squares in ``waves`` at q (p - 1,): those of the contacts and balls of
         the cut, and those of the crystal, which are sums over all layers.
         """
         half_space = self.half_space
         count = half_space.motions.count
-        in_cut = wave.outer.reshape(-1, count, wave.outer.shape[2])
+        n_waves = waves.outer_motions.shape[2]
         n_moving = int(np.count_nonzero(self.ball_number >= 0))
-        in_cut = in_cut[:n_moving] / np.sqrt(wave.outer.shape[2])
-        squares = self._square(in_cut, q, np.arange(half_space.cut.n_contacts))
-        motions = np.sum(np.abs(in_cut) ** 2, axis=2)
+        all_motions = waves.outer_motions.reshape(-1, count, n_waves)
+        # squares of these motions, summed over the waves, are means over the waves
+        motions = all_motions[:n_moving] / np.sqrt(n_waves)
+        squares = self._square(motions, q, np.arange(half_space.cut.n_contacts))
+        squares_of_motions = np.sum(np.abs(motions) ** 2, axis=2)
 
-        # contacts of the outer block, then those of all blocks below, whose deformations are those
-        # of the contacts of the second block in the motions `below`
-        in_crystal = {
+        # contacts of the outer block, then those of all blocks below. The deformations of these,
+        # summed over the blocks, are those of the contacts of the second block in the motions Y
+        squares_of_crystal = {
             name: self._sum_over_layers(values, self.outer_block == 0)
             for name, values in squares.items()
         }
-        second = np.flatnonzero(self.outer_block == 1)
-        below = wave.below.reshape(-1, count, wave.below.shape[1])
-        shifted = np.concatenate([np.zeros((self._per_block, *below.shape[1:])), below])
-        for name, values in self._square(shifted, q, second).items():
+        contacts_of_second = np.flatnonzero(self.outer_block == 1)
+        pair_motions = waves.pair_root.reshape(-1, count, waves.pair_root.shape[1])
+        no_motions = np.zeros((self._per_block, *pair_motions.shape[1:]))  # of the outer block
+        motions_below = np.concatenate([no_motions, pair_motions])
+        for name, values in self._square(motions_below, q, contacts_of_second).items():
             values_of_cut = np.zeros(half_space.cut.n_contacts)
-            values_of_cut[second] = values
-            in_crystal[name] += self._sum_over_layers(values_of_cut, self.outer_block == 1)
+            values_of_cut[contacts_of_second] = values
+            sums = self._sum_over_layers(values_of_cut, self.outer_block == 1)
+            squares_of_crystal[name] += sums
 
-        whole = wave.whole.reshape(half_space.reach, half_space.per_layer, count, -1)
+        block_motions = waves.block_root.reshape(half_space.reach, half_space.per_layer, count, -1)
         turn = turn_motions(half_space.motions, half_space.layers.turn.T)
         # the motions of each ball n of each layer l, along the axes of the crystal
-        turned = np.einsum("ab,lnbk->lnak", turn, whole)
-        motions_of_crystal = np.sum(np.abs(turned) ** 2, axis=(0, 3))
-        return _MeanSquares(squares, motions), _MeanSquares(in_crystal, motions_of_crystal)
+        turned_motions = np.einsum("ab,lnbk->lnak", turn, block_motions)
+        motions_of_crystal = np.sum(np.abs(turned_motions) ** 2, axis=(0, 3))
+        return (
+            _MeanSquares(squares, squares_of_motions),
+            _MeanSquares(squares_of_crystal, motions_of_crystal),
+        )
 
     def _sum_over_layers(self, values: Array, is_counted: Flags) -> Array:
         """Return sums for each contact of the crystal: of the ``values`` (n_c,) of those contacts
@@ -232,26 +244,26 @@ class EdgeEnergies:
         padded = np.concatenate([motions, np.zeros((1, *motions.shape[1:]))])
         phase = np.exp(2.0j * np.pi * (cut.shift[contacts, : len(q)] @ q))
 
-        def move(balls: Index) -> Complex:
-            """Return the motions (m, motions, k) of ``balls`` (m,)."""
+        def take_motions(balls: Index) -> Complex:
+            """Return the motions (m, motions, k), not mass-weighted, of ``balls`` (m,)."""
             number = self.ball_number[balls]
-            moves = (number >= 0) & (number < len(motions))
+            is_moving = (number >= 0) & (number < len(motions))
             scale = 1.0 / np.sqrt(masses[balls])
-            return np.asarray(scale[:, None, None] * padded[np.where(moves, number, -1)])
+            return np.asarray(scale[:, None, None] * padded[np.where(is_moving, number, -1)])
 
-        ahead = move(cut.j[contacts]) * phase[:, None, None]
-        behind = move(cut.i[contacts])
+        motions_of_j = take_motions(cut.j[contacts]) * phase[:, None, None]
+        motions_of_i = take_motions(cut.i[contacts])
         squares = np.empty((len(self.rows), len(contacts)))
         for row, squares_of_row in zip(self.rows, squares, strict=True):
             # sums over the motions a of the ball at each end
-            deformation = np.einsum("ca,cak->ck", row.head[contacts], ahead)
-            deformation -= np.einsum("ca,cak->ck", row.tail[contacts], behind)
+            deformation = np.einsum("ca,cak->ck", row.head[contacts], motions_of_j)
+            deformation -= np.einsum("ca,cak->ck", row.tail[contacts], motions_of_i)
             squares_of_row[:] = np.sum(np.abs(deformation) ** 2, axis=1)
-        chosen_rows = [
+        rows_of_contacts = [
             row._replace(stiffness=np.broadcast_to(row.stiffness, cut.n_contacts)[contacts])
             for row in self.rows
         ]
-        return sum_kinds(chosen_rows, squares.ravel())
+        return sum_kinds(rows_of_contacts, squares.ravel())
 
     def _make_sensitivities(
         self,

@@ -172,15 +172,16 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     """Return the means (..., n, n), over the :func:`point_group` of a ``lattice``, of elastic
     tensors in Voigt order, ``tensor`` (..., n, n).
     """
-    a, b = np.transpose(voigt_pairs(lattice.periods))
-    number = np.empty((lattice.periods, lattice.periods), int)  # in Voigt order, of a pair of axes
-    number[a, b] = np.arange(len(a))
-    number[b, a] = np.arange(len(a))
-    full = tensor[..., number[:, :, None, None], number[None, None]]
+    p = lattice.periods
+    a, b = np.transpose(voigt_pairs(p))
+    number_of_pair = np.empty((p, p), int)  # the number, in Voigt order, of each pair of axes
+    number_of_pair[a, b] = np.arange(len(a))
+    number_of_pair[b, a] = np.arange(len(a))
+    four_axes = tensor[..., number_of_pair[:, :, None, None], number_of_pair[None, None]]
     turns = point_group(lattice)
-    # the sum over the operations g of the tensor whose four indices a, b, c, d they turn
+    # the sum over the operations g of the tensor whose four axes a, b, c, d are turned by g
     total = np.einsum(
-        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, full, optimize=True
+        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, four_axes, optimize=True
     )
     mean_tensor = total / len(turns)
     return np.asarray(mean_tensor[..., a[:, None], b[:, None], a[None], b[None]])
@@ -188,10 +189,10 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
 
 @lru_cache(maxsize=64)
 def has_cubic_axes(lattice: Lattice) -> bool:
-    """Return whether the symmetry of a lattice is that of a square or cube with edges along x, y,
-    z, so that C11, C12 and C44 are all elastic constants.
+    """Return whether the symmetry of a ``lattice`` is that of a square or cube with edges along the
+    axes, so that there are three elastic constants: C11, C12, and C33 in the plane or C44 in space.
 
-    False of a line, and of the triangular lattice, on which an elastic tensor is isotropic.
+    False for a line, and for the triangular lattice, on which an elastic tensor is isotropic.
     """
     n = len(voigt_pairs(lattice.periods))
     if n == 1:
@@ -203,7 +204,7 @@ def has_cubic_axes(lattice: Lattice) -> bool:
 
 def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     """Return whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z,
-    and not isotropic, to a ``tolerance`` relative to the entry that is largest without its sign.
+    and not isotropic. Entries are compared to a ``tolerance`` times the largest absolute entry.
     """
     n = len(tensor)
     if n == 1:
@@ -258,8 +259,10 @@ def anisotropy(shear: Array) -> Array:
     The anisotropy is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947).
     """
     # shears such as xx - yy come first, then those such as xy
-    axial = shear.shape[-1] // 2
-    return np.asarray(np.mean(shear[..., axial:], axis=-1) / np.mean(shear[..., :axial], axis=-1))
+    n_axial = shear.shape[-1] // 2
+    axial = np.mean(shear[..., :n_axial], axis=-1)
+    diagonal = np.mean(shear[..., n_axial:], axis=-1)
+    return np.asarray(diagonal / axial)
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
@@ -316,14 +319,16 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     # plane, and 0 for all others
     rank = np.zeros(unordered_vectors.shape[:-2] + unordered_vectors.shape[-1:])
     if names[0] == "longitudinal":
-        along_q = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
+        part_along = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
+        largest_part = np.max(part_along, axis=-1, keepdims=True)
         # of waves that are equally longitudinal, the last is chosen, which is the fastest
-        tied = along_q >= (1.0 - _TIED_ALONG) * np.max(along_q, axis=-1, keepdims=True)
-        longitudinal = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
+        is_most_longitudinal = part_along >= (1.0 - _TIED_ALONG) * largest_part
+        longitudinal = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
         np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        off_plane = np.abs(unordered_vectors[..., axes.index(2), :])
-        out_of_plane = np.argmax(np.where(rank < 0.0, -1.0, off_plane), axis=-1)
+        part_across = np.abs(unordered_vectors[..., axes.index(2), :])
+        # the longitudinal wave is not chosen a second time
+        out_of_plane = np.argmax(np.where(rank < 0.0, -1.0, part_across), axis=-1)
         np.put_along_axis(rank, out_of_plane[..., None], 1.0, -1)
     order = np.argsort(rank, axis=-1, kind="stable")
     velocities = np.take_along_axis(unordered_velocities, order, -1)
@@ -336,27 +341,29 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     are equal, ``vectors`` (..., 3, 3) are turned, and all signs are fixed.
 
     ``along`` (..., 3) is the direction; ``velocities`` (..., 3) are ascending. Of two waves of
-    equal velocity one is polarised as nearly along the direction as can be.
+    equal velocity the first is polarised as nearly along the direction as can be. Of three waves of
+    equal velocity the last is polarised along the direction.
     """
     vectors = vectors.copy()
     along = np.broadcast_to(along, vectors.shape[:-1])
-    tied = np.diff(velocities, axis=-1) <= _TIED * velocities[..., 1:]
-    all_tied = np.all(tied, axis=-1)
-    # of three equal velocities, the last vector is the direction
-    vectors[all_tied, :, 2] = along[all_tied]
-    slow_pair = tied[..., 0]
-    slow = _choose_pair(along[slow_pair], vectors[slow_pair][..., 2])
-    vectors[slow_pair, :, 0], vectors[slow_pair, :, 1] = slow
-    fast_pair = tied[..., 1] & ~all_tied
-    fast = _choose_pair(along[fast_pair], vectors[fast_pair][..., 0])
-    vectors[fast_pair, :, 1], vectors[fast_pair, :, 2] = fast
+    is_next_equal = np.diff(velocities, axis=-1) <= _TIED * velocities[..., 1:]
+    are_all_equal = np.all(is_next_equal, axis=-1)
+    vectors[are_all_equal, :, 2] = along[are_all_equal]
+    has_slow_pair = is_next_equal[..., 0]
+    slow_pair = _choose_pair(along[has_slow_pair], vectors[has_slow_pair][..., 2])
+    vectors[has_slow_pair, :, 0], vectors[has_slow_pair, :, 1] = slow_pair
+    has_fast_pair = is_next_equal[..., 1] & ~are_all_equal
+    fast_pair = _choose_pair(along[has_fast_pair], vectors[has_fast_pair][..., 0])
+    vectors[has_fast_pair, :, 1], vectors[has_fast_pair, :, 2] = fast_pair
     # a vector has a positive component along the direction, or if that is zero a positive largest
     # component
-    longitudinal = np.einsum("...i,...ib->...b", along, vectors)
+    component_along = np.einsum("...i,...ib->...b", along, vectors)
     largest = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
-    component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
-    decisive = np.where(np.abs(longitudinal) > _TIED_ALONG, longitudinal, component)
-    return vectors * np.where(decisive < 0.0, -1.0, 1.0)[..., None, :]
+    largest_component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
+    deciding_component = np.where(
+        np.abs(component_along) > _TIED_ALONG, component_along, largest_component
+    )
+    return vectors * np.where(deciding_component < 0.0, -1.0, 1.0)[..., None, :]
 
 
 def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
@@ -366,11 +373,11 @@ def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
     Where the direction is parallel to the third vector, the first is as near as can be to the axis
     x, y or z that is farthest from the third.
     """
-    ahead = along - np.sum(along * third, axis=-1, keepdims=True) * third
+    part_of_direction = along - np.sum(along * third, axis=-1, keepdims=True) * third
     axis = np.eye(3)[np.argmin(np.round(np.abs(third), _DIGITS), axis=-1)]
-    aside = axis - np.sum(axis * third, axis=-1, keepdims=True) * third
-    has_part_ahead = np.linalg.norm(ahead, axis=-1, keepdims=True) > _TIED_ALONG
-    first = np.where(has_part_ahead, ahead, aside)
+    part_of_axis = axis - np.sum(axis * third, axis=-1, keepdims=True) * third
+    has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _TIED_ALONG
+    first = np.where(has_part, part_of_direction, part_of_axis)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return first, np.cross(third, first)
 

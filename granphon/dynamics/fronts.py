@@ -112,7 +112,7 @@ class _Dissection:
         #: (n, n) true where two balls touch
         self._touches = csr_array((entries, (rows, columns)), shape=(n, n))
         self._is_in_layer = np.zeros(n, bool)  # balls of the layers so far
-        self._mark = np.zeros(n, bool)  # memory of `_find_touching`, false between its calls
+        self._is_neighbour = np.zeros(n, bool)  # work space of `_find_touching`, else all false
 
     def cut(self, balls: Index) -> int:
         """Cut ``balls`` (m,) into layers by nested dissection, and append the layers to ``layers``:
@@ -150,9 +150,10 @@ class _Dissection:
 
     def _find_touching(self, balls: Index, neighbours: Index) -> NDArray[np.bool_]:
         """Return (m,) whether each of the ``balls`` (m,) touches any of the ``neighbours`` (l,)."""
-        self._mark[neighbours] = True
-        is_touching = self._touches[balls] @ self._mark  # any, and not the number, of neighbours
-        self._mark[neighbours] = False
+        self._is_neighbour[neighbours] = True
+        # a product of booleans: whether there is any neighbour, and not how many
+        is_touching = self._touches[balls] @ self._is_neighbour
+        self._is_neighbour[neighbours] = False
         return np.asarray(is_touching)
 
 
@@ -160,8 +161,8 @@ class Fronts:
     """The factors of a symmetric ``matrix`` (n, n), sparse by rows, whose diagonal is one or zero.
 
     ``layers`` are those of :func:`dissect`. Each ball has ``count`` motions, which follow those of
-    the ball before. The attribute ``aside`` (k,) holds the motions without a pivot, which have been
-    set aside; :meth:`solve` is for all other motions.
+    the ball before. The attribute ``aside`` (k,) holds the numbers of the motions without a pivot,
+    which have been set aside; :meth:`solve` is for all other motions.
     """
 
     def __init__(
@@ -185,21 +186,21 @@ class Fronts:
         with progress.step("factors of the contacts", len(layers)) as step:
             for number, layer in enumerate(layers):
                 halves = [remainders.pop(half) for half in layer.halves]
-                of_layer = _list_motions(layer.balls, count)
+                layer_motions = _list_motions(layer.balls, count)
                 # the front eliminates the motions of its layer, and those that had no pivot in the
                 # fronts of the halves; motions of the balls beyond come after these
-                inner = np.concatenate([of_layer, *(half.soft for half in halves)])
-                motions = np.concatenate([inner, _list_motions(layer.beyond, count)])
+                inner_motions = np.concatenate([layer_motions, *(half.soft for half in halves)])
+                motions = np.concatenate([inner_motions, _list_motions(layer.beyond, count)])
                 rows[motions] = np.arange(motions.size)
-                matrix_of_front = _compose_front(matrix[of_layer], rows, motions.size)
+                matrix_of_front = _compose_front(matrix[layer_motions], rows, motions.size)
                 for half in halves:
                     rows_of_half = rows[half.motions]
                     matrix_of_front[rows_of_half[:, None], rows_of_half] += half.matrix
                 rows[motions] = -1
-                front, remainder, set_aside = _eliminate(matrix_of_front, motions, inner.size)
+                front, remainder, aside = _eliminate(matrix_of_front, motions, inner_motions.size)
                 self._fronts.append(front)
                 remainders[number] = remainder
-                without_pivot.append(set_aside)
+                without_pivot.append(aside)
                 step.advance()
         self.aside = np.concatenate(without_pivot)
         self._is_aside = np.zeros(matrix.shape[0], bool)
@@ -270,21 +271,21 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     soft = order[rank:]
     later = np.concatenate([soft, np.arange(n_inner, motions.size)])
     below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, with_pivot)]))
-    remaining = np.zeros((0, 0))
+    complement = np.zeros((0, 0))
     if later.size:
         # Schur's complement of the eliminated motions
-        remaining = matrix[np.ix_(later, later)] - below @ below.T
+        complement = matrix[np.ix_(later, later)] - below @ below.T
     n_outer = motions.size - n_inner
-    coupling = np.max(np.abs(remaining[: soft.size]), axis=1, initial=0.0)
+    coupling = np.max(np.abs(complement[: soft.size]), axis=1, initial=0.0)
     is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(n_outer, bool)])
     has_front_above = n_outer > 0
     if not has_front_above:
         is_passed[:] = False
     coupled = motions[later]
     remainder = _Remainder(
-        coupled[is_passed],
-        remaining[np.ix_(is_passed, is_passed)],
-        motions[soft[is_passed[: soft.size]]],
+        motions=coupled[is_passed],
+        matrix=complement[np.ix_(is_passed, is_passed)],
+        soft=motions[soft[is_passed[: soft.size]]],
     )
     front = _Front(motions[with_pivot], coupled, lower, below)
     return front, remainder, coupled[~is_passed]
@@ -300,9 +301,9 @@ def _compose_front(lines: Any, rows: Index, size: int) -> Array:
     front = np.zeros((size, size))
     i = np.repeat(np.arange(lines.shape[0]), np.diff(lines.indptr))
     j = rows[lines.indices]
-    in_front = j >= 0
-    front[i[in_front], j[in_front]] = lines.data[in_front]
-    front[j[in_front], i[in_front]] = lines.data[in_front]
+    is_in_front = j >= 0
+    front[i[is_in_front], j[is_in_front]] = lines.data[is_in_front]
+    front[j[is_in_front], i[is_in_front]] = lines.data[is_in_front]
     return front
 
 

@@ -40,8 +40,9 @@ from granphon.networks.network import ContactNetwork
 _COUPLING_TOLERANCE = 1e-17
 #: doublings of the number of eliminated layers, at most
 _MOST_DOUBLINGS = 60
-#: entries of blocks that are held in one call, and blocks that are held for each w
+#: most entries of blocks that are held at a time
 _CHUNK = 2**20
+#: blocks that are held for each w
 _MATRICES_HELD = 12
 #: matrices of all contacts that are held together while layers are made
 _COPIES = 2.0
@@ -74,10 +75,11 @@ _DEGENERACY = 1e-9
 _ROOT_TOLERANCE = 1e-14
 #: starts in a band for the search of leaky waves
 _LEAKY_STARTS = 48
-#: steps of Newton's method for a leaky wave, at most: on the real axis, and for its pole
+#: most steps of Newton's method along the real axis, in the search for leaky waves
 _SEARCH_STEPS = 8
+#: most steps of Newton's method for the pole of a leaky wave
 _NEWTON_STEPS = 12
-#: relative change of w at which they end
+#: relative change of w at which steps of Newton's method end
 _NEWTON_TOLERANCE = 1e-8
 #: difference of two poles, over the highest w, up to which the poles are one
 _ONE_POLE = 0.1 * _NEWTON_TOLERANCE
@@ -128,15 +130,15 @@ class _Resonances(NamedTuple):
     band : (2, n) ends of w of the bands.
     w : real part of the resonance.
     shift : from w to the root of S + dw S', complex.
-    moved : size of the last step along the real axis; infinite where the step left the bands.
-    weight : energy in the top layer.
+    last_step : size of the last step along the real axis; infinite where the step left the bands.
+    weight : energy in the top layer, over all energy.
     """
 
     point: Index
     band: Array
     w: Array
     shift: Complex
-    moved: Array
+    last_step: Array
     weight: Array
 
 
@@ -150,8 +152,9 @@ class HalfSpace:
     network has p periods, of which p - 1 lie along the edge.
 
     Raises :class:`~granphon.base.errors.InputError` for an axis or an edge that
-    :meth:`ContactNetwork.cut` refuses, layers that no contact joins, static tangential forces or
-    slip by levers that exceed the arms, and layers too large for the memory.
+    :meth:`ContactNetwork.cut` refuses, for layers that no contact joins, for layers too large for
+    the memory, and under ``prestress`` for static tangential forces or torques and for slip by
+    levers that exceed the arms.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
@@ -178,19 +181,20 @@ class HalfSpace:
         # number of each ball among those that move; all that do not move share the next number
         number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
         block = number // (self.reach * self.per_layer)
-        lower = np.minimum(block[cut.i], block[cut.j])
-        upper = np.maximum(block[cut.i], block[cut.j])
-        joins_moving = moving[cut.i] & moving[cut.j]
-        crosses = (lower == 0) & (upper == 1) & joins_moving
+        # of each contact: the blocks of its two ends, numbered from the edge
+        outer_block = np.minimum(block[cut.i], block[cut.j])
+        inner_block = np.maximum(block[cut.i], block[cut.j])
+        joins_moving_balls = moving[cut.i] & moving[cut.j]
+        is_crossing = (outer_block == 0) & (inner_block == 1) & joins_moving_balls
         # contacts of the two outer blocks, which reach into a third
-        contacts = np.flatnonzero(lower < 2)
+        contacts = np.flatnonzero(outer_block < 2)
         self._contacts = contacts
         self._edge_steps, self._matrix = self._assemble(rows, number)
         # of each row of each contact: its stiffness, and whether the contact begins in the second
         # block, or joins the two outer blocks
         self._stiffness: Array = np.concatenate([stiffness[contacts] for stiffness in stiffnesses])
-        self._is_in_second: Array = np.tile(lower[contacts] == 1, len(rows))
-        self._is_crossing: Array = np.tile(crosses[contacts], len(rows))
+        self._is_in_second: Array = np.tile(outer_block[contacts] == 1, len(rows))
+        self._is_crossing: Array = np.tile(is_crossing[contacts], len(rows))
         self._row_kinds = [row.kind for row in rows]
         #: (2 size,) stiffnesses of springs to the ground of the two outer blocks, over masses, k/M
         self._spring_squares = self._list_anchors()
@@ -242,8 +246,8 @@ class HalfSpace:
         """Return the rows of the contacts of the cut, and the stiffness (n_c,) of each row in
         reduced units, those of static normal forces among them.
 
-        Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip
-        by levers that exceed the arms.
+        Raises :class:`~granphon.base.errors.InputError` for a network with ``prestress`` that has
+        static tangential forces or torques, or slip by levers that exceed the arms.
         """
         cut = self.cut
         units = self.units
@@ -274,27 +278,26 @@ class HalfSpace:
         each ball of the cut among those that move, and the next number for a body that does not.
         """
         cut = self.cut
-        chosen = self._contacts
+        contacts = self._contacts
         count = self.motions.count
-        # the first row is the step of the tails
-        steps, step_of_row = np.unique(
-            np.pad(cut.shift[chosen], ((1, 0), (0, 0))), axis=0, return_inverse=True
-        )
+        # the first row, of zeros, is the step of the tails
+        all_steps = np.pad(cut.shift[contacts], ((1, 0), (0, 0)))
+        steps, step_of_row = np.unique(all_steps, axis=0, return_inverse=True)
         step_of_tail = step_of_row.ravel()[0]
         step_of_head = step_of_row.ravel()[1:]
         masses = np.where(cut.moving, cut.masses / self.units.mass, np.inf)
         inverse_root_mass = 1.0 / np.sqrt(masses)
-        tails = cut.i[chosen]
-        heads = cut.j[chosen]
-        contacts = np.arange(len(chosen))
-        shape = (len(steps), len(rows), len(chosen), int(number.max()) + 1, count)
+        tails = cut.i[contacts]
+        heads = cut.j[contacts]
+        lines = np.arange(len(contacts))
+        shape = (len(steps), len(rows), len(contacts), int(number.max()) + 1, count)
         self._require_memory(shape)
         matrix = np.zeros(shape)
         for kind, row in enumerate(rows):
-            tail = -row.tail[chosen] * inverse_root_mass[tails][:, None]
-            head = row.head[chosen] * inverse_root_mass[heads][:, None]
-            matrix[step_of_tail, kind, contacts, number[tails]] += tail
-            matrix[step_of_head, kind, contacts, number[heads]] += head
+            tail = -row.tail[contacts] * inverse_root_mass[tails][:, None]
+            head = row.head[contacts] * inverse_root_mass[heads][:, None]
+            matrix[step_of_tail, kind, lines, number[tails]] += tail
+            matrix[step_of_head, kind, lines, number[heads]] += head
         n_balls = 3 * self.size // count  # those of three blocks
         in_blocks = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
         return steps[:, : len(self.layers.cell)], in_blocks
@@ -445,22 +448,22 @@ class HalfSpace:
         size = outer.shape[1]
         top = outer.copy()
         middle = inner.copy()
-        pair = np.concatenate([hop, hop.conj().swapaxes(1, 2)], axis=1)  # A on top of B
-        coupled = np.arange(len(outer))
+        stacked = np.concatenate([hop, hop.conj().swapaxes(1, 2)], axis=1)  # A on top of B
+        numbers = np.arange(len(outer))  # of the w at which blocks are still coupled
         for _ in range(_MOST_DOUBLINGS):
-            side_by_side = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
-            products = pair @ np.linalg.solve(shift[coupled] - middle[coupled], side_by_side)
-            through = products[:, :size, size:]  # A g B
-            back = products[:, size:, :size]  # B g A
-            top[coupled] += through
-            middle[coupled] += through + back
+            side_by_side = np.concatenate([stacked[:, :size], stacked[:, size:]], axis=2)
+            products = stacked @ np.linalg.solve(shift[numbers] - middle[numbers], side_by_side)
+            down_and_up = products[:, :size, size:]  # A g B
+            up_and_down = products[:, size:, :size]  # B g A
+            top[numbers] += down_and_up
+            middle[numbers] += down_and_up + up_and_down
             next_down = products[:, :size, :size]  # A g A
             next_up = products[:, size:, size:]  # B g B
-            change = np.max(np.abs(through) + np.abs(back), axis=(1, 2))
+            change = np.max(np.abs(down_and_up) + np.abs(up_and_down), axis=(1, 2))
             is_coupled = change > _COUPLING_TOLERANCE * self.highest
-            coupled = coupled[is_coupled]
-            pair = np.concatenate([next_down, next_up], axis=1)[is_coupled]
-            if not coupled.size:
+            numbers = numbers[is_coupled]
+            stacked = np.concatenate([next_down, next_up], axis=1)[is_coupled]
+            if not numbers.size:
                 break
         return top, middle
 
@@ -480,8 +483,8 @@ class HalfSpace:
             """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block, at the
             wave vectors of numbers ``point`` (n,).
             """
-            turned = hop[point] * np.exp(1j * angle)[:, None, None]
-            return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
+            to_next = hop[point] * np.exp(1j * angle)[:, None, None]
+            return np.linalg.eigvalsh(inner[point] + to_next + to_next.conj().swapaxes(1, 2))
 
         n_points = len(q)
         size = self.size
@@ -515,7 +518,7 @@ class HalfSpace:
         top = _ABOVE_BANDS * self.highest
         return self._join_intervals([_find_free_intervals(bands, top) for bands in self.bands(q)])
 
-    def _find_filled(self, q: Array) -> tuple[Index, Array]:
+    def _find_filled_intervals(self, q: Array) -> tuple[Index, Array]:
         """Return the intervals of w that bands fill at wave vectors q (n_q, p - 1), in the form of
         :meth:`_find_gaps`.
         """
@@ -572,9 +575,9 @@ class HalfSpace:
         return self._sort_sides(crystal, point, w, gap)
 
     def _sort_sides(self, crystal: _CutCrystal, point: Index, w: Array, gap: Array) -> EdgeWaves:
-        """Return the waves of this edge, not of the edge beyond the cut, with their energy on top.
+        """Return those of n waves that run at this edge, and not at the edge beyond the cut.
 
-        The waves of both edges of the cut ``crystal`` have w (n,) in gaps with the ends ``gap``
+        The n waves of both edges of the cut ``crystal`` have w (n,) in gaps with the ends ``gap``
         (2, n), at the wave vectors of numbers ``point`` (n,).
         """
         points = []
@@ -597,6 +600,7 @@ class HalfSpace:
             for wave in _choose_side(
                 matrices[0], motions_beyond, motions_on_top, len(degenerate_set)
             ):
+                # the derivative of M by w gives the energy of the whole wave
                 energy = float((wave.conj() @ slope @ wave).real)
                 top_energy = float(np.sum(np.abs(motions_on_top @ wave) ** 2))
                 points.append(point[first[0]])
@@ -627,88 +631,89 @@ class HalfSpace:
         """Return leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S +
         dw S' on the real axis.
         """
-        narrow = self._find_narrow_resonances(q)
+        resonances = self._find_narrow_resonances(q)
         # half widths in w
-        depth = np.abs(narrow.shift.imag + _BAND_BROADENING * self.highest)
+        depth = np.abs(resonances.shift.imag + _BAND_BROADENING * self.highest)
         noise = _POLE_NOISE * self.highest
         # w = omega^2, so a relative width of w is twice that of omega
-        is_narrow = depth < 2.0 * _MOST_WIDTH * narrow.w
-        stays_in_band = narrow.moved < np.inf
-        is_on_top = narrow.weight > _TOP_PART
-        chosen = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
+        is_narrow = depth < 2.0 * _MOST_WIDTH * resonances.w
+        stays_in_band = resonances.last_step < np.inf
+        is_on_top = resonances.weight > _TOP_PART
+        numbers = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
         # many resonances lead to one pole
-        roots = narrow.w[chosen] - 1j * depth[chosen]
-        chosen = chosen[self._find_different(narrow.point[chosen], roots, _SAME_POLE)]
-        point = narrow.point[chosen]
-        poles = narrow.w[chosen].astype(complex)
-        is_settled = narrow.moved[chosen] <= _NEWTON_TOLERANCE * narrow.w[chosen]
+        roots = resonances.w[numbers] - 1j * depth[numbers]
+        numbers = numbers[self._sort_distinct(resonances.point[numbers], roots, _SAME_POLE)]
+        point = resonances.point[numbers]
+        poles = resonances.w[numbers].astype(complex)
+        is_settled = resonances.last_step[numbers] <= _NEWTON_TOLERANCE * resonances.w[numbers]
         outer, inner, hop = self.blocks(q)
         # a settled resonance without width is a pole on the real axis
-        for n in np.flatnonzero((depth[chosen] > noise) | ~is_settled):
-            start = complex(narrow.w[chosen[n]], -max(depth[chosen[n]], noise))
+        for n in np.flatnonzero((depth[numbers] > noise) | ~is_settled):
+            start = complex(resonances.w[numbers[n]], -max(depth[numbers[n]], noise))
             poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
-        low, high = narrow.band[:, chosen]
+        low, high = resonances.band[:, numbers]
         is_in_band = (poles.real >= low) & (poles.real <= high)
         is_below_axis = poles.imag <= noise
         has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
         leaky = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
-        leaky = leaky[self._find_different(point[leaky], poles[leaky])]
+        leaky = leaky[self._sort_distinct(point[leaky], poles[leaky])]
         squares = poles[leaky].real + 1j * np.minimum(poles[leaky].imag, 0.0)
-        return EdgeWaves(point[leaky], squares, narrow.weight[chosen[leaky]])
+        return EdgeWaves(point[leaky], squares, resonances.weight[numbers[leaky]])
 
     def _find_narrow_resonances(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
         leads from starts throughout the bands.
         """
-        point, band = self._find_filled(q)
+        point, band = self._find_filled_intervals(q)
         # denser towards the edges of the bands
-        starts = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
-        x = (band[0] + (band[1] - band[0]) * starts[:, None]).ravel()
+        parts = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
+        start_w = (band[0] + (band[1] - band[0]) * parts[:, None]).ravel()
         point = np.tile(point, _LEAKY_STARTS)
         band = np.tile(band, _LEAKY_STARTS)
         offset = np.zeros((0, self.size), complex)
-        if len(x):
-            offset = self._find_resonances(q, point, x)[0]
+        if len(start_w):
+            offset = self._find_resonances(q, point, start_w)[0]
         # a start leads to all resonances that are about as near as the next start
         reach = 2.0 * (band[1] - band[0]) / _LEAKY_STARTS
         is_close = np.abs(offset.real) <= reach[:, None]
-        is_narrow = np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]
+        is_narrow = np.abs(offset.imag) < 2.0 * _MOST_WIDTH * start_w[:, None]
         start, resonance = np.nonzero(is_close & is_narrow)
         shift = offset[start, resonance]
-        return self._follow_resonances(q, point[start], band[:, start], x[start], shift)
+        return self._follow_resonances(q, point[start], band[:, start], start_w[start], shift)
 
     def _follow_resonances(
-        self, q: Array, point: Index, band: Array, x: Array, shift: Complex
+        self, q: Array, point: Index, band: Array, start_w: Array, shift: Complex
     ) -> _Resonances:
-        """Return the resonances to which Newton's method on the real axis leads from ``x`` (n,)
-        plus the real part of a first ``shift`` (n,).
+        """Return the resonances to which Newton's method on the real axis leads from ``start_w``
+        (n,) plus the real part of a first ``shift`` (n,).
 
         ``band`` (2, n) are the ends of the bands, at the wave vectors ``q[point]``. A resonance
         that leaves its band is followed no further.
         """
-        count = len(x)
+        count = len(start_w)
         shift = shift.copy()
-        w = np.clip(x + shift.real, *band)
+        w = np.clip(start_w + shift.real, *band)
         weight = np.zeros(count)
-        moved = np.full(count, np.inf)
-        moving = np.arange(count)
+        last_step = np.full(count, np.inf)
+        numbers = np.arange(count)  # of the resonances that still change
         for _ in range(_SEARCH_STEPS):
-            if not moving.size:
+            if not numbers.size:
                 break
-            offset, weights = self._find_resonances(q, point[moving], w[moving])
-            nearest = (np.arange(len(moving)), np.argmin(np.abs(offset), axis=1))
-            shift[moving] = offset[nearest]
-            weight[moving] = weights[nearest]
-            new_w = w[moving] + shift[moving].real
-            is_inside = (new_w >= band[0, moving]) & (new_w <= band[1, moving])
-            moved[moving] = np.where(is_inside, np.abs(shift[moving].real), np.inf)
-            w[moving[is_inside]] = new_w[is_inside]
-            moving = moving[is_inside & (moved[moving] > _NEWTON_TOLERANCE * w[moving])]
-        return _Resonances(point, band, w, shift, moved, weight)
+            offset, weights = self._find_resonances(q, point[numbers], w[numbers])
+            nearest = (np.arange(len(numbers)), np.argmin(np.abs(offset), axis=1))
+            shift[numbers] = offset[nearest]
+            weight[numbers] = weights[nearest]
+            new_w = w[numbers] + shift[numbers].real
+            is_inside = (new_w >= band[0, numbers]) & (new_w <= band[1, numbers])
+            last_step[numbers] = np.where(is_inside, np.abs(shift[numbers].real), np.inf)
+            w[numbers[is_inside]] = new_w[is_inside]
+            is_large_step = last_step[numbers] > _NEWTON_TOLERANCE * w[numbers]
+            numbers = numbers[is_inside & is_large_step]
+        return _Resonances(point, band, w, shift, last_step, weight)
 
     def _find_resonances(self, q: Array, point: Index, w: Array) -> tuple[Complex, Array]:
-        """Return dw (n, size) of the resonances of S + dw S' at w (n,), and their energy on top (n,
-        size), at the wave vectors ``q[point]``.
+        """Return dw (n, size) of the roots of S + dw S' at w (n,), and of each root the energy in
+        the top layer over all energy, (n, size), at the wave vectors ``q[point]``.
         """
         highest = self.highest
         steps = _DIFFERENCE_STEP * highest * np.array([-1.0, 0.0, 1.0])
@@ -723,7 +728,7 @@ class HalfSpace:
         energy = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
         return offsets, np.sum(np.abs(vectors) ** 2, axis=1) / energy
 
-    def _find_different(self, point: Index, w: Complex, tolerance: float = 0.0) -> Index:
+    def _sort_distinct(self, point: Index, w: Complex, tolerance: float = 0.0) -> Index:
         """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), with one
         index for each set of equal w.
 
@@ -751,14 +756,14 @@ class HalfSpace:
         width = -w.imag
         for _ in range(_NEWTON_STEPS):
             begin = complex(w.real, _BAND_BROADENING * self.highest)
-            descent = blocks.descend(begin, w, _LEAST_STEP * width)
+            step = _LEAST_STEP * width
+            descent = blocks.descend(begin, w, step)
             if descent is None:
                 return complex(np.nan)
-            aside = _LEAST_STEP * width
             inverse = blocks.inverse_green(w, descent.vectors)
-            waves_beside = blocks.continue_waves(w + aside, descent.factors)
-            inverse_beside = blocks.inverse_green(w + aside, waves_beside.vectors)
-            slope = (inverse_beside - inverse) / aside
+            waves_beside = blocks.continue_waves(w + step, descent.factors)
+            inverse_beside = blocks.inverse_green(w + step, waves_beside.vectors)
+            slope = (inverse_beside - inverse) / step
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
             w = w + shift
@@ -775,7 +780,7 @@ class HalfSpace:
         (p - 1,), and the signs (rows,) of K, which static forces may make negative.
 
         ``phases`` (n,), rad, are those of the wave from block to block. A contact that joins two
-        blocks counts to the lower-numbered block.
+        blocks belongs to the one nearer to the edge.
         """
         size = self.size
         along = np.exp(2.0j * np.pi * (self._edge_steps @ q))
@@ -793,30 +798,33 @@ class HalfSpace:
         """Return the velocity, d (k/M)^1/2, of the long wave at a free edge along the unit vector
         ``direction`` (p - 1,), in the frame of the cut.
 
-        The surface impedance Z(v), which is Hermitian, is singular there; it is positive at v = 0,
-        and falls with v up to the velocity at which a bulk wave first runs along the edge. Raises
-        :class:`~granphon.base.errors.GranphonError` if there is no such wave, and
-        :class:`~granphon.base.errors.InputError` as :meth:`_find_continuum` does.
+        It is the velocity v at which the surface impedance Z(v), which is Hermitian, is singular.
+        Z is positive at v = 0, and falls with v up to a limit: the velocity at which a bulk wave
+        first runs along the edge. Raises :class:`~granphon.base.errors.GranphonError` if Z is
+        singular nowhere below this limit, and :class:`~granphon.base.errors.InputError` as
+        :meth:`_find_continuum` does.
         """
         from scipy.optimize import brentq, minimize_scalar
 
         medium = self._find_continuum(direction)
-        slowest = float(_COURSES[np.argmin(medium.velocities_along(_COURSES))])
+        slowest_course = float(_COURSES[np.argmin(medium.velocities_along(_COURSES))])
+        step = _COURSES[1] - _COURSES[0]
         minimum = minimize_scalar(
             medium.velocities_along,
-            bounds=(slowest - 0.01, slowest + 0.01),  # one step of the courses
+            bounds=(slowest_course - step, slowest_course + step),
             method="bounded",
             options={"xatol": 1e-12},
         )
         limit = float(minimum.fun)
-        # at zero the roots of an isotropic medium coincide; at the limit a wave does not decay
+        # the bracket leaves out zero, where the roots of an isotropic medium coincide, and the
+        # limit, where a wave does not decay
         low = 1e-3 * limit
         high = (1.0 - 1e-9) * limit
-        if not medium.impedance(low) * medium.impedance(high) < 0.0:
+        if not medium.find_impedance(low) * medium.find_impedance(high) < 0.0:
             raise GranphonError(
                 "no long wave runs along this edge", mend="Choose another direction"
             )
-        return float(brentq(medium.impedance, low, high, xtol=1e-15 * limit, rtol=1e-15))
+        return float(brentq(medium.find_impedance, low, high, xtol=1e-15 * limit, rtol=1e-15))
 
     def _find_continuum(self, direction: Array) -> _EdgeContinuum:
         """Return the elastic continuum of the crystal, in the frame of the cut, for waves along the
@@ -935,10 +943,10 @@ def _choose_side(
     eigenvalues, vectors = np.linalg.eigh(matrix)
     smallest = np.argsort(np.abs(eigenvalues))[:count]
     null_vectors = vectors[:, smallest]
-    moved_on_top = motions_on_top @ null_vectors
-    moved_beyond = motions_beyond @ null_vectors
-    top_metric = moved_on_top.conj().T @ moved_on_top
-    whole_metric = top_metric + moved_beyond.conj().T @ moved_beyond
+    null_on_top = motions_on_top @ null_vectors
+    null_beyond = motions_beyond @ null_vectors
+    top_metric = null_on_top.conj().T @ null_on_top
+    whole_metric = top_metric + null_beyond.conj().T @ null_beyond
     # in the basis of the inverse factor the whole motion of each wave is one
     scale = np.linalg.inv(np.linalg.cholesky(whole_metric))
     share_on_top, turn = np.linalg.eigh(scale @ top_metric @ scale.conj().T)
@@ -1163,16 +1171,16 @@ class _EdgeContinuum(NamedTuple):
         squared = np.linalg.eigvalsh(acoustic)[..., 0] / self.density
         return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
 
-    def impedance(self, velocity: float) -> float:
-        """Return the lowest eigenvalue of the surface impedance of waves of a ``velocity``,
-        d (k/M)^1/2, along the edge.
+    def find_impedance(self, velocity: float) -> float:
+        """Return the lowest eigenvalue, k d^(2-p), of the surface impedance of waves of a
+        ``velocity``, d (k/M)^1/2, along the edge.
 
-        Displacements are a exp(i q (m + z n).x), m along the edge and n across it, with the roots z
-        of Stroh's system that decay below the edge. The impedance takes displacements of the edge
-        to tractions, over q.
+        The impedance is the matrix that takes displacements of the edge to tractions, over the
+        wavenumber q. Displacements are a exp(i q (m + z n).x), m along the edge and n across it,
+        with those roots z of Stroh's system that decay below the edge.
         """
         size = len(self.along)
-        # Q, R and T of Stroh's formalism, without inertia
+        # Q, R and T of Stroh's formalism, without inertia: sums over the components j and l
         along_along = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.along)
         along_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.normal)
         normal_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.normal, self.normal)

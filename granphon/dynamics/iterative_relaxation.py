@@ -111,9 +111,8 @@ class IterativeRelaxation:
     @cached_property
     def free(self) -> Array:
         """(n_branches, n_free) orthonormal motions that cost nothing and would mix with sound: the
-        :attr:`loose` motions, and the part of the shifts of all balls that single balls, and small
-        clusters that are joined to no other ball, can make without deforming a contact, less the
-        shifts themselves.
+        parts of the shifts of all balls that single balls and small clusters can make
+        (:attr:`_local_shifts`), and the :attr:`loose` motions.
 
         Raises what :attr:`loose` raises.
         """
@@ -124,7 +123,7 @@ class IterativeRelaxation:
         """Number of motions that cost nothing, n_free, also if others cost so little that
         :attr:`free` raises an error.
         """
-        loose, _costs_little = self._search_result
+        loose, _ = self._search_result
         return int(self._local_shifts.shape[1] + loose.shape[1])
 
     @property
@@ -134,8 +133,9 @@ class IterativeRelaxation:
 
     @cached_property
     def _local_shifts(self) -> Array:
-        """(n_branches, k) orthonormal parts of the shifts of all balls that single balls and small
-        clusters can make, less the shifts themselves.
+        """(n_branches, k) orthonormal parts of the shifts of all balls, perpendicular to the shifts
+        themselves. They are the parts that single balls can make without deforming a contact, and
+        small clusters that no contact joins to other balls.
         """
         shifts = self._lattice.shifts
         parts = self._local_motions @ (self._local_motions.T @ shifts)
@@ -197,11 +197,11 @@ class IterativeRelaxation:
         n_probes = PROBES
         while n_found > n_probes - _SPARE_PROBES and loose.shape[1] <= _MOST_LOOSE:
             n_probes = _MORE_PROBES
-            probed = _find_span(self._probe(n_probes, loose))
-            n_found = probed.shape[1]
-            further_loose, also_costs_little = self._purify(probed, loose)
+            candidates = _find_span(self._probe(n_probes, loose))
+            n_found = candidates.shape[1]
+            further_loose, some_cost_little = self._purify(candidates, loose)
             loose = np.concatenate([loose, further_loose], axis=1)
-            costs_little |= also_costs_little
+            costs_little |= some_cost_little
             if not further_loose.size:
                 break
         return loose, costs_little
@@ -230,35 +230,37 @@ class IterativeRelaxation:
         """(n_branches, PROBES) what the first random motions leave, see :meth:`_probe`."""
         return self._probe(PROBES, self.staying[:, :0])
 
-    def _probe(self, count: int, known: Array) -> Array:
-        """Return what ``count`` random motions leave (n_branches, count), once what deforms
-        contacts has been taken off, and orthonormal loose motions ``known`` (n_branches, k).
+    def _probe(self, count: int, loose: Array) -> Array:
+        """Return the remainders (n_branches, count) of ``count`` random motions, as
+        :meth:`_find_remainders` does; ``loose`` (n_branches, k) are the orthonormal loose motions
+        found so far.
 
-        A loose motion leaves a normal random number in each random motion.
+        A further loose motion leaves a normal random number in each random motion.
         """
         # the seed differs from search to search, and results can be repeated
-        rng = np.random.default_rng(known.shape[1])
+        rng = np.random.default_rng(loose.shape[1])
         random_motions = rng.standard_normal((self._lattice.n_branches, count))
-        return self._find_remainders(random_motions, known)
+        return self._find_remainders(random_motions, loose)
 
-    def _purify(self, candidates: Array, known: Array) -> tuple[Array, bool]:
-        """Return orthonormal motions that cost nothing among orthonormal ``candidates``
-        (n_branches, m), what :meth:`_probe` has left beside the ``known`` loose motions, by a
-        second iteration; and whether some candidates cost something.
+    def _purify(self, candidates: Array, loose: Array) -> tuple[Array, bool]:
+        """Return orthonormal motions (n_branches, n) that cost nothing among orthonormal
+        ``candidates`` (n_branches, m), by a second iteration; and whether some candidates cost
+        something. The candidates span what :meth:`_probe` has returned for the same ``loose``
+        motions.
         """
         if not candidates.size:
             return candidates, False
-        remainders = self._find_remainders(candidates, known)
+        remainders = self._find_remainders(candidates, loose)
         basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
-        lasting = basis[:, sizes > _LEFT]
-        _, costs, combinations = np.linalg.svd(self._rows @ lasting, full_matrices=False)
-        free = lasting @ combinations[costs <= self.accuracy * self._highest].T
+        likely_motions = basis[:, sizes > _LEFT]
+        _, costs, combinations = np.linalg.svd(self._rows @ likely_motions, full_matrices=False)
+        free = likely_motions @ combinations[costs <= self.accuracy * self._highest].T
         return np.asarray(free), free.shape[1] < candidates.shape[1]
 
-    def _find_remainders(self, motions: Array, known: Array) -> Array:
-        """Return what is left of ``motions`` (n_branches, m) without those that deform contacts,
-        without shifts of all balls, without what single balls and small clusters can do, and
-        without ``known`` orthonormal loose motions (n_branches, k).
+    def _find_remainders(self, motions: Array, loose: Array) -> Array:
+        """Return the remainders (n_branches, m) of ``motions`` (n_branches, m) without four parts:
+        what deforms contacts, shifts of all balls, what single balls and small clusters can do
+        alone, and the orthonormal ``loose`` motions (n_branches, k).
         """
         shifts = self._lattice.shifts
         # shifts of all balls, without the part that single balls and small clusters can make
@@ -266,19 +268,19 @@ class IterativeRelaxation:
             shifts - self._local_motions @ (self._local_motions.T @ shifts), full_matrices=False
         )
         joint_shifts = joint_shifts[:, sizes > math.sqrt(NO_ENERGY)]
-        left_out = np.concatenate([joint_shifts, known], axis=1)
+        excluded_basis = np.concatenate([joint_shifts, loose], axis=1)
         floor = _ROUNDING * self._highest * np.linalg.norm(motions, axis=0)
         remainders = motions - self._respond_to(np.asarray(self._rows @ motions), floor)
         remainders -= self._local_motions @ (self._local_motions.T @ remainders)
-        return np.asarray(remainders - left_out @ (left_out.T @ remainders))
+        return np.asarray(remainders - excluded_basis @ (excluded_basis.T @ remainders))
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
         flat = deformations.reshape(len(deformations), -1)
-        remaining = flat - self._rows @ self.find_motions(flat)
-        return np.asarray(remaining).reshape(deformations.shape)
+        relaxed = flat - self._rows @ self.find_motions(flat)
+        return np.asarray(relaxed).reshape(deformations.shape)
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
@@ -301,8 +303,8 @@ class IterativeRelaxation:
         what inner motions save as they relax. The arguments are those of
         :meth:`~granphon.dynamics.sparse_relaxation.SparseRelaxation.eliminate`.
         """
-        held, response = self._respond(mixed, block)
-        return np.asarray(form - held.T @ response)
+        forces, response = self._respond(mixed, block)
+        return np.asarray(form - forces.T @ response)
 
     def respond(self, _form: Array, mixed: Array, block: Any) -> Array:
         """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
@@ -312,14 +314,13 @@ class IterativeRelaxation:
         return motions
 
     def _respond(self, mixed: Array, block: Any) -> tuple[Array, Array]:
-        """Return the part of ``mixed`` without motions of single balls that deform no contact, and
-        the inner motions that respond to it, both (n_branches, m). The arguments are those of
-        :meth:`eliminate`.
+        """Return two arrays (n_branches, m): ``mixed`` without the part of motions that stay
+        behind, and of what single balls and small clusters can do alone at no cost; and the inner
+        motions that respond to this. The arguments are those of :meth:`eliminate`.
         """
-        held = self._hold_back(
-            np.asarray(mixed - self._local_motions @ (self._local_motions.T @ mixed))
-        )
-        return held, self._solve(lambda x: np.asarray(block @ x), held)
+        local_part = self._local_motions @ (self._local_motions.T @ mixed)
+        forces = self._hold_back(np.asarray(mixed - local_part))
+        return forces, self._solve(lambda x: np.asarray(block @ x), forces)
 
     def _hold_back(self, motions: Array) -> Array:
         """Return ``motions`` (n_branches, m) without those that stay behind."""
@@ -333,11 +334,12 @@ class IterativeRelaxation:
         self, apply: Callable[[Array], Array], right: Array, floor: ArrayLike = 0.0
     ) -> Array:
         """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
-        conjugate gradients for all columns at once; without the motions that stay behind.
+        conjugate gradients for all columns at once.
 
         ``apply`` multiplies by a symmetric matrix. The size of a residual r is (r^T P r)^1/2, with
-        the preconditioner P. The iteration ends at residuals of the size ``floor`` (m,), or those
-        of :data:`_REDUCTION` if they are larger. Raises
+        the preconditioner P. The iteration ends when the size in each column has fallen to
+        ``floor`` (m,), or to :data:`_REDUCTION` times the size at the start if this is larger.
+        Motions that stay behind are left out of ``right`` and of the result. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
@@ -345,13 +347,13 @@ class IterativeRelaxation:
         residual = self._hold_back(right)
         preconditioned = self._precondition(residual)
         direction = preconditioned.copy()
-        sizes = np.einsum("nm,nm->m", residual, preconditioned)  # their squares, by columns
-        limits = np.maximum(_REDUCTION**2 * sizes, np.square(floor))
+        squares = np.einsum("nm,nm->m", residual, preconditioned)  # of the sizes, by columns
+        square_limits = np.maximum(_REDUCTION**2 * squares, np.square(floor))
         digits = -math.log10(_REDUCTION)
-        reached = 0.0
+        digits_done = 0.0
         with self._progress.step("relax the balls", digits) as step:
             for _ in range(_MOST_ITERATIONS):
-                is_open = sizes > limits
+                is_open = squares > square_limits
                 if not np.any(is_open):
                     return motions
                 forces = self._hold_back(apply(direction))
@@ -362,20 +364,21 @@ class IterativeRelaxation:
                         "Its static forces exceed what its springs hold",
                         "Lower the load, or leave static forces out (prestress=False)",
                     )
-                lengths = np.divide(sizes, curvature, out=np.zeros_like(sizes), where=is_open)
+                lengths = np.divide(squares, curvature, out=np.zeros_like(squares), where=is_open)
                 motions += lengths * direction
                 residual -= lengths * forces
                 preconditioned = self._precondition(residual)
-                previous = sizes
-                sizes = np.einsum("nm,nm->m", residual, preconditioned)
-                growth = np.divide(sizes, previous, out=np.zeros_like(sizes), where=is_open)
+                last_squares = squares
+                squares = np.einsum("nm,nm->m", residual, preconditioned)
+                growth = np.divide(squares, last_squares, out=np.zeros_like(squares), where=is_open)
                 direction = preconditioned + growth * direction
                 # a column of zeros has no residual, and none to reach
-                ratios = np.divide(sizes, limits, out=np.ones_like(sizes), where=limits > 0.0)
-                worst = math.sqrt(float(np.max(ratios, initial=1.0)))
-                gained = digits - math.log10(worst) - reached
-                step.advance(max(gained, 0.0))
-                reached += max(gained, 0.0)
+                ratios = np.ones_like(squares)
+                np.divide(squares, square_limits, out=ratios, where=square_limits > 0.0)
+                worst_ratio = math.sqrt(float(np.max(ratios, initial=1.0)))
+                further_digits = max(digits - math.log10(worst_ratio) - digits_done, 0.0)
+                step.advance(further_digits)
+                digits_done += further_digits
         raise ConvergenceError(
             f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations",
             "Parts of it may cost almost no energy to move",
@@ -391,9 +394,11 @@ def _find_span(remainders: Array) -> Array:
 
 def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> Any:
     """Return orthonormal motions (n_branches, k), sparse by rows, that cost nothing: those of
-    single balls, ``ball_motions`` (n_branches, m), and in their place those of small clusters of
-    balls that no contact joins to others, as null vectors of the stiffness ``matrix`` (n_branches,
-    n_branches) of the cell of the ``lattice``.
+    single balls, and those of small clusters of balls that no contact joins to others.
+
+    ``ball_motions`` (n_branches, m), sparse, are the motions of single balls. Those of the balls of
+    a cluster are replaced by the null vectors of the cluster in the stiffness ``matrix``
+    (n_branches, n_branches) of the cell of the ``lattice``.
     """
     from scipy.sparse import csc_array, hstack
 
@@ -436,23 +441,24 @@ def _find_clusters(lattice: Compatibility) -> list[Index]:
 
     table = lattice.contacts
     n = lattice.n_balls
-    between = np.flatnonzero((table.j < n) & (np.arange(len(table)) < lattice.n_between))
-    i = table.i[between]
-    j = table.j[between]
-    joined = coo_array((np.ones(i.size), (i, j)), shape=(n, n))
-    _, cluster = connected_components(joined, directed=False)
+    # contacts of two balls, and not with the ground or with a body that does not move
+    joints = np.flatnonzero((table.j < n) & (np.arange(len(table)) < lattice.n_between))
+    i = table.i[joints]
+    j = table.j[joints]
+    graph = coo_array((np.ones(i.size), (i, j)), shape=(n, n))
+    _, cluster = connected_components(graph, directed=False)
     sizes = np.bincount(cluster)
     is_small = (sizes > 1) & (sizes <= _MOST_IN_CLUSTER)
     clusters = []
-    of_contacts = cluster[i]
+    cluster_of_joint = cluster[i]
     for number in np.flatnonzero(is_small):
         balls = np.flatnonzero(cluster == number)
-        contacts = np.flatnonzero(of_contacts == number)
+        contacts = np.flatnonzero(cluster_of_joint == number)
         # positions of the balls from which all vectors of contacts follow, if the cluster closes
         ends = np.zeros((contacts.size, balls.size))
         np.add.at(ends, (np.arange(contacts.size), np.searchsorted(balls, j[contacts])), 1.0)
         np.add.at(ends, (np.arange(contacts.size), np.searchsorted(balls, i[contacts])), -1.0)
-        vectors = table.vector[between[contacts]]
+        vectors = table.vector[joints[contacts]]
         positions = np.linalg.lstsq(ends, vectors, rcond=None)[0]
         mismatch = np.max(np.abs(ends @ positions - vectors), initial=0.0)
         if mismatch <= _CLOSED * np.max(np.abs(vectors)):

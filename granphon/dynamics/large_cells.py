@@ -80,16 +80,16 @@ class _LowModes(NamedTuple):
 class LargeCell:
     """The vibrations of a lattice with many balls in its cell, in reduced units.
 
-    ``rows`` are one or two pairs: the rows of C with the square roots (kinds, n_c) of their
-    stiffnesses, and under static forces the rows on which these act with the square roots of
-    theirs. ``images`` is an inversion that maps the cell onto itself, whose first item is the image
-    (n,) of each ball; None if there is no inversion.
+    ``weighted_rows`` are one or two pairs of rows and the square roots (kinds, n_c) of their
+    stiffnesses: those of C, and under static forces the rows on which the forces act. ``images`` is
+    an inversion that maps the cell onto itself, whose first item is the image (n,) of each ball;
+    None if there is no inversion.
     """
 
     def __init__(
         self,
         lattice: Compatibility,
-        rows: list[tuple[list[Row], Array]],
+        weighted_rows: list[tuple[list[Row], Array]],
         images: tuple[Any, ...] | None,
     ) -> None:
         """Make the rows sparse, in terms of the motions in which D is real."""
@@ -103,11 +103,11 @@ class LargeCell:
         self._fewest_zeros = self.size
         #: the rows of C, and under static forces those on which these act
         self.row_sets: list[_Ends] = []
-        for number, (deformations, roots) in enumerate(rows):
-            head, tail = compose_ends(lattice, deformations, roots)
+        for number, (rows, roots) in enumerate(weighted_rows):
+            head, tail = compose_ends(lattice, rows, roots)
             are_static = number == 1  # rows on which static forces act
             signs = -lattice.static_signs if are_static else np.ones(roots.shape)
-            half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(deformations), 1))
+            half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(rows), 1))
             ends = _Ends(head @ self.frame, tail @ self.frame, half, signs.ravel())
             self.row_sets.append(ends)
 
@@ -221,13 +221,14 @@ class LargeCell:
             else:
                 squares = np.linalg.eigvalsh(block.toarray())
             rows_of_block = [rows_of_set[:, motions] for rows_of_set in rows]
-            low = self._resolve_low_modes(block, rows_of_block, squares, bound)
-            if low is None:
+            low_modes = self._resolve_low_modes(block, rows_of_block, squares, bound)
+            if low_modes is None:
                 return None
-            if is_near_gamma and np.any(low.are_zero):
+            if is_near_gamma and np.any(low_modes.are_zero):
                 return None  # sound and motions that cost nothing cannot be told apart
             block_frequencies = np.sqrt(np.maximum(squares, 0.0))
-            block_frequencies[: low.are_zero.size] = np.where(low.are_zero, 0.0, low.frequencies)
+            n_low = low_modes.are_zero.size
+            block_frequencies[:n_low] = np.where(low_modes.are_zero, 0.0, low_modes.frequencies)
             frequencies[motions] = block_frequencies
         self._fewest_zeros = min(self._fewest_zeros, int(np.count_nonzero(frequencies == 0.0)))
         return frequencies, vectors
@@ -235,17 +236,21 @@ class LargeCell:
     def _resolve_low_modes(
         self, block: Any, rows: list[Any], squares: Array, bound: float
     ) -> _LowModes | None:
-        """Return the low frequencies of a part of the cell, and which of them are zero: those whose
-        eigenvalues, among all ``squares`` (n,) in ascending order, are so small beside the largest
-        that rounding leaves them no digits. None if no other way gives their digits.
+        """Return the low frequencies of a part of the cell, and which of them are zero; None if
+        they cannot be found with all digits. Low frequencies are those whose squares, the lowest of
+        the eigenvalues ``squares`` (n,), ascending, are so small beside the largest that rounding
+        leaves no digits.
 
         ``block`` (n, n) is the sparse D of the part, ``rows`` are those of each of the
         :attr:`row_sets`, and ``bound`` is an upper bound of all squares. There are three cases.
-        Under static forces D is not C^T C, so that singular values of C are no frequencies: the low
-        squares must all be zero within rounding, or so few that they can be found again, and then
-        all have their digits. Without static forces, if the low frequencies are few, they are found
-        again as singular values of C. If they are many, they must all be those of motions without
-        contacts.
+
+        1. Under static forces D is not C^T C, so that singular values of C are no frequencies: the
+           low squares must all be zero within rounding, or so few that they can be found again, and
+           then all have their digits.
+        2. Without static forces, if the low frequencies are few, they are found again as singular
+           values of C.
+        3. Without static forces, if they are many, they must all be those of motions without
+           contacts.
         """
         limit = _LEAST_SQUARE if self.is_prestressed else WELL_ABOVE
         count = int(np.count_nonzero(squares <= limit * bound))
@@ -294,11 +299,11 @@ class LargeCell:
 
 
 def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
-    """Return a sparse unitary matrix (n_branches, n_branches), whose columns are the motions, as
-    combinations of those of the balls of a ``lattice``, in terms of which D is found.
+    """Return a sparse unitary matrix (n_branches, n_branches) whose columns are the motions in
+    terms of which D is found, as combinations of the motions of the balls of a ``lattice``.
 
     An inversion takes each ball to its ``image`` (n,). The columns are then even motions, and odd
-    motions times i. Without an inversion, ``image`` is None, and the matrix is that of unity.
+    motions times i. Without an inversion, ``image`` is None, and the unit matrix is returned.
     """
     from scipy.sparse import eye_array, hstack, kron
 
@@ -307,13 +312,13 @@ def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
     n = lattice.n_balls
     root = np.sqrt(0.5)
     unit = eye_array(n, format="csc")
-    fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
-    first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
-    ball = unit[:, first]
-    partner = unit[:, image[first]]
-    even = root * (ball + partner)
-    odd = 1j * root * (ball - partner)
-    frame_of_balls = hstack([unit[:, fixed], even, odd])
+    self_images = np.flatnonzero(image == np.arange(n))
+    first_balls = np.flatnonzero(image > np.arange(n))  # one of each pair of images
+    first = unit[:, first_balls]
+    second = unit[:, image[first_balls]]
+    even = root * (first + second)
+    odd = 1j * root * (first - second)
+    frame_of_balls = hstack([unit[:, self_images], even, odd])
     return kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
 
 

@@ -118,10 +118,10 @@ def graded_eigh(
     squares, right = np.linalg.eigh(matrices)
     # a root has half the relative error of its square
     limit = 0.5 * _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
-    doubtful = np.flatnonzero(squares[:, 0] <= limit * squares[:, -1])
+    inexact = np.flatnonzero(squares[:, 0] <= limit * squares[:, -1])
     values = np.sqrt(np.maximum(squares, 0.0))
-    if doubtful.size:
-        values[doubtful], right[doubtful] = graded_svd(factor(matrices[doubtful]))
+    if inexact.size:
+        values[inexact], right[inexact] = graded_svd(factor(matrices[inexact]))
     return values, right
 
 
@@ -178,12 +178,13 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     that their columns are nearly orthogonal.
     """
     values, right = lapack_svd(matrices)
+    # ratio of the smallest value to the largest at which LAPACK's error is the accepted one
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
-    doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
+    candidates = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
     # the largest element stands for the length of a column, whose square might underflow
-    sizes = np.max(np.abs(matrices[doubtful]), axis=1)
+    sizes = np.max(np.abs(matrices[candidates]), axis=1)
     is_graded = np.zeros(len(matrices), bool)
-    for number, lengths in zip(doubtful.tolist(), sizes, strict=True):
+    for number, lengths in zip(candidates.tolist(), sizes, strict=True):
         # a column of zeros has a singular value of exactly zero; only the others are judged
         zeros = np.count_nonzero(lengths == 0.0)
         values[number, :zeros] = 0.0
@@ -288,7 +289,7 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
     Raises
     ------
-    RuntimeError : the iteration does not converge, as it always does for finite matrices.
+    RuntimeError : the iteration does not converge; for finite matrices it always converges.
     """
     shape = matrices.shape[:-2]
     m, n = matrices.shape[-2:]
@@ -451,15 +452,15 @@ def find_dependent(
     padded = _pad_rows(scaled[None])[0]
     range_basis, singular_values, adjoint = np.linalg.svd(padded, full_matrices=False)
     rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
-    count = len(singular_values) - rank
-    free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
+    n_null = len(singular_values) - rank
+    null_vectors, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # division by the lengths amplifies the error of some vectors, which are then not quite taken to
     # zero: the least change of the scaled vectors that removes their residuals is subtracted
-    residuals = scaled @ (lengths[:, None] * free)
+    residuals = scaled @ (lengths[:, None] * null_vectors)
     amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
-    basis, _ = np.linalg.qr(free - correction, mode="complete")
-    return basis[:, :count], basis[:, count:]
+    basis, _ = np.linalg.qr(null_vectors - correction, mode="complete")
+    return basis[:, :n_null], basis[:, n_null:]
 
 
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:

@@ -222,18 +222,18 @@ def _integrate_response(medium: ContactLattice) -> Array | None:
     """
     response = _Response(medium)
     operations = _find_operations(medium)
-    coarser = np.full(1, np.inf)
+    last_elongations = np.full(1, np.inf)  # those of the order before
     for order in _ORDERS[medium.periods]:
         zone = divide_zone(medium.reciprocal, order, operations)
         elongations = np.asarray(sum(weights @ response(q) for q, weights in zone))
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1
         # must be accurate, so 1 - u_1 must be well above rounding
         compliance = elongations[0]
-        accepted = _AGREEMENT[medium.periods] * compliance * (1.0 - compliance)
-        has_settled = np.max(np.abs(elongations - coarser)) <= accepted
+        tolerance = _AGREEMENT[medium.periods] * compliance * (1.0 - compliance)
+        has_settled = np.max(np.abs(elongations - last_elongations)) <= tolerance
         if has_settled and 1.0 - compliance > _LEAST_HELD:
             return elongations
-        coarser = elongations
+        last_elongations = elongations
     return None
 
 

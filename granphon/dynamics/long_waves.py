@@ -95,15 +95,17 @@ class _SoundMass(NamedTuple):
 
     Attributes
     ----------
-    couples : whether some of these motions take part in sound.
-    moved : (n_u, n_u) the mass that sound moves, over all mass: the unit matrix if it moves all.
-    staying : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their amplitudes in
-        the n_u shifts of all balls, then those in the n_free inner motions that cost no energy.
+    is_coupled : whether some of these motions take part in sound.
+    moving_mass : (n_u, n_u) the mass that sound moves, over all mass: the unit matrix if sound
+        moves all mass.
+    staying_motions : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their
+        amplitudes in the n_u shifts of all balls, then those in the n_free inner motions that cost
+        no energy.
     """
 
-    couples: bool
-    moved: Array
-    staying: Array
+    is_coupled: bool
+    moving_mass: Array
+    staying_motions: Array
 
 
 class LongWaves(Compatibility):
@@ -167,9 +169,9 @@ class LongWaves(Compatibility):
         return bool(relaxation.n_free < touching._free_motions.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
-        """Make the relaxation of the inner motions, and keep it: the long work which moduli and
-        sound share. That is to factorise the matrix of the inner motions, or in a large cell in
-        space to prepare an iteration (:attr:`tries_iteration`).
+        """Make the relaxation of the inner motions, the long work that moduli and sound share, and
+        keep it in the lattice. The work is to factorise the matrix of the inner motions, or in a
+        large cell in space to prepare an iteration (:attr:`tries_iteration`).
 
         ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
         later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
@@ -238,11 +240,12 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _holds_rotations(self) -> bool:
-        """Whether contacts that resist slip join all balls that rotate, each in an odd ring with
-        others, so that no balls turn against each other as gears do; true if balls do not rotate.
+        """Whether no balls can turn against each other as gears do: each set of balls that contacts
+        with a stiffness against slip join has an odd ring. True if balls do not rotate.
 
-        A set of balls has no odd ring if two copies of it, in which each contact joins a ball of
-        one copy with one of the other, fall into two parts.
+        To find odd rings, take two copies of a set, and let each contact join a ball of one copy
+        with a ball of the other. Without an odd ring the copies fall into two parts; with an odd
+        ring they are one part.
         """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
@@ -251,24 +254,26 @@ class LongWaves(Compatibility):
             return True
         table = self.contacts
         count = self.n_balls
+        is_joint = np.broadcast_to(self.mindlin_ratio, len(table)) > 0.0
         # springs to the ground, and bodies that do not move, join no balls
-        resists = np.broadcast_to(self.mindlin_ratio, len(table)) > 0.0
-        resists &= (np.arange(len(table)) < self.n_between) & (table.j < count)
-        i = table.i[resists]
-        j = table.j[resists]
+        is_joint &= (np.arange(len(table)) < self.n_between) & (table.j < count)
+        i = table.i[is_joint]
+        j = table.j[is_joint]
 
         def count_sets(first: Index, second: Index, n_balls: int) -> int:
             """Return the number of sets into which contacts of balls ``first`` (m,) and ``second``
             (m,) join ``n_balls`` balls.
             """
-            joined = coo_array((np.ones(len(first)), (first, second)), shape=(n_balls, n_balls))
-            return int(connected_components(joined, directed=False)[0])
+            graph = coo_array((np.ones(len(first)), (first, second)), shape=(n_balls, n_balls))
+            return int(connected_components(graph, directed=False)[0])
 
         n_sets = count_sets(i, j, count)
         # ball n of the second copy has the number n + count
         n_parts = count_sets(np.append(i, i + count), np.append(j + count, j), 2 * count)
-        n_alone = count - np.unique([i, j]).size  # balls that touch no other cannot be gears
-        return n_parts - n_sets == n_alone
+        n_without_odd_ring = n_parts - n_sets
+        # a ball without such a contact is a set without an odd ring, but no gear
+        n_single_balls = count - np.unique([i, j]).size
+        return n_without_odd_ring == n_single_balls
 
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
@@ -280,14 +285,11 @@ class LongWaves(Compatibility):
         sparse ``push`` (n_branches, n_branches) is the form of their energy: motions on which they
         act do not stay behind.
         """
-        if (
-            isinstance(self._sparse_relaxation, IterativeRelaxation)
-            and self._touching_lattice is not self
-        ):
-            return self._sparse_relaxation.keep_back(
-                _leave_pushed(self._sparse_relaxation.staying, push)
-            )
-        return self._sparse_relaxation
+        relaxation = self._sparse_relaxation
+        has_limit = self._touching_lattice is not self
+        if has_limit and isinstance(relaxation, IterativeRelaxation):
+            return relaxation.keep_back(_leave_pushed(relaxation.staying, push))
+        return relaxation
 
     @property
     def _n_gradients(self) -> int:
@@ -339,7 +341,8 @@ class LongWaves(Compatibility):
     @cached_property
     def _free_motions(self) -> Array:
         """(n_inner, n_free) orthonormal inner motions, rotations and displacements of balls against
-        each other, that deform no contact. In large cells they are :attr:`SparseRelaxation.free`.
+        each other, that deform no contact. In large cells they are the ``free`` motions of
+        :attr:`_relaxation`, (n_branches, n_free).
         """
         if self._relaxation is not None:
             return self._relaxation.free
@@ -353,15 +356,15 @@ class LongWaves(Compatibility):
     @cached_property
     def _touching_lattice(self) -> Self:
         """The lattice in the limit of vanishing overlaps, by which free inner motions are
-        recognised: each ball whose lever arms differ by no more than overlaps explain has their
-        mean as its only lever arm, and no static forces act.
+        recognised: no static forces act, and the lever arms of a ball are replaced by their mean if
+        they differ by no more than overlaps explain.
 
-        If there is no such ball, the limit is this lattice itself.
+        If there is no ball with such arms, the limit is this lattice itself.
         """
         table = self.contacts
-        between = slice(0, self.n_between)  # springs to the ground have no arms
-        balls = np.concatenate([table.i[between], table.j[between]])
-        arms = np.concatenate([table.arm_i[between], table.arm_j[between]])
+        joints = slice(0, self.n_between)  # springs to the ground have no arms
+        balls = np.concatenate([table.i[joints], table.j[joints]])
+        arms = np.concatenate([table.arm_i[joints], table.arm_j[joints]])
         mean_arm = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
         deviation = np.zeros(len(mean_arm))  # largest deviation from the mean, of each ball
         np.maximum.at(deviation, balls, np.abs(arms - mean_arm[balls]))
@@ -370,8 +373,8 @@ class LongWaves(Compatibility):
             return self
         arm_i = table.arm_i.copy()
         arm_j = table.arm_j.copy()
-        evened = np.where(is_evened[balls], mean_arm[balls], arms)
-        arm_i[between], arm_j[between] = np.split(evened, 2)
+        even_arms = np.where(is_evened[balls], mean_arm[balls], arms)
+        arm_i[joints], arm_j[joints] = np.split(even_arms, 2)
         return type(self)(
             self.cell,
             self.positions,
@@ -502,48 +505,56 @@ class LongWaves(Compatibility):
         """
         if self._touching_lattice is not self:
             return self._touching_lattice._sound_mass
-        free = self._free_motions
+        free_motions = self._free_motions
+        n_free = free_motions.shape[1]
         count = len(self.motions.translations)
-        no_staying = np.zeros((0, count + free.shape[1]))
-        all_mass_moves = _SoundMass(couples=False, moved=np.eye(count), staying=no_staying)
-        if not free.size:
-            return all_mass_moves
-        unrelaxed = self._deform_in_wave(free)
-        waves = self._relax(unrelaxed)
+        no_staying = np.zeros((0, count + n_free))
+        whole_mass = _SoundMass(
+            is_coupled=False, moving_mass=np.eye(count), staying_motions=no_staying
+        )
+        if not free_motions.size:
+            return whole_mass
+        unrelaxed_waves = self._deform_in_wave(free_motions)
+        waves = self._relax(unrelaxed_waves)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
         # a wave whose deformations relax altogether leaves the rounding of the unrelaxed ones
-        rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed)
+        rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed_waves)
 
-        def couple(waves: Array) -> bool:
-            """Return whether ``waves`` (n_rows, p, n) couple with sound to second order in q."""
+        def are_coupled(deformations: Array) -> bool:
+            """Return whether waves with ``deformations`` (n_rows, p, n) couple with sound to second
+            order in q.
+            """
             # sum over the rows r of the products of a displacement i with gradient j in sound, and
             # of the component l of q with motion m; q_j q_l is the same for j and l exchanged
-            products = np.einsum("rij,rlm->ijlm", sound, waves)
+            products = np.einsum("rij,rlm->ijlm", sound, deformations)
             coupling = products + products.swapaxes(1, 2)
             return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
-        if not couple(waves):
-            return all_mass_moves
+        if not are_coupled(waves):
+            return whole_mass
         # sound as a mass-weighted motion, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
         # motions, as rows, that deform nothing to second order: first their amplitudes in the
         # shifts of all balls, then those in the inner motions
-        staying = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=self._accuracy)
+        staying = _find_null(all_waves.reshape(-1, count + n_free), soft=self._accuracy)
         staying_shifts = staying[:, :count]
         staying_inner = staying[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
-        deforming = waves @ _find_null(staying_inner, 1.0).T
+        deforming_waves = waves @ _find_null(staying_inner, 1.0).T
         mass = np.eye(count) - staying_shifts.T @ staying_shifts
-        moved = np.where(np.abs(mass) > _COUPLED, mass, 0.0)
-        return _SoundMass(couples=couple(deforming), moved=moved, staying=staying)
+        return _SoundMass(
+            is_coupled=are_coupled(deforming_waves),
+            moving_mass=np.where(np.abs(mass) > _COUPLED, mass, 0.0),
+            staying_motions=staying,
+        )
 
-    def _deform_in_wave(self, free: Array) -> Array:
-        """Return the derivatives (n_rows, p, n_free), divided by i, of the deformations with
-        respect to q at q = 0, of inner motions ``free`` (n_inner, n_free) that deform no contact
-        there.
+    def _deform_in_wave(self, free_motions: Array) -> Array:
+        """Return the derivatives (n_rows, p, n_free) with respect to q, at q = 0, of the
+        deformations by inner ``free_motions`` (n_inner, n_free), which deform no contact at q = 0.
 
-        To first order in q the deformations in sound and in inner motions are i times real numbers.
+        The derivatives are divided by i: to first order in q the deformations in sound and in inner
+        motions are i times real numbers.
         """
         rows, root = self._weight_rows()
         difference, total = self._find_inner_ends(rows, root)
@@ -552,7 +563,7 @@ class LongWaves(Compatibility):
         # two others, are rounding alone
         effects = abs(difference) + abs(total)
         size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
-        change = total @ free
+        change = total @ free_motions
         is_rounding = np.abs(change) <= _SOFT * size
         return np.asarray(half[:, :, None] * np.where(is_rounding, 0.0, change)[:, None, :])
 
@@ -589,7 +600,7 @@ class LongWaves(Compatibility):
         if self._touching_lattice is not self:
             return self._touching_lattice.mechanism
         can_turn = self.motions.rotate
-        if self._sound_mass.couples:
+        if self._sound_mass.is_coupled:
             example = " (as gears do, on a lattice without odd rings)" if can_turn else ""
             return (
                 f"The balls of a cell can shift or turn against each other without a cost in"
@@ -796,19 +807,21 @@ class LongWaves(Compatibility):
 
     # -- derivatives -------------------------------------------------------------------------------
 
-    def _list_in_balls(self, inner: Array) -> Array:
-        """Return the motions u and w (n_balls, motions, m) of balls from mass-weighted amplitudes
-        ``inner`` of inner motions (n_inner, m), or in a cell of many balls of the motions of each
-        ball (n_branches, m).
+    def _list_in_balls(self, amplitudes: Array) -> Array:
+        """Return the motions u and w (n_balls, motions, m) of balls from mass-weighted
+        ``amplitudes``: (n_inner, m) of inner motions, or in a cell of many balls (n_branches, m) of
+        the motions of each ball.
         """
-        m = inner.shape[1]
-        if len(inner) == self.n_branches:
-            weighted = inner.reshape(self.n_balls, -1)
+        n_inner, m = amplitudes.shape
+        if n_inner == self.n_branches:
+            weighted_motions = amplitudes.reshape(self.n_balls, -1)
         else:
+            # shifts of all balls, which come first in the frame, are zero
             in_frame = np.zeros((self.n_branches, m))
-            in_frame[self.n_branches - len(inner) :] = inner
-            weighted = self._frame @ in_frame.reshape(self.n_balls, -1)
-        return (weighted / np.sqrt(self.masses)[:, None]).reshape(self.n_balls, -1, m)
+            in_frame[self.n_branches - n_inner :] = amplitudes
+            weighted_motions = self._frame @ in_frame.reshape(self.n_balls, -1)
+        motions = weighted_motions / np.sqrt(self.masses)[:, None]
+        return motions.reshape(self.n_balls, -1, m)
 
     @cached_property
     def gradient_motions(self) -> Array:
@@ -868,12 +881,12 @@ class LongWaves(Compatibility):
         if not self.is_prestressed:
             return rows, stack
         # the balls turn along, so that the row has no coefficients of their motions
-        none = np.zeros((len(table), self.motions.count))
+        zeros = np.zeros((len(table), self.motions.count))
         for axis in np.flatnonzero(self._is_across):
-            turned = np.zeros(shape)
-            turned[:, axis] = vector
-            rows.append(Row("push", 1.0, none, none))
-            stack = np.concatenate([stack, turned[None]])
+            push = np.zeros(shape)
+            push[:, axis] = vector
+            rows.append(Row("push", 1.0, zeros, zeros))
+            stack = np.concatenate([stack, push[None]])
         return rows, stack
 
     @cached_property
@@ -883,7 +896,7 @@ class LongWaves(Compatibility):
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
-        staying = self._sound_mass.staying
+        staying = self._sound_mass.staying_motions
         if not len(staying):
             return unit
         # the projection of a displacement of all balls on the motions that stay behind: a shift of
@@ -999,7 +1012,7 @@ class LongWaves(Compatibility):
     def loose_warnings(self) -> tuple[str, ...]:
         """One sentence about balls that sound leaves behind; empty if there are none."""
         count = len(self.motions.translations)
-        missing = count - float(np.trace(self._sound_mass.moved))
+        missing = count - float(np.trace(self._sound_mass.moving_mass))
         if missing <= _COUPLED:
             return ()
         return (
@@ -1012,7 +1025,7 @@ class LongWaves(Compatibility):
         """(n_u, n_u) square root of the ratio of all mass to the mass that sound moves; zero along
         displacements that move no mass.
         """
-        mass_parts, vectors = np.linalg.eigh(self._sound_mass.moved)
+        mass_parts, vectors = np.linalg.eigh(self._sound_mass.moving_mass)
         inverse = np.zeros_like(mass_parts)
         np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _COUPLED)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)

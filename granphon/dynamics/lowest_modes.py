@@ -30,14 +30,17 @@ SPARE = 8
 #: number of vectors of the block beyond those that are requested, over the requested ones
 _SPARE_SHARE = 0.4
 #: largest number of iterations; packings of 1e5 balls take some fifty
-_MOST = 500
+_MOST_ITERATIONS = 500
 #: number of fresh random vectors by which missing eigenvectors are sought
-_FRESH = 4
+_FRESH_VECTORS = 4
 #: residual of the lowest fresh vector, over the distance of its Ritz value from the last
 #: eigenvalue, at which the value has settled
 _SETTLED = 0.1
 #: largest number of times that missing eigenvectors are sought
 _ROUNDS = 4
+#: residual of a vector of the block, over the tolerance, up to which the iteration leaves the
+#: residual out
+_LEAST_RESIDUAL = 0.1
 #: eigenvalue of the products of vectors, over the largest, up to which they depend on each other
 _DEPENDENT = 1e-14
 
@@ -87,11 +90,11 @@ def size_block(count: int) -> int:
 class LowestSearch:
     """The search for the lowest eigenvalues of a sparse Hermitian ``matrix`` (size, size).
 
-    ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix. ``known``
-    (size, k), sparse or not, are orthonormal eigenvectors that the search leaves out; None if there
-    are none. An eigenvector is found when the norm of its residual is no larger than the
-    ``tolerance``, in the unit of the matrix. ``progress`` is told how far the residuals have fallen
-    towards the tolerance.
+    ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix.
+    ``known_vectors`` (size, k), sparse or not, are orthonormal eigenvectors that the search leaves
+    out; None if there are none. An eigenvector is found when the norm of its residual is no larger
+    than the ``tolerance``, in the unit of the matrix. ``progress`` is told how far the residuals
+    have fallen towards the tolerance.
     """
 
     def __init__(
@@ -99,14 +102,14 @@ class LowestSearch:
         matrix: Any,
         precondition: Callable[[NDArray[Any]], NDArray[Any]],
         tolerance: float,
-        known: Any = None,
+        known_vectors: Any = None,
         progress: Progress = silent,
     ) -> None:
         """Keep the arguments, and seed the random vectors, so that results can be repeated."""
         self._matrix = matrix
         self._precondition = precondition
         self._tolerance = tolerance
-        self._known = known
+        self._known_vectors = known_vectors
         self._progress = progress
         self._random = np.random.default_rng(0)
 
@@ -114,18 +117,18 @@ class LowestSearch:
         """Return the ``count`` lowest eigenvalues and their vectors.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found in
-        :data:`_MOST` iterations, or if eigenvectors are still missing after :data:`_ROUNDS`
-        searches.
+        :data:`_MOST_ITERATIONS` iterations, or if eigenvectors are still missing after
+        :data:`_ROUNDS` searches.
         """
         block = self._draw_block(size_block(count), None)
         for _ in range(_ROUNDS):
             block = self._converge(block, count)
-            missing = self._find_missing(block, count)
-            if missing is None:
+            lower_block = self._find_missing(block, count)
+            if lower_block is None:
                 residuals = np.linalg.norm(block.find_residuals()[:, :count], axis=0)
                 return LowestModes(block.values[:count], block.vectors[:, :count], residuals)
-            joined = np.hstack([block.vectors, missing.vectors])
-            block = self._make_block(joined, size_block(count))
+            basis = np.hstack([block.vectors, lower_block.vectors])
+            block = self._make_block(basis, size_block(count))
         raise self._make_error(count)
 
     def _draw(self, count: int) -> NDArray[Any]:
@@ -135,45 +138,48 @@ class LowestSearch:
             return vectors + 1.0j * self._random.normal(size=vectors.shape)
         return vectors
 
-    def _draw_block(self, size: int, left_out: NDArray[Any] | None) -> _Block:
-        """Return a block of about ``size`` vectors: preconditioned random ones, made perpendicular
-        to the known eigenvectors and to orthonormal ``left_out`` (n, k).
+    def _draw_block(self, n_vectors: int, excluded_basis: NDArray[Any] | None) -> _Block:
+        """Return a block of ``n_vectors`` vectors, or of fewer if they depend on each other:
+        preconditioned random vectors, made perpendicular to the known eigenvectors and to the
+        orthonormal ``excluded_basis`` (size, k), if there is one.
         """
-        vectors = self._make_perpendicular(self._precondition(self._draw(size)), left_out)
-        return self._make_block(_orthonormalise(vectors), size)
+        random_vectors = self._precondition(self._draw(n_vectors))
+        vectors = self._make_perpendicular(random_vectors, excluded_basis)
+        return self._make_block(_orthonormalise(vectors), n_vectors)
 
-    def _make_block(self, basis: NDArray[Any], size: int) -> _Block:
-        """Return the block of the ``size`` lowest Ritz vectors of the space of an orthonormal
-        ``basis`` (n, m), without a change.
+    def _make_block(self, basis: NDArray[Any], n_vectors: int) -> _Block:
+        """Return the block of the ``n_vectors`` lowest Ritz vectors of the space of an orthonormal
+        ``basis`` (size, m), or of all m if there are fewer; the block has no last change.
         """
         images = self._matrix @ basis
         values, turn = np.linalg.eigh(_symmetrise(basis.conj().T @ images))
-        turn = turn[:, :size]
-        return _Block(basis @ turn, images @ turn, values[:size], basis[:, :0])
+        turn = turn[:, :n_vectors]
+        no_change = basis[:, :0]
+        return _Block(basis @ turn, images @ turn, values[:n_vectors], no_change)
 
     def _make_perpendicular(
-        self, vectors: NDArray[Any], left_out: NDArray[Any] | None
+        self, vectors: NDArray[Any], excluded_basis: NDArray[Any] | None
     ) -> NDArray[Any]:
         """Return the parts of ``vectors`` (size, m) that are perpendicular to the known
-        eigenvectors and to orthonormal ``left_out`` (size, k).
+        eigenvectors and to the orthonormal ``excluded_basis`` (size, k), if there is one.
         """
-        for basis in (self._known, left_out):
+        for basis in (self._known_vectors, excluded_basis):
             if basis is not None and basis.shape[1]:
                 vectors = vectors - basis @ (basis.conj().T @ vectors)
         return np.asarray(vectors)
 
     def _iterate(
-        self, block: _Block, residuals: NDArray[Any], left_out: NDArray[Any] | None
+        self, block: _Block, residuals: NDArray[Any], excluded_basis: NDArray[Any] | None
     ) -> _Block:
-        """Return the next block: the lowest Ritz vectors of the space of the vectors of the
-        ``block``, of its last change, and of the preconditioned ``residuals`` (size, k) of some of
-        its vectors, made perpendicular to ``left_out`` (size, l).
+        """Return the next block, of as many vectors: the lowest Ritz vectors of the space of the
+        vectors X of the ``block``, of its last change P, and of the preconditioned ``residuals``
+        (size, k) of some of its vectors. These are made perpendicular to the known eigenvectors and
+        to the orthonormal ``excluded_basis`` (size, l), if there is one.
         """
         x = block.vectors
         m = x.shape[1]
-        space = np.hstack(
-            [self._make_perpendicular(self._precondition(residuals), left_out), block.change]
-        )
+        preconditioned = self._precondition(residuals)
+        space = np.hstack([self._make_perpendicular(preconditioned, excluded_basis), block.change])
         # the lengths of residuals differ by orders of magnitude; each vector counts as much
         space /= np.maximum(np.linalg.norm(space, axis=0), np.finfo(float).tiny)
         for _ in range(2):  # the second time removes the rounding of the first
@@ -181,10 +187,10 @@ class LowestSearch:
             space = _orthonormalise(space)
         images = self._matrix @ space
         mixed = x.conj().T @ images
-        energies = np.block(
+        projection = np.block(
             [[np.diag(block.values), mixed], [mixed.conj().T, space.conj().T @ images]]
         )
-        values, turn = np.linalg.eigh(_symmetrise(energies))
+        values, turn = np.linalg.eigh(_symmetrise(projection))
         from_block = turn[:m, :m]
         from_space = turn[m:, :m]
         change = space @ from_space
@@ -194,47 +200,48 @@ class LowestSearch:
     def _converge(self, block: _Block, count: int) -> _Block:
         """Return the ``block`` after as many iterations as the residuals of its first ``count``
         vectors take to fall to the tolerance; tell the progress. Raises
-        :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST` iterations.
+        :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
-        first_worst: float | None = None
-        reached = 0.0
+        worst_at_start: float | None = None
+        part_done = 0.0  # of the digits by which the worst residual has to fall
         with self._progress.step("lowest modes", 1.0) as step:
-            for _ in range(_MOST):
+            for _ in range(_MOST_ITERATIONS):
                 residuals = block.find_residuals()
                 sizes = np.linalg.norm(residuals, axis=0)
                 worst = float(np.max(sizes[:count]))
                 if worst <= self._tolerance:
-                    step.advance(1.0 - reached)
+                    step.advance(1.0 - part_done)
                     return block
-                if first_worst is None:
-                    first_worst = worst
-                whole = math.log(first_worst / self._tolerance)
-                gained = math.log(first_worst / worst) / whole - reached
-                if gained > 0.0:
-                    step.advance(gained)
-                    reached += gained
+                if worst_at_start is None:
+                    worst_at_start = worst
+                all_digits = math.log(worst_at_start / self._tolerance)
+                further_part = math.log(worst_at_start / worst) / all_digits - part_done
+                if further_part > 0.0:
+                    step.advance(further_part)
+                    part_done += further_part
                 # residuals of vectors that have converged by far are left out
-                is_open = sizes > 0.1 * self._tolerance
+                is_open = sizes > _LEAST_RESIDUAL * self._tolerance
                 block = self._iterate(block, residuals[:, is_open], None)
         raise self._make_error(count)
 
     def _find_missing(self, block: _Block, count: int) -> _Block | None:
-        """Return a block of fresh vectors, perpendicular to those of the ``block``, whose lowest
-        Ritz value is below the last of the first ``count`` values of the ``block``, so that an
-        eigenvector is missing there; None if no eigenvector is missing. Raises
-        :class:`~granphon.base.errors.ConvergenceError` if this does not settle within :data:`_MOST`
-        iterations.
+        """Return None if none of the ``count`` lowest eigenvectors is missing in the ``block``.
+        Otherwise return a block of fresh vectors, perpendicular to those of the ``block``, whose
+        lowest Ritz value is below value number ``count`` of the ``block``.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if this does not settle within
+        :data:`_MOST_ITERATIONS`.
         """
         highest = float(block.values[count - 1])
-        fresh = self._draw_block(_FRESH, block.vectors)
-        for _ in range(_MOST):
-            distance = float(fresh.values[0]) - highest
+        fresh_block = self._draw_block(_FRESH_VECTORS, block.vectors)
+        for _ in range(_MOST_ITERATIONS):
+            distance = float(fresh_block.values[0]) - highest
             if distance < 0.0:
-                return fresh
-            residuals = fresh.find_residuals()
+                return fresh_block
+            residuals = fresh_block.find_residuals()
             if np.linalg.norm(residuals[:, 0]) <= _SETTLED * distance + self._tolerance:
                 return None
-            fresh = self._iterate(fresh, residuals, block.vectors)
+            fresh_block = self._iterate(fresh_block, residuals, block.vectors)
         raise self._make_error(count)
 
     def _make_error(self, count: int) -> ConvergenceError:

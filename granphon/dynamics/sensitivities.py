@@ -72,7 +72,8 @@ def name_units(unit: str) -> dict[str, str]:
 @result_class
 class Sensitivities(Result):
     """Derivatives of results of a network; SI units. Contacts and balls are those of the network,
-    in its order; the axes of the results come first.
+    in its order; the axes of the results come first. A field is None if the result does not depend
+    on the parameter, as moduli do not depend on masses.
 
     Each derivative is by one number alone, while all others stay: the shear stiffness of a contact
     does not follow its normal stiffness, nor the inertia of a ball its mass.
@@ -173,8 +174,8 @@ class Place(NamedTuple):
 
 
 def turn_motions(motions: Motions, axes: Array) -> Array:
-    """Return (motions, motions) the matrix that turns the motions of a ball into others of a frame
-    whose ``axes`` (d, d) are its rows.
+    """Return the matrix (motions, motions) that takes the ``motions`` of a ball to those along and
+    about other axes, unit vectors which are the rows of ``axes`` (d, d).
     """
     d = len(axes)
     in_space = np.eye(3)
@@ -189,8 +190,8 @@ def turn_motions(motions: Motions, axes: Array) -> Array:
 
 
 def list_inertias(network: ContactNetwork) -> Array:
-    """Return (n, motions) the mass, kg, or the moment of inertia, kg m^2, that each motion of the
-    balls of a ``network`` moves.
+    """Return (n, motions), for each motion of each ball of a ``network``, the mass, kg, or the
+    moment of inertia, kg m^2.
     """
     pair = np.column_stack([network.masses, network.inertias])
     return pair[:, network.ball_motions.is_rotation.astype(int)]
@@ -198,7 +199,8 @@ def list_inertias(network: ContactNetwork) -> Array:
 
 def sum_kinds(rows: Sequence[Row], products: Array) -> dict[str, Array]:
     """Return the sums over the rows of each kind, (n_c, ...), of ``products`` (rows x n_c, ...)
-    times the stiffness of the row, by the names of :data:`STIFFNESSES`.
+    times the stiffness of the row, by the names of :data:`STIFFNESSES`. Stiffnesses are numbers, or
+    (n_c,) if ``products`` have no further axes.
     """
     by_row = products.reshape(len(rows), -1, *products.shape[1:])
     sums: dict[str, Array] = {}
@@ -211,8 +213,8 @@ def sum_kinds(rows: Sequence[Row], products: Array) -> dict[str, Array]:
 
 def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
     """Return what one in the reduced ``units`` is in SI, for each parameter of a contact by which
-    derivatives are found: a number, or (n_c,). The rows of the normal force stand for minus the
-    force over the distance, so that its number contains minus the distance.
+    derivatives are found: a number, or (n_c,). Derivatives by "normal_force" are found by minus the
+    force over the distance of the balls, so that the unit contains minus this distance.
     """
     twist_unit = units.stiffness * units.length**2
     by_contact: dict[str, Any] = {
@@ -258,14 +260,16 @@ def number_equal(frequencies: Array) -> Index:
     return numbers
 
 
-def average_equal(values: Array, groups: Index, chosen: Index) -> Array:
-    """Return the means of ``values`` (..., m) over modes of one number in ``groups`` (m,), which
-    ascend, for the numbers ``chosen`` (b,): (..., b).
+def average_equal(values: Array, groups: Index, group_of_branch: Index) -> Array:
+    """Return (..., b), for each branch the mean of ``values`` (..., m) over the modes of its group.
+
+    ``groups`` (m,), ascending, are the numbers of the groups of the modes, and ``group_of_branch``
+    (b,) those of the groups of the branches.
     """
     starts = np.flatnonzero(np.diff(groups, prepend=-1))
     counts = np.diff(starts, append=len(groups))
     means = np.add.reduceat(values, starts, axis=-1) / counts
-    return np.asarray(means[..., np.searchsorted(groups[starts], chosen)])
+    return np.asarray(means[..., np.searchsorted(groups[starts], group_of_branch)])
 
 
 def find_frequency_sensitivities(

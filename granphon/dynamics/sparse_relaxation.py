@@ -68,8 +68,9 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
 
 def find_rounded_columns(size: Array, is_turn: Flags, soft: float) -> Flags:
     """Return (n,) whether each column of the deformations by inner motions is only rounding, so
-    that its motion deforms nothing: if its ``size`` (n,) is no more than the part ``soft`` of the
-    largest of its kind, rotations, for which ``is_turn`` (n,) is true, or displacements.
+    that its motion deforms nothing. That is so if the ``size`` (n,) of the column, over the largest
+    size of its kind, is ``soft`` or less; kinds are rotations, for which ``is_turn`` (n,) is true,
+    and displacements.
     """
     largest_turn = np.max(size, where=is_turn, initial=0.0)
     largest_shift = np.max(size, where=~is_turn, initial=0.0)
@@ -164,22 +165,24 @@ class SparseRelaxation:
         from scipy.sparse import csc_array, diags_array
 
         # the motions set aside, in units of the scale of their columns
-        scaled = csc_array(self._fronts.follow())
-        lengths = np.sqrt(scaled.power(2).sum(axis=0))
+        scaled_motions = csc_array(self._fronts.follow())
+        lengths = np.sqrt(scaled_motions.power(2).sum(axis=0))
         limit = soft * np.sqrt(self._top)
-        costs_nothing = np.sqrt((self._rows @ scaled).power(2).sum(axis=0)) <= limit * lengths
-        motions = (diags_array(1.0 / self._scale) @ scaled).tocsc()
+        sizes = np.sqrt((self._rows @ scaled_motions).power(2).sum(axis=0))  # of deformations
+        is_free_at_rest = sizes <= limit * lengths
+        motions = (diags_array(1.0 / self._scale) @ scaled_motions).tocsc()
         change = (total @ motions).tocoo()
         row_lengths = np.sqrt(total.power(2).sum(axis=1))
         column_lengths = np.sqrt(motions.power(2).sum(axis=0))
         rounding = soft * row_lengths[change.row] * column_lengths[change.col]
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
-        is_idle = costs_nothing
-        is_idle[change.col[np.abs(change.data) > rounding]] = False
-        active_motions = scaled[:, ~is_idle].toarray()
+        is_free_in_wave = np.ones(motions.shape[1], bool)
+        is_free_in_wave[change.col[np.abs(change.data) > rounding]] = False
+        is_idle = is_free_at_rest & is_free_in_wave
+        active_motions = scaled_motions[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
             active_motions -= self._fronts.solve(self._columns @ (self._rows @ active_motions))
-        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active_motions))[0]
+        basis = np.linalg.qr(_leave_out(scaled_motions[:, is_idle], active_motions))[0]
         deformations, singular_values, right_vectors = np.linalg.svd(
             self._rows @ basis, full_matrices=False
         )
@@ -192,15 +195,15 @@ class SparseRelaxation:
         )
         shifts = self.lattice.shifts
         idle_shifts = _orthonormalise(shifts - _leave_out(idle_motions, shifts))
-        free = np.concatenate([idle_shifts, free_active], axis=1)
-        self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
+        with_shifts = np.concatenate([idle_shifts, free_active], axis=1)
+        self.free: Array = _orthonormalise(with_shifts - shifts @ (shifts.T @ with_shifts))
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
-        remaining, _ = self._relax(deformations)
-        return remaining
+        relaxed, _ = self._relax(deformations)
+        return relaxed
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
@@ -273,18 +276,19 @@ class SparseRelaxation:
             # motions that cost nothing are left out. Static forces do not act on them; that
             # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest
-            free = motions[:, ~is_stiff]
-            acting = mixed - free @ (free.T @ mixed)
-            pull = np.asarray(scale @ acting)
+            free_motions = motions[:, ~is_stiff]
+            forces = mixed - free_motions @ (free_motions.T @ mixed)
+            pull = np.asarray(scale @ forces)
             response = np.zeros_like(pull)
             for _ in range(1 + _CORRECTIONS):
                 response += fronts.solve(pull - matrix @ response)
         saved_by_factors = pull.T @ response
-        forces = motions[:, is_stiff].T @ acting
-        amplitudes = forces / energies[is_stiff, None]
-        saved_by_set_aside = forces.T @ amplitudes
-        motion = scale @ response + motions[:, is_stiff] @ amplitudes
-        return saved_by_factors + saved_by_set_aside, np.asarray(motion)
+        stiff_motions = motions[:, is_stiff]
+        forces_on_stiff = stiff_motions.T @ forces
+        amplitudes = forces_on_stiff / energies[is_stiff, None]
+        saved_by_stiff = forces_on_stiff.T @ amplitudes
+        motion = scale @ response + stiff_motions @ amplitudes
+        return saved_by_factors + saved_by_stiff, np.asarray(motion)
 
     def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
         """Return the energies (k,), ascending, of the motions that factors have set aside, and

@@ -68,14 +68,14 @@ class _Boxes(NamedTuple):
     Attributes
     ----------
     box : (n,) number of the box of each ball.
-    total : number of boxes.
+    n_boxes : number of boxes.
     vector : (n, 3) vector from the middle of its box to each ball.
     cells : (n, p) numbers of periods by which each ball was moved into its box.
-    side : length of the sides of boxes, about.
+    side : typical length of the sides of boxes.
     """
 
     box: Index
-    total: int
+    n_boxes: int
     vector: Array
     cells: Array
     side: float
@@ -88,11 +88,11 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     n = len(frame.positions)
     p = len(frame.cell)
     # unit vectors perpendicular to the periods complete the cell to three axes
-    across = np.eye(3)
+    perpendicular_axes = np.eye(3)
     if p:
         _, _, directions = np.linalg.svd(frame.cell, full_matrices=True)
-        across = directions[p:]
-    axes = np.concatenate([frame.cell, across])
+        perpendicular_axes = directions[p:]
+    axes = np.concatenate([frame.cell, perpendicular_axes])
     # coordinates (n, 3) of the balls along these axes, within the cell along the periods
     coordinates = frame.positions @ np.linalg.inv(axes)
     cells = -np.floor(coordinates[:, :p])
@@ -144,7 +144,8 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     boxes = _find_boxes(frame)
     motions = frame.motions
     n = len(boxes.box)
-    chosen = [*motions.translations, *(3 + axis for axis in motions.rotations)]
+    # of the six motions of a ball in space those that balls have
+    columns = [*motions.translations, *(3 + axis for axis in motions.rotations)]
     roots = np.sqrt(frame.masses)[:, None]
     # motions of each ball, u and w, in the six motions of its box as a rigid body. A rotation of a
     # box is about its middle, and counted as the angle times the side of a box
@@ -153,20 +154,20 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
         effects[:, axis, axis] = roots[:, 0]
         effects[:, :3, 3 + axis] = roots * np.cross(along, boxes.vector) / boxes.side
         effects[:, 3 + axis, 3 + axis] = roots[:, 0] * frame.gyration / boxes.side
-    effects = effects[:, chosen]
+    effects = effects[:, columns]
     # combinations of the six that are independent are made orthonormal, box by box: products are
     # the sums over the balls n of a box, and over the motions k of each ball
-    products = np.zeros((boxes.total, 6, 6))
+    products = np.zeros((boxes.n_boxes, 6, 6))
     np.add.at(products, boxes.box, np.einsum("nki,nkj->nij", effects, effects))
-    sizes, vectors = np.linalg.eigh(products)
-    is_motion = sizes > _DEPENDENT * sizes[:, -1:]
-    scale = np.divide(1.0, np.sqrt(np.abs(sizes)), out=np.zeros_like(sizes), where=is_motion)
+    squares, vectors = np.linalg.eigh(products)
+    is_motion = squares > _DEPENDENT * squares[:, -1:]
+    scale = np.divide(1.0, np.sqrt(np.abs(squares)), out=np.zeros_like(squares), where=is_motion)
     weights = vectors * scale[:, None, :]
     blocks = effects @ weights[boxes.box]  # (n, motions, 6)
     if q is not None:
         phase = np.exp(-2.0j * np.pi * (boxes.cells @ q))
         blocks = blocks * phase[:, None, None]
-    shape = (n * motions.count, 6 * boxes.total)
+    shape = (n * motions.count, 6 * boxes.n_boxes)
     all_columns = bsr_array((blocks, boxes.box, np.arange(n + 1)), shape=shape).tocsc()
     return all_columns[:, np.flatnonzero(is_motion.ravel())].tocsr()
 
@@ -202,6 +203,7 @@ class TwoLevels:
 
     def __call__(self, residual: NDArray[Any]) -> NDArray[Any]:
         """Return the approximate inverse times the ``residual`` (n * count, m)."""
+        # single balls, then boxes, then single balls again
         motions = self._step @ residual
         motions += self._boxes @ self._solve(self._to_boxes @ (residual - self._matrix @ motions))
         return np.asarray(motions + self._step @ (residual - self._matrix @ motions))
@@ -227,9 +229,9 @@ def _make_real(matrix: Any) -> Any:
 
 
 def invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
-    """Return the inverse (n, n) of the diagonal blocks (``count``, ``count``) of a sparse Hermitian
-    ``matrix`` (n, n), those of single balls, and orthonormal motions (n, m) of single balls that
-    cost nothing, on which the inverse is zero; both are sparse.
+    """Return two sparse matrices: the inverse (size, size) of the diagonal blocks (``count``,
+    ``count``) of single balls in a sparse Hermitian ``matrix`` (size, size), and orthonormal
+    motions (size, m) of single balls that cost nothing, on which the inverse is zero.
     """
     from scipy.sparse import bsr_array, csr_array
 
@@ -251,8 +253,8 @@ def invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
     balls, modes = np.nonzero(~is_held)
     lines = balls[:, None] * count + np.arange(count)
     numbers = np.broadcast_to(np.arange(len(balls))[:, None], lines.shape)
-    free = csr_array(
+    free_motions = csr_array(
         (vectors[balls, :, modes].ravel(), (lines.ravel(), numbers.ravel())),
         shape=(size, len(balls)),
     )
-    return ball_inverses, free
+    return ball_inverses, free_motions

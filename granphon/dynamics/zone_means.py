@@ -63,14 +63,14 @@ def shortest_vectors(reciprocal: Array) -> Array:
     vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
     # nine decimals, so that rounding does not decide among equal lengths
     lengths = np.round(np.linalg.norm(vectors, axis=1) / longest, 9)
-    chosen: list[Array] = []
+    basis: list[Array] = []
     for vector in vectors[np.argsort(lengths, kind="stable")]:
-        rank = np.linalg.matrix_rank(np.array([*chosen, vector]), tol=1e-6 * longest)
-        if rank > len(chosen):
-            chosen.append(vector)
-        if len(chosen) == len(reciprocal):
+        rank = np.linalg.matrix_rank(np.array([*basis, vector]), tol=1e-6 * longest)
+        if rank > len(basis):
+            basis.append(vector)
+        if len(basis) == len(reciprocal):
             break
-    return np.array(chosen)
+    return np.array(basis)
 
 
 def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> list[Operation]:
@@ -83,27 +83,27 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     basis = shortest_vectors(reciprocal)
     operations = _list_operations(len(basis))
     fractions = _PROBES[:, : len(basis)]
-    images = np.stack([fractions[:, turn.order] * turn.signs for turn in operations])
+    images = np.stack([fractions[:, operation.order] * operation.signs for operation in operations])
     all_values = function(images.reshape(-1, len(basis)) @ basis)
     values = all_values.reshape(len(operations), len(fractions), -1)
     # the first operation is the identity
     is_equal = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
-    allowed = [operations[number] for number in np.flatnonzero(is_equal)]
+    symmetries = [operations[number] for number in np.flatnonzero(is_equal)]
     group = {operations[0]}
-    for turn in allowed:
-        if turn in group:
+    for symmetry in symmetries:
+        if symmetry in group:
             continue
-        # if a lattice is symmetric only up to rounded numbers, some products of allowed operations
-        # are not allowed; an operation is added only if all products are
-        larger_group = _close_group(group | {turn})
-        if larger_group <= set(allowed):
+        # if a lattice is symmetric only up to rounded numbers, some products of symmetries are no
+        # symmetries; one is added to the group only if all products are
+        larger_group = _close_group(group | {symmetry})
+        if larger_group <= set(symmetries):
             group = larger_group
     return sorted(group)
 
 
 def _close_group(operations: set[Operation]) -> set[Operation]:
-    """Return the group that ``operations`` generate: them, their products, products of these, and
-    so on.
+    """Return the group that ``operations`` generate: the operations, their products, the products
+    of these, and so on.
     """
     products = {last.after(first) for last in operations for first in operations}
     return operations if products <= operations else _close_group(operations | products)
@@ -136,10 +136,11 @@ def _find_distinct_simplices(
     distinct = []
     while unassigned:
         simplex = next(iter(unassigned))
-        corner, sides = simplex
+        corner, operation = simplex
         # a change of sign takes a corner, whose coordinates are 0 or 1/2, to an equivalent one
         images = {
-            (tuple(corner[axis] for axis in turn.order), turn.after(sides)) for turn in symmetries
+            (tuple(corner[axis] for axis in symmetry.order), symmetry.after(operation))
+            for symmetry in symmetries
         }
         for image in images:
             del unassigned[image]
@@ -175,8 +176,10 @@ def divide_zone(
     # the Jacobian of Duffy's map
     distances = np.cumprod(cube, axis=1)
     weights = np.prod(gauss, axis=1) * np.prod(distances[:, :-1], axis=1)
-    for (corner, sides), count in _find_distinct_simplices(tuple(symmetries), periods):
-        fractions = 0.5 * np.array(corner) + 0.25 * distances[:, sides.order] * sides.signs
+    for simplex, count in _find_distinct_simplices(tuple(symmetries), periods):
+        corner, operation = simplex
+        steps = distances[:, operation.order] * operation.signs
+        fractions = 0.5 * np.array(corner) + 0.25 * steps
         yield fractions @ basis, weights * (count / 4.0**periods)
 
 

@@ -1802,15 +1802,15 @@ def _list_constant(
     """Return those of the ``kinds`` of facts that do not vary within any group of ``curves``;
     ``groups`` has the group of each curve, a value that all curves of a group share.
     """
-    facts_of_group: dict[Any, list[Mapping[str, str]]] = {}
+    facts_of_groups: dict[Any, list[Mapping[str, str]]] = {}
     for curve, group in zip(curves, groups, strict=True):
-        facts_of_group.setdefault(group, []).append(curve.facts)
+        facts_of_groups.setdefault(group, []).append(curve.facts)
     return [
         kind
         for kind in kinds
         if all(
-            len({facts.get(kind) for facts in of_group}) == 1
-            for of_group in facts_of_group.values()
+            len({facts.get(kind) for facts in facts_of_curves}) == 1
+            for facts_of_curves in facts_of_groups.values()
         )
     ]
 

@@ -14,8 +14,8 @@ from granphon.figures.scales import (
     FORCES,
     ROW_HEIGHT,
     add_title,
-    list_balls,
     name_axis,
+    order_balls,
     styled_figure,
 )
 
@@ -672,7 +672,7 @@ def _sum_over_contacts(
 def _find_map_of_network(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_over_contacts(network.i, network.j, network.normal_force, network.n_balls)
-    indices = list_balls(network)
+    indices = order_balls(network)
     places = network.positions[indices, :2]
     radii = network.radii[indices]
     low = np.min(places - radii[:, None], axis=0)

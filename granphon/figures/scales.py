@@ -13,6 +13,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from io import BytesIO
 from logging.handlers import BufferingHandler
 from typing import TYPE_CHECKING, Any
@@ -408,10 +409,12 @@ def draw_densities(
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
 
 
-def list_balls(network: ContactNetwork) -> Index:
+def order_balls(network: ContactNetwork) -> Index:
     """Return the indices of the balls of a network, without its flat walls, in the order in which
-    they are drawn: in space the nearest to the viewer, who looks along z, come last.
+    they are drawn: in space by ascending z, as z points to the viewer, so that the nearest come
+    last.
     """
+    # the radius of a flat wall is infinite
     balls = np.flatnonzero(np.isfinite(network.radii))
     if network.dimension < 3:
         return balls
@@ -423,9 +426,9 @@ def draw_balls(
 ) -> EllipseCollection:
     """Draw the balls of a network, seen along z, coloured by their ``values`` (n,), one for each
     ball and wall, through a map of ``colours`` and its ``norm``; axes are in mm. Return the drawn
-    balls, in the order of :func:`list_balls`.
+    balls, in the order of :func:`order_balls`.
     """
-    numbers = list_balls(network)
+    numbers = order_balls(network)
     diameters = 2.0 * _MM_PER_M * network.radii[numbers]
     centres = _MM_PER_M * network.positions[numbers, :2]
     repeats_along_x = network.pbc[0] and not np.any(network.cell[0, 1:])
@@ -590,14 +593,26 @@ class _PlainTicks(Locator):
         """Return the ticks of an axis between ``vmin`` and ``vmax``: the first set of round numbers
         with enough of them, or the set with the most.
         """
-        low, high = sorted((vmin, vmax))
-        major = minor = np.empty(0)
-        for ticks, finer_ticks in _list_round_numbers(low, high, few=self._least < _LEAST_TICKS):
-            major = _keep_inside(ticks, low, high)
-            minor = _keep_inside(finer_ticks, low, high)
-            if major.size >= self._least:
-                break
+        low, high = sorted((float(vmin), float(vmax)))
+        major, minor = _choose_round_numbers(low, high, self._least)
         return minor if self._minor else major
+
+
+@lru_cache(maxsize=32)
+def _choose_round_numbers(low: float, high: float, least: int) -> tuple[Array, Array]:
+    """Return the ticks and the minor ticks of an axis from ``low`` to ``high``: of the sets of
+    :func:`_list_round_numbers` the first with at least ``least`` ticks, or the last. They are kept
+    for further calls, as matplotlib asks for them some twenty times to draw an axis.
+    """
+    major = minor = np.empty(0)
+    for ticks, finer_ticks in _list_round_numbers(low, high, few=least < _LEAST_TICKS):
+        major = _keep_inside(ticks, low, high)
+        minor = _keep_inside(finer_ticks, low, high)
+        if major.size >= least:
+            break
+    major.flags.writeable = False
+    minor.flags.writeable = False
+    return major, minor
 
 
 def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple[Array, Array]]:

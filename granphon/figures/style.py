@@ -107,7 +107,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
     """Save a figure, in the format of the suffix of ``path``; ``options`` are those of
     ``Figure.savefig``.
 
-    The folder is made if need be.
+    The folder is made if need be. The figure keeps the places of its axes at which it is saved.
 
     Raises
     ------
@@ -119,8 +119,36 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
     mend = f"Look {suspects}"
     if options.get("backend"):  # the backend may be missing, or lack a package
         mend = f"Leave --backend (backend) out or give another, or look {suspects}"
-    with _explain_failure(Path(path), mend) as target:
+    with _explain_failure(Path(path), mend) as target, _laid_out(figure):
         figure.savefig(target, **options)
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Lay out a figure, and take its layout engine away within the block: with an engine,
+    matplotlib draws the figure twice to save it once, the first time for the layout alone.
+
+    Within the block the figure is on a canvas for pixels, whose renderer measures texts once for
+    the layout and for the picture.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    canvas = figure.canvas
+    FigureCanvasAgg(figure)  # becomes the canvas of the figure
+    try:
+        engine.execute(figure)
+        # no engine, also where the settings of matplotlib name one for all figures
+        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
+        yield
+    finally:
+        figure.set_layout_engine(engine)
+        figure.set_canvas(canvas)
 
 
 def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> None:

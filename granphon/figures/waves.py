@@ -21,9 +21,9 @@ from granphon.figures.scales import (
     draw_balls,
     draw_densities,
     draw_error_band,
-    list_balls,
     make_error_handle,
     name_errors,
+    order_balls,
     read_errors,
     scale_axis,
     styled_figure,
@@ -904,7 +904,7 @@ def animate_pulse(
         limit = max(0.5 * float(np.max(np.abs(velocities))), LEAST_LIMIT)
         plot_frame(network, pulse, 0, ax, limit)
     (balls,) = ax.collections
-    order = list_balls(network)
+    order = order_balls(network)
 
     def show(frame: int) -> Any:
         """Colour the balls by their velocities in a frame; return what has changed."""

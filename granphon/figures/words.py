@@ -161,8 +161,9 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
 def list_facts(packing: Packing) -> dict[str, str]:
     """Return facts of balls and their contacts, in words by kind of fact: {"diameter": "d = 8 mm"}.
 
-    Two packings with the same value have the same words. The overlap counts as small beside the
-    diameter.
+    Equal values have equal words, by which packings are compared; numbers have five digits at most.
+    The fact "overlap" is that of states without terms of overlap/diameter; where a medium is known,
+    its own words take the place of this (:func:`~granphon.figures.curves.describe_lines`).
     """
     material = packing.material
     spread = packing.spread
@@ -182,6 +183,7 @@ def list_facts(packing: Packing) -> dict[str, str]:
         )
     )
     if spread is not None and packing.width and spread.kind != "uniform":
+        # the fact of the width, see describe_parameter
         facts["spread"] += f" ({spread.kind})"
     return facts | {"overlap": describe_overlap(finite=False)}
 

@@ -783,7 +783,7 @@ def fit_damping(
     restitution: Any = 1.0,
     quantity: str = "displacement",
     direction: ArrayLike | None = None,
-    polarisation: str | ArrayLike = "longitudinal",
+    polarisation: str | ArrayLike | None = None,
     distance: float | None = None,
     finite_overlap: bool | None = None,
     **load: float,

@@ -30,7 +30,15 @@ from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused
 from granphon.base.text import show
-from granphon.base.validation import choice, lengths, number, read_inside, real_number, truth
+from granphon.base.validation import (
+    choice,
+    lengths,
+    number,
+    read_inside,
+    real_number,
+    require,
+    truth,
+)
 from granphon.media.medium import Option
 
 #: default numbers of cells of a sample, with one, two and three periods
@@ -112,6 +120,8 @@ class FrictionHistory:
         "gas": balls apart on their sites.
     step_tolerance : relative change of f* below which steps of the load are not halved again.
     ordered : whether loads come in the order given; otherwise they rise from the start.
+
+    Raises :class:`~granphon.base.errors.InputError` for a value out of range.
     """
 
     friction_coefficient: float | None = None
@@ -119,6 +129,13 @@ class FrictionHistory:
     start: float | Load | str = START_SPACING
     step_tolerance: float = REFINEMENT_TOLERANCE
     ordered: bool = False
+
+    def __post_init__(self) -> None:
+        """Check each value by the rule of its option, and keep what the rule returns."""
+        for option in fields(self):
+            rule = HISTORY_OPTIONS[option.name].rule
+            value = require(option.name, rule, getattr(self, option.name))
+            object.__setattr__(self, option.name, value)  # the dataclass is frozen
 
     @classmethod
     def read(cls, options: Mapping[str, Any]) -> Self:
@@ -187,9 +204,9 @@ class FrictionHistory:
         if isinstance(self.start, Load):
             (start,) = prescribe(packing, self.start.applied, is_exact)
             return start
-        if isinstance(self.start, str):
-            return self.start
-        return ReducedLoad(overlap=self.start - 0.5)  # y = a* - 1/2
+        if self.from_gas:
+            return "gas"
+        return ReducedLoad(overlap=float(self.start) - 0.5)  # y = a* - 1/2
 
     def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
         """Return the indices of the ``prescribed`` loads in the order in which they are applied: as

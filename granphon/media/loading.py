@@ -241,7 +241,7 @@ class LoadedSample:
         if path[0].overlap is None:
             start_force = history.stepper.measure(start, path[0])
         start_load = ReducedLoad(start.overlap, start_force)
-        require_above(start_load, path, from_gas=isinstance(history.start, str))
+        require_above(start_load, path, from_gas=self.history.from_gas)
 
     def _press_different(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
         """Yield the equilibrium at each load of the path, of balls that differ and are loaded step

@@ -101,7 +101,7 @@ def estimate_memory(simulation: Samples, load: Load) -> float:
     if not packing.width:
         return memory
     force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
-    can_be_factorised = periods > 1 and balls <= RestOptions().most_factorised[periods]
+    can_be_factorised = periods > 1 and balls <= RestOptions().most_balls[periods]
     if can_be_factorised and np.any(force < _FACTOR_FORCE):
         memory += balls * (_ROTATING_FACTOR_BYTES if rotate else _FACTOR_BYTES)
     if simulation.history.is_loaded:

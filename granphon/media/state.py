@@ -520,7 +520,7 @@ class ContactState(State, Result):
     @property
     def floats(self) -> bool:
         """Whether loose balls float in their cages, so that velocities depend on the numbering of
-        the balls.
+        the balls: only simulated samples that were pressed from the gas may.
         """
         return False
 

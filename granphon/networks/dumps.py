@@ -267,10 +267,12 @@ class Lines:
         """Return ``count`` lines from the index ``first`` on, with their line breaks."""
         return self._raw[self._starts[first] : self._starts[first + count]]
 
-    def begin_with(self, letter: str) -> Flags:
-        """Return (lines,) whether each line begins with a letter."""
-        letters = np.frombuffer(self._raw, np.uint8)[self._starts[:-1]]
-        return np.asarray(letters == ord(letter))
+    def begin_with(self, character: str) -> Flags:
+        """Return (lines,) whether the first byte of each line is the ASCII ``character``; space
+        before it is not skipped.
+        """
+        first_bytes = np.frombuffer(self._raw, np.uint8)[self._starts[:-1]]
+        return np.asarray(first_bytes == ord(character))
 
     def peek(self) -> str:
         """Return the line that is read next, without the space at its end, without moving on; ""

@@ -393,7 +393,8 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     """Return (n,) whether each ball does not move: ``frozen`` maps names of columns to a value or
     several, and a ball that has one of the values in such a column is frozen.
 
-    InputError for what is no such mapping, for an unknown column, and for a value that no ball has.
+    InputError for what is no such mapping, for an unknown column, for a column without a value, and
+    for a value that no ball has.
     """
     if not isinstance(frozen, Mapping) or not frozen:
         mend = "Give a column of the dump with the values there: frozen={'type': 2}"
@@ -403,6 +404,9 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
         require_columns(atoms, (str(column),), "Give a column that it has")
         is_single = isinstance(values, str) or not isinstance(values, Collection)
         words = np.array(atoms.read_words(column))
+        if not is_single and not values:
+            fault = f"frozen names no value of the column {column}"
+            raise InputError(fault, "It would freeze nothing", "Give a value, or leave frozen out")
         for value in [values] if is_single else values:
             is_whole = isinstance(value, float) and value.is_integer()  # 2.0 stands there as 2
             has_value = words == str(int(value) if is_whole else value)

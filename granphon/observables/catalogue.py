@@ -23,7 +23,7 @@ from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
 from granphon.base.text import spell
-from granphon.base.validation import one_of
+from granphon.base.validation import one_of, require, truth
 from granphon.media.array_options import SAMPLE_UNITS
 from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
@@ -90,7 +90,7 @@ class Analysis:
     state : the state of a packing, a sample or a crystal, at one load or many.
     direction : that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
     failed : by the names of registered observables, why their values could not be found, or at how
-        many loads they are nan.
+        many loads the values are nan; :func:`find_all` writes it.
     """
 
     state: ContactState
@@ -104,7 +104,9 @@ class Analysis:
 
     @cached_property
     def velocities(self) -> SoundVelocities:
-        """Sound velocities along the direction, m/s."""
+        """Sound velocities along the direction, m/s; raises what
+        :func:`~granphon.observables.velocities.sound_velocities` raises.
+        """
         direction = self.direction
         if direction is None:
             periods = self.state.packing.structure.periods
@@ -128,7 +130,7 @@ class Observable:
 
     Attributes
     ----------
-    name : the name in files, data sets and summaries.
+    name : its name in files, data sets and summaries.
     unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number. Where
         ``per_dimension`` names a quantity of :meth:`Lattice.units_of`, this is the unit in the
         plane; :func:`entry_of` has that of a packing.
@@ -136,8 +138,8 @@ class Observable:
     label : the name on an axis and in the terminal, without the unit; by default the name in words.
     meaning : the description in the reference; by default the title.
     find : function that returns the value, with the shape of the load followed by ``dims``, or None
-        if the state has no such quantity. It is None for a quantity that cannot be found from a
-        state alone.
+        if the state has no such quantity. Instead of a function it is None for a quantity that
+        cannot be found from a state alone.
     cost : what must be worked out to find it.
     dims : names of its dimensions besides those of loads, media and parameters.
     swept : whether sweeps store it.
@@ -188,8 +190,9 @@ class Observable:
 
 
 def _write_words(name: str) -> str:
-    """Write a name as the label of an axis: words, the first with a capital letter; of a parameter
-    of a kind of balls, "Density of A".
+    """Return a name as the label of an axis: words, the first with a capital letter; of a parameter
+    of a kind of balls "Density of A", and of a motion that springs to the ground resist "Springs to
+    the ground, MOTION".
     """
     kind, _, parameter = name.rpartition(".")
     if ON_SITE in (kind, parameter):
@@ -200,7 +203,7 @@ def _write_words(name: str) -> str:
 
 
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
-    """Return a function that finds the quantity of ``find``, or None where ``find`` raises
+    """Return a function that finds the quantity of ``find``, and returns None where ``find`` raises
     :class:`InputError` because the lattice does not have the quantity.
     """
 
@@ -263,8 +266,8 @@ def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
     """Make the entry of the attribute ``name`` of the sound velocities, with a ``title`` and
     ``fields`` of :class:`Observable`; its value is None if there is no such wave.
 
-    Where there are two transverse waves, "transverse" holds both and its value is None, as each
-    wave has an entry of its own.
+    Where there are two transverse waves, the value of "transverse", which would hold both, is None,
+    as is that of its error: each of the two waves has an entry of its own.
     """
     may_hold_two_waves = name in ("transverse", "transverse_error")
 
@@ -337,18 +340,20 @@ def _make_cubic_entry(name: str, title: str, **fields: Any) -> Observable:
     return Observable(name, "1", title, find=find, cost="velocities", **fields)
 
 
-# of a packing; of a density of states; of each plane wave in the spectrum of samples; of networks:
-# one number, responses to a drive at each frequency, all peaks of these, and the highest peak; of
-# the modes of networks; of bands along a path
+# of a packing
 _of_packing = partial(Observable, cost="packing", swept=False)
+# of a density of states
 _of_dos = partial(Observable, cost="dos", dims=("node",))
+# of each plane wave in the spectrum of samples
 _of_line = partial(Observable, cost="spectrum", dims=("polarisation", "wavevector"))
-_of_network, _of_response, _of_peaks = (
-    partial(Observable, cost="network", dims=dims)
-    for dims in ((), ("response_frequency", "receiver"), ("receiver", "response_peak"))
-)
+# of a network: one number; at each frequency of a drive; all peaks of a response; its highest peak
+_of_network = partial(Observable, cost="network")
+_of_response = partial(_of_network, dims=("response_frequency", "receiver"))
+_of_peaks = partial(_of_network, dims=("receiver", "response_peak"))
 _of_peak = partial(_of_network, told=True, digits=7)
-_of_modes = partial(Observable, cost="network", dims=("mode",))
+# of the modes of networks
+_of_modes = partial(_of_network, dims=("mode",))
+# of bands along a path
 _of_bands = partial(Observable, cost="bands", dims=("segment", "point", "branch"))
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
@@ -557,10 +562,10 @@ _OBSERVABLES = (
         "exponent",
         "1",
         "local exponent of the sound velocities, d log v / d log P",
-        "d log $v_L$ / d log $P$",
-        "local exponent d log v_L / d log P",
-        _or_none(_exclude_finite_overlap(local_exponent)),
-        "exponent",
+        label="d log $v_L$ / d log $P$",
+        meaning="local exponent d log v_L / d log P",
+        find=_or_none(_exclude_finite_overlap(local_exponent)),
+        cost="exponent",
     ),
     Observable(
         "exponent_error",
@@ -773,7 +778,7 @@ _OBSERVABLES = (
             f"energy_{name}",
             "J",
             f"{title} at the end of a motion",
-            "Energy lost" * (name == "lost"),
+            label="Energy lost" if name == "lost" else "",
             told=name == "lost",
         )
         for name, title in _ENERGIES
@@ -916,7 +921,8 @@ def register_observable(
     ------
     InputError : a name that another ``find`` has, that data sets or scenes have for something else,
         or that is no such word; a unit that is not SI; ``words`` or a ``label`` that are no text,
-        or blank; another ``cost``; a ``find`` that cannot be called.
+        or blank; another ``cost``; a ``find`` that cannot be called; a ``told`` that is no truth
+        value.
     """
     # of each text: its value, the condition that it meets, and that condition in words
     requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
@@ -928,7 +934,7 @@ def register_observable(
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, _is_not_blank, "a text"),
     }
-    if label:
+    if label != "":
         requirements["label"] = (label, _is_not_blank, "a text")
     for argument, (value, is_allowed, allowed) in requirements.items():
         if not (isinstance(value, str) and is_allowed(value)):
@@ -936,6 +942,7 @@ def register_observable(
                 f"an observable cannot have the {argument} {brief(value)}", mend=f"Give {allowed}"
             )
     one_of("cost", cost, ("state", "velocities", "exponent"))
+    require("told", truth, told)
     if not callable(find):
         raise InputError(
             f"{brief(find)} finds no observable", mend="Give a function of an Analysis"
@@ -953,6 +960,7 @@ def is_free(name: str) -> bool:
     """Return whether a new observable may have this name: it must be an identifier, and neither a
     dimension of data sets nor a part of a scene may have the name.
     """
+    # dimensions of every data set, and words of scenes that are no costs of observables
     reserved = {"load", "medium", "response", "motion", "modes"}
     for entry in _OBSERVABLES:
         reserved |= {entry.cost, *entry.dims}
@@ -974,7 +982,8 @@ def entry_of(name: str, packing: Balls) -> Observable:
 
     The units of pressure, density and moduli depend on the number of periods of the lattice: 1, 2
     or 3. A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind
-    in its title. KeyError for a name that the catalogue does not have.
+    in its title; the stiffness of springs to the ground of one motion, "on_site.x", has an entry
+    of its own, with the unit of the motion. KeyError for a name that the catalogue does not have.
     """
     kind, _, parameter = name.rpartition(".")
     if kind == ON_SITE:
@@ -1043,14 +1052,9 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
     description = CATALOGUE.describe(entry.name)
     try:
         value = entry.find(analysis)
-        shape = np.shape(analysis.state.force)
         if value is None:
             return None
-        if np.shape(value) != shape:
-            raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
-        if np.iscomplexobj(value):  # NumPy would drop the imaginary part
-            raise ValueError("it is complex")
-        numbers = np.asarray(value, float) if shape else float(value)
+        numbers = _read_numbers(value, np.shape(analysis.state.force))
     except Exception as error:  # the function is the user's, and may raise anything
         fault = f"{description} fails: {type(error).__name__}: {error}"
         if entry.name in observed:
@@ -1065,6 +1069,18 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
             f"{description} is not known (nan) at {n_unknown} of {np.size(numbers)} loads"
         )
     return numbers
+
+
+def _read_numbers(value: Any, shape: tuple[int, ...]) -> Any:
+    """Return the ``value`` of a registered observable: a float, or an array of the ``shape`` of the
+    load if that is not (). Raises ValueError for another shape and for complex numbers, and what
+    NumPy raises for what is no number.
+    """
+    if np.shape(value) != shape:
+        raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
+    if np.iscomplexobj(value):  # NumPy would drop the imaginary part
+        raise ValueError("it is complex")
+    return np.asarray(value, float) if shape else float(value)
 
 
 def axis_label(name: str, unit: str | None = None) -> str:
@@ -1082,9 +1098,9 @@ def axis_label(name: str, unit: str | None = None) -> str:
     return f"{label} ({unit})" if has_unit else label
 
 
-def warn_of_missing_error(observables: dict[str, Any]) -> tuple[str, ...]:
-    """Return a warning if the standard error of the exponent among ``observables``, values by name,
-    is not known (nan); else an empty tuple.
+def explain_missing_error(observables: dict[str, Any]) -> tuple[str, ...]:
+    """Return a sentence, for a warning, that the standard error of the exponent among
+    ``observables``, values by name, is not known (nan); empty if it is known, or not among them.
     """
     exponent_error = observables.get("exponent_error", 0.0)
     if not np.any(np.isnan(exponent_error)):

@@ -1,9 +1,9 @@
 """Non-affine motions: how each ball moves beside a uniform strain of the cell, until no force is
 left on it.
 
-A ball at x moves by e x + u under the strain e. In a lattice of one ball u is zero, and in a
-disordered packing as large as e times a diameter, or larger, where contacts are few. The elastic
-moduli are those of the whole motion.
+A ball at x moves by e x + u under the strain e. In a lattice with one ball in its cell u is zero.
+In a disordered packing u is as large as e times a diameter, or larger where contacts are few. The
+elastic moduli are those of the whole motion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from granphon.balls.layers import find_axes
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array
 from granphon.dynamics.elasticity import voigt_names, voigt_pairs
@@ -33,8 +33,9 @@ class NonaffineMotion(Result, array="displacements"):
     strain : (s,) the strain in Voigt order, as that of :attr:`Moduli.components`; a shear strain is
         that of the angle.
     displacements : (n, 3) of each ball for this strain, to first order, m; zero of bodies that do
-        not move. The mean over the balls that move is zero, unless some are held.
-    rotations : (n, 3) likewise, rad.
+        not move. If all balls move, the mean over the balls is zero.
+    rotations : (n, 3) of each ball for this strain, to first order, rad; zero of bodies that do not
+        move, and of balls that do not turn.
     """
 
     strain: Array = held(float, "s")
@@ -62,9 +63,10 @@ def find_nonaffine(
 
     Raises :class:`~granphon.base.errors.InputError` for a strain of another shape or that is not
     finite, for a state of several loads or of samples, each of which has a network of its own, and
-    what :func:`~granphon.moduli` raises.
+    for a ``progress`` without a method ``step``; and what :func:`~granphon.moduli` raises.
     """
     state = as_state(x)
+    require_progress(progress)
     network = given_network(x)
     lattice = state.contact_lattice()
     lattice.require_motions_along()
@@ -72,9 +74,11 @@ def find_nonaffine(
     voigt = _read_strain(strain, p)
     state.relax_inner_motions(progress)
     lattice.require_rigid(state.scales)
+    # of all components of the displacement those along the periods, which come first, are strained
     gradients = np.zeros((len(lattice.motions.translations), p))
     gradients[:p] = _make_strain(voigt, p)
-    # (balls, motions), reduced, beside the displacements that the strain itself makes
+    # (balls, motions), reduced: the motions beside the displacements that the strain itself makes,
+    # summed over the components of the gradient
     motions = np.einsum("bmg,g->bm", lattice.gradient_motions, gradients.ravel())
     displacements, rotations = _spread_motions(motions, network, state)
     return NonaffineMotion(voigt, displacements, rotations)
@@ -96,9 +100,9 @@ def _read_strain(strain: ArrayLike | None, periods: int) -> Array:
 
 def _spread_motions(motions: Array, network: ContactNetwork, state: Any) -> tuple[Array, Array]:
     """Return the displacements, m, and the rotations, rad, (n, 3) each, of all balls of a
-    ``network`` along its axes, from the reduced ``motions`` (balls, motions) of those that move, in
-    the lattice of the ``state``. They are zero of balls that do not move; if all move, the mean
-    displacement is left out.
+    ``network`` along its axes, from the reduced ``motions`` (balls, motions) of the balls that move
+    in the lattice of the ``state``. Both are zero of balls that do not move; if all balls move, the
+    mean displacement is subtracted.
     """
     lattice = state.contact_lattice()
     translation_axes = list(lattice.motions.translations)

@@ -25,7 +25,7 @@ from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.results import Result, held, result_class
-from granphon.base.validation import real_array, texts
+from granphon.base.validation import real_array, require, texts, truth
 from granphon.media.arrangement import Arrangement, Balls, given_balls
 from granphon.media.choice import MediumChoice
 from granphon.media.medium import SIMULATION, Change
@@ -39,8 +39,8 @@ MINDLIN_RATIO = "mindlin_ratio"
 StateChange = Callable[[Any, float], Any]
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
-#: greatest relative change of a parameter in any difference: two of the largest step, that of media
-#: whose states are found anew
+#: greatest relative change of a parameter in any difference: twice the largest step, which is that
+#: of media whose states are found anew
 _REACH = 4e-3
 #: number of changed media that are kept: the steps of a difference are visited more than once
 _KEPT = 8
@@ -53,7 +53,7 @@ class ParameterSensitivities(Result):
     Attributes
     ----------
     names : (n_p,) names of the parameters.
-    slopes : (n_p, ...) d ln X/d ln p, without a unit; nan where X is zero.
+    slopes : (n_p, ...) d ln X/d ln p, without a unit; nan where X is zero or nan.
     value : X, an array of any shape, in its own unit.
     """
 
@@ -62,8 +62,8 @@ class ParameterSensitivities(Result):
     value: Any = held(Any)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the derivatives (...) by the parameter of this ``name``, a number where the
-        quantity is one; InputError for a name that is not among ``names``.
+        """Return the derivatives (...) by the parameter of this ``name``, a number if X is a
+        number; InputError for a name that is not among ``names``.
         """
         if name not in self.names:
             mend = f"There are {', '.join(self.names)}"
@@ -88,16 +88,17 @@ def parameter_sensitivities(
     x : a :class:`~granphon.Packing` or a :class:`~granphon.Crystal`.
     find : function of a state, or of a network, that returns a number or an array, such as ``lambda
         s: gp.Phonons(s).frequencies([[0.5, 0]])`` (Hz).
-    parameters : names, as a sweep has them, "young_modulus", of a crystal with the kind of ball,
+    parameters : names as a sweep has them: "young_modulus", of a crystal with the kind of ball,
         "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
-        "on_site"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to normal
-        stiffness of all contacts, which gives ``find`` a network in place of a state. All of them
-        by default, but the ratio where contacts do not resist slip, that of simulated samples, each
-        of which has a network of its own, and that of what ``find`` does not return of a network,
-        as ``lambda s: s.force``.
+        "on_site". Also the kind of the load, "force", and "mindlin_ratio", the ratio of shear to
+        normal stiffness of all contacts, which gives ``find`` a network in place of a state. By
+        default all that are numbers other than zero. The ratio is among these only if contacts
+        resist slip, the state has no simulated samples, each of which has a network of its own, and
+        ``find`` takes a network, unlike ``lambda s: s.force``. The derivative by a parameter that
+        is zero is zero.
     medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
-    finite_overlap : true for states with terms of the relative order of overlap over diameter; by
-        default the medium or the crystal decides.
+    finite_overlap : True for states with terms of the relative order of overlap over diameter; with
+        False, the default, the medium or the crystal decides.
     load : the load by its kind, as ``force=18.4`` (N).
 
     Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
@@ -113,6 +114,7 @@ def parameter_sensitivities(
     applied = read_load(load)
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
     choice = MediumChoice(medium or default_medium)
+    require("finite_overlap", truth, finite_overlap)
     names = None if parameters is None else texts("parameters", parameters)
     if names is not None and not names:
         mend = f"Use {', '.join(list_parameters(balls, applied))}, or leave parameters out"
@@ -133,35 +135,36 @@ def find_parameter_sensitivities(
     by the parameters called ``names``, or by all parameters if that is None.
 
     The state is that of ``balls`` under a single ``load``, in the medium of this ``choice``, with
-    terms of finite overlap if ``finite_overlap`` is true. ``changes_of_states`` are further
-    parameters, on which the balls at rest do not depend, by name; ``find`` must take what these
-    return. Raises what :func:`parameter_sensitivities` raises.
+    terms of finite overlap if ``finite_overlap`` is true; None lets the medium decide.
+    ``changes_of_states`` are further parameters, on which the balls at rest do not depend, by name;
+    ``find`` must take what these return. Raises what :func:`parameter_sensitivities` raises.
     """
-    flat = replace(load, array=np.ravel(load.array)[0])
-    change_state = {MINDLIN_RATIO: change_ratio} | dict(changes_of_states or {})
+    single_load = replace(load, array=np.ravel(load.array)[0])
+    state_changes = {MINDLIN_RATIO: change_ratio} | dict(changes_of_states or {})
     if names is not None and MINDLIN_RATIO in names:
-        _require_one_ratio(choice, balls, flat)  # before the statics, which take long
-    all_names = list_parameters(balls, flat) if names is None else names
-    of_statics = [name for name in all_names if name not in change_state]
-    changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
+        _refuse_samples(choice, balls, single_load)  # before the statics, which take long
+    all_names = list_parameters(balls, single_load) if names is None else names
+    names_of_statics = [name for name in all_names if name not in state_changes]
+    changes = [_change_parameter(choice, balls, single_load, name) for name in names_of_statics]
     # the state, and for each change the state as a function of the relative change
-    state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
-    course_of = dict(zip(of_statics, courses, strict=True))
+    state, courses = choice.of(balls).follow(single_load, changes, finite_overlap)
+    course_of = dict(zip(names_of_statics, courses, strict=True))
     value = real_array("what find returns", find(state))
     if names is None and has_ratio(balls) and not getattr(state, "samples", ()):
-        network = change_state[MINDLIN_RATIO](state, 0.0)
+        network = state_changes[MINDLIN_RATIO](state, 0.0)
         if _has_shape(find, network, value.shape):
             all_names = (*all_names, MINDLIN_RATIO)
-    for name in change_state.keys() & {*all_names}:
-        course_of[name] = Course(partial(change_state[name], state), _STEP)
+    for name in state_changes.keys() & {*all_names}:
+        course_of[name] = Course(partial(state_changes[name], state), _STEP)
     divisor = np.where(value == 0.0, np.nan, value)  # what is zero has no logarithm
     slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in all_names]
     return ParameterSensitivities(tuple(all_names), np.array(slopes), value)
 
 
-def _require_one_ratio(choice: MediumChoice, balls: Balls, load: Load) -> None:
+def _refuse_samples(choice: MediumChoice, balls: Balls, load: Load) -> None:
     """Raise InputError if the medium of a ``choice`` simulates samples of the ``balls`` at the
-    ``load``: each sample has a network of its own, and no state has all.
+    ``load``: each sample has a network of its own, so that the state has none whose ratio of
+    stiffnesses could change.
     """
     if any(serving.medium.name == SIMULATION for serving in choice.choose(balls, load)):
         raise InputError(
@@ -225,8 +228,8 @@ def _find_slope(
     """
 
     def find_shaped(state: Any) -> Array:
-        """Return what ``find`` returns of a ``state``; InputError if it has not the shape (...) of
-        the first state.
+        """Return what ``find`` returns of a ``state``, (...); InputError if its shape is not that
+        of the state at rest, or if ``find`` does not take the ``state``.
         """
         try:
             value = real_array("what find returns", find(state))
@@ -243,7 +246,9 @@ def _find_slope(
 
 
 def read_load(load: Mapping[str, Any]) -> Load:
-    """Return the load of one kind and one value; InputError for none or several."""
+    """Return the load whose kind and value the one entry of ``load`` gives; InputError for no
+    entry, several entries or several values.
+    """
     if not load:
         raise InputError("there is no load", mend="Give one by its kind, as force=18.4")
     applied = Load.only(**load)
@@ -261,12 +266,8 @@ def list_parameters(
     alone if its balls would then miss others. The parameters are among the ``candidates``, by
     default all that :func:`name_parameters` names.
     """
-    names = [
-        name
-        for name in (name_parameters(balls) if candidates is None else candidates)
-        if _is_number(_read_value(balls, name)) and _may_change(balls, name)
-    ]
-    return (*names, load.kind)
+    all_candidates = name_parameters(balls) if candidates is None else candidates
+    return (*(name for name in all_candidates if _may_change(balls, name)), load.kind)
 
 
 def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
@@ -277,37 +278,39 @@ def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple
     """
     if isinstance(balls, Arrangement):
         return balls.list_own_parameters(kinds_of_walls)
-    names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
-    return (*names, "torsion", "bending")
+    return ("young_modulus", "poisson_ratio", "density", "diameter", "width", "torsion", "bending")
 
 
 def _may_change(balls: Packing | Arrangement, name: str) -> bool:
-    """Return whether the parameter of a ``name`` is a number, and balls may have it larger and
-    smaller by the part :data:`_REACH` while all others stay.
+    """Return whether the parameter of a ``name`` is a number other than zero, and balls may have it
+    larger and smaller by the part :data:`_REACH` while all others stay.
     """
-    for change in (-_REACH, _REACH):
-        try:
-            change_packing(balls, {name: (1.0 + change) * read_number(balls, name)})
-        except InputError:
+    try:
+        number = read_number(balls, name)
+        if number == 0.0:
             return False
+        for change in (-_REACH, _REACH):
+            change_packing(balls, {name: (1.0 + change) * number})
+    except InputError:
+        return False
     return True
 
 
-def _is_number(value: Any) -> bool:
-    """Return whether the value of a parameter is a number other than zero."""
-    return isinstance(value, float | int) and value != 0.0
-
-
 def read_number(balls: Packing | Arrangement, name: str) -> float:
-    """Return the value of a parameter, SI; InputError unless it is a number."""
+    """Return the value of the parameter called ``name``, SI; InputError if the balls do not have
+    the parameter, or if the value is no number.
+    """
     value = _read_value(balls, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
-        raise InputError(f"the parameter {name!r} is {brief(value)}, no number", mend="Use others")
+        problem = f"the parameter {name!r} is {brief(value)}, no number"
+        raise InputError(problem, mend="Leave it out")
     return value
 
 
 def _read_value(balls: Packing | Arrangement, name: str) -> Any:
-    """Return the value of a parameter, SI; InputError for a name that the balls do not have."""
+    """Return the value of the parameter called ``name``, SI; InputError if the balls do not have
+    the parameter.
+    """
     if isinstance(balls, Arrangement):
         return balls.read(name)
     for candidate in (balls, balls.material):

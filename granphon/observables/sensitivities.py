@@ -117,33 +117,33 @@ def find_velocity_sensitivities(
     return VelocitySensitivities(**_stack(slopes, shape), inertia=None)
 
 
-def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
-    """Return the arrays of ``parts``, one for each load, with the ``shape`` of the load in
-    front.
+def _stack(slopes_of_loads: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return the arrays by name of all loads, with the ``shape`` of the load in front;
+    ``slopes_of_loads`` has those of each load, in C order. What is None at the first load stays
+    None.
     """
     fields: dict[str, Any] = {}
-    for name, first in parts[0].items():
+    for name, first_slopes in slopes_of_loads[0].items():
         fields[name] = None
-        if first is not None:
-            stacked = np.array([slopes[name] for slopes in parts])
-            fields[name] = stacked.reshape(*shape, *first.shape)
+        if first_slopes is not None:
+            stacked = np.array([slopes[name] for slopes in slopes_of_loads])
+            fields[name] = stacked.reshape(*shape, *first_slopes.shape)
     return fields
 
 
 def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[str, Any]:
-    """Return derivatives (..., n_c) by parameters of the contacts in SI units, from sums of
-    ``products`` (n_c, ...) of deformations in reduced units. None stands for parameters that the
-    network does not have.
+    """Return the derivatives (..., n_c), SI, by the parameters of contacts, by name. ``products``
+    (n_c, ...) are the derivatives by the parameters in reduced units: sums of products of
+    deformations. None stands for parameters that the network does not have.
     """
     fields: dict[str, Any] = dict.fromkeys(STIFFNESSES.values())
-    example = next(iter(products.values()))
+    # of a parameter without products: zero, and nan where no parameter has a derivative
+    no_products = 0.0 * next(iter(products.values()))
     by_contact = list_contact_units(network, network.scales)
     if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
         del by_contact["shear_stiffness"]
     for name, unit in by_contact.items():
-        # a zero product is nan where there is no derivative of any parameter
-        values = products.get(name, 0.0 * example)
-        fields[name] = np.moveaxis(values, 0, -1) / unit
+        fields[name] = np.moveaxis(products.get(name, no_products), 0, -1) / unit
     by_growth = fields.pop("tangential_growth")
     by_excess = fields.pop("excess")
     if network.prestress:
@@ -164,16 +164,20 @@ def _sum_products(lattice: ContactLattice, multiply: Callable[[Array], Array]) -
 
 
 def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
-    """Return the derivatives (v, v, n_c) of the elastic tensor of a network."""
+    """Return the derivatives (v, v, n_c) of the elastic tensor of a network, whose v strains are in
+    Voigt order, by the names of parameters; None for those that the network does not have.
+    """
     lattice = ContactLattice.from_network(network)
     lattice.elastic_tensor()  # raises where there is none
     p = lattice.periods
-    along = [lattice.motions.translations.index(axis) for axis in range(p)]
+    # the translations along the periods, which strains move
+    along_periods = [lattice.motions.translations.index(axis) for axis in range(p)]
     i, j = np.transpose(voigt_pairs(p))
 
     def multiply(deformation: Array) -> Array:
         """Return the products (n_c, v, v) of deformations under strains in Voigt order."""
-        gradients = deformation[:, along]
+        gradients = deformation[:, along_periods]
+        # (n_c, v): a strain has both gradients in equal parts
         strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
         return np.asarray(strains[:, :, None] * strains[:, None])
 
@@ -181,8 +185,9 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
     if network.prestress:
         vector = lattice.contacts.vector[:, :p]
         stress = vector[:, :, None] * vector[:, None]
-        pushed = products.get("normal_force", 0.0)
-        products["normal_force"] = pushed + find_stress_part(stress)
+        # the static stress itself is part of the tensor
+        by_normal_force = products.get("normal_force", 0.0)
+        products["normal_force"] = by_normal_force + find_stress_part(stress)
     units = network.scales
     unit = units.force if p == 1 else units.modulus
     scaled = {name: product * unit / lattice.measure for name, product in products.items()}
@@ -208,6 +213,7 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
         """Return the derivatives (n_c, ..., n_u) of v that follow from the squares of the
         ``deformation`` (n_c, n_u, p) of contacts in the waves.
         """
+        # a wave u along the direction j has the gradients (displacement i) x (component j)
         deformed = np.einsum("cij,...iu,...j->c...u", deformation, waves.vectors, direction)
         return waves.average(deformed**2)
 
@@ -222,11 +228,11 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
     by_spring[~network.moving] = 0.0
     twist_unit = network.scales.stiffness * network.scales.length**2
     by_spring[network.moving, motions.turning] = unit / twist_unit * turns
-    # (balls, ..., n_u, n_u) displacements of each ball in each wave
-    carried = np.einsum("bij,...ju->b...iu", lattice.carried, waves.vectors)
-    kinetic = np.sum(carried**2, axis=-2) * waves.velocities**2
+    # (balls, ..., n_u, n_u) displacements of each ball, as columns, in each wave
+    displacements = np.einsum("bij,...ju->b...iu", lattice.carried, waves.vectors)
+    kinetic_parts = np.sum(displacements**2, axis=-2) * waves.velocities**2
     by_mass = np.zeros((network.n_balls, *waves.velocities.shape))
-    by_mass[network.moving] = -unit / network.scales.mass * waves.average(kinetic)
+    by_mass[network.moving] = -unit / network.scales.mass * waves.average(kinetic_parts)
     return fields | {
         "mass": np.moveaxis(by_mass, 0, -1),
         "on_site": np.moveaxis(by_spring, (0, 1), (-2, -1)),
@@ -276,15 +282,17 @@ class _SoundWaves:
         return np.asarray(sizes > 1)
 
     def average(self, values: Array) -> Array:
-        """Return derivatives (m, ..., n_u) of M v^2 as derivatives of v, in which each wave has the
-        mean over all waves of the same velocity.
+        """Return the derivatives (m, ..., n_u) of v that follow from the ``values`` (m, ..., n_u),
+        derivatives of M v^2 by m parameters; each wave has the mean over all waves of the same
+        velocity.
         """
         scaled = np.moveaxis(values, 0, -2) * self.slopes[..., None, :]
-        flat = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
-        flat_groups = self.groups.reshape(-1, self.groups.shape[-1])
+        # (directions, m, n_u) and (directions, n_u)
+        slopes_of_directions = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
+        groups_of_directions = self.groups.reshape(-1, self.groups.shape[-1])
         means = [
-            average_equal(at_direction, groups, groups)
-            for at_direction, groups in zip(flat, flat_groups, strict=True)
+            average_equal(slopes, groups, groups)
+            for slopes, groups in zip(slopes_of_directions, groups_of_directions, strict=True)
         ]
         return np.moveaxis(np.reshape(means, scaled.shape), -2, 0)
 

@@ -25,8 +25,8 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from granphon.media.simulation import DirectSimulation
 
-#: contacts follow Hertz's law if the standard deviation of log(k^3/f d*) is no larger than the
-#: first number times that of log f, plus the second, which allows for the digits of a file
+#: contacts follow Hertz's law if the standard deviation of log(k^3/f d*) is no larger than
+#: ``_HERTZIAN`` times that of log f, plus ``_ROUNDED``, which allows for the digits of a file
 _HERTZIAN = 0.5
 _ROUNDED = 1e-2
 #: relative change of a velocity that was seen when the same balls were numbered otherwise, in
@@ -74,7 +74,7 @@ class Validity(Result):
         return tuple(warning for warning in warnings if warning is not None)
 
     def __getitem__(self, name: str) -> Check:
-        """Return the condition called ``name``; KeyError if there is none."""
+        """Return the condition called ``name``; KeyError if there is no such condition."""
         for check in self.checks:
             if check.name == name:
                 return check
@@ -82,8 +82,8 @@ class Validity(Result):
 
 
 def validity(state: Any) -> Validity:
-    """Compare the state with the limits of its medium (Section IV) and of the contact model (end of
-    Section II).
+    """Return how a state, a sample or a network compares with the limits of its medium (Section IV)
+    and of the contact model (end of Section II).
 
     For a crystal the limits are :attr:`CrystalState.limits`. For other states the quantities
     compared with limits are:
@@ -109,9 +109,9 @@ def validity(state: Any) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1
       m: others are probably given in a wrong unit.
 
-    For a network, with or without periods, they are these, as far as its numbers are known; each
-    names the balls that are farthest from the others, and the reason says what it does to
-    frequencies:
+    For a network, with or without periods, the quantities are these, as far as the numbers of the
+    network are known; each condition names the balls that are farthest from the others, and its
+    reason says what a failure does to frequencies:
 
     - "balance", "torques": the largest sum of the static forces on a ball over the mean force of a
       contact, without the acceleration that weights give, and that of the torques; ``typical`` is
@@ -139,8 +139,9 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return a warning for each limit that a state exceeds: the ``warnings`` that it has, as a
-    crystal does, or else those of :func:`validity`, or of its network if no law is known.
+    """Return a warning for each limit that a state exceeds: the ``warnings`` of the state, which
+    that of a crystal has; otherwise those of :func:`validity`, or, of a state without a contact
+    law, those of :func:`network_warnings`.
     """
     warnings = getattr(state, "warnings", None)
     if warnings is not None:
@@ -152,7 +153,8 @@ def find_warnings(state: Any) -> tuple[str, ...]:
 
 def expect_checks(simulation: DirectSimulation, load: Load) -> tuple[Check, ...]:
     """Return the conditions that a simulation will not meet at the values of an applied load, as
-    far as known before it is run.
+    far as this is known before the simulation is run; empty if it will meet them, and if no contact
+    resists slip.
     """
     if not simulation.resists_slip:
         return ()
@@ -274,10 +276,11 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     """Return the limit of the contact radius at the mean overlap of a network, whose material is
     not known; none if the contacts do not follow Hertz's law.
 
-    The overlap is found from force and stiffness, 3 f/2 k, which holds for Hertz's law alone. Its
-    contacts are told by k^3/(f d*), which is the same for all in one material: its logarithm varies
-    less than the logarithm of the forces. Contacts that all have one force are taken for Hertz's,
-    as nothing tells their law.
+    The overlap is found from the force f and the stiffness k, 3 f/2 k, which holds for Hertz's law
+    alone. Under that law k^3/(f d*), with the harmonic mean d* of the two diameters, is the same
+    for all contacts of one material: contacts follow the law if the logarithm of this number varies
+    less than that of the forces. Contacts that all have one force count as Hertz's, as nothing
+    tells their law.
     """
     # a contact with a flat wall, whose centre is infinitely far, may be of another material
     is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
@@ -291,8 +294,8 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     log_material = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(log_material) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return ()
-    mean_overlap = np.mean(overlap_from(force, stiffness) / diameter)  # over the diameter d*
-    ratio = contact_radius_ratio(mean_overlap, 1.0)
+    mean_relative_overlap = np.mean(overlap_from(force, stiffness) / diameter)
+    ratio = contact_radius_ratio(mean_relative_overlap, 1.0)
     return (check_limit("contact_radius", ratio),)
 
 

@@ -16,7 +16,7 @@ from granphon.balls.lattices import as_direction
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.memory import require_memory
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.validation import finite_array, texts
@@ -29,12 +29,12 @@ from granphon.observables.validity import find_warnings
 if TYPE_CHECKING:
     from granphon.observables.sensitivities import ModuliSensitivities, VelocitySensitivities
 
-#: largest deviation, over the bulk modulus, of the stress under a strain that is the same along all
-#: axes from a pressure, which is taken for rounding
+#: a strain that is the same along all axes makes a stress; where that differs from a pressure by no
+#: more than this part of the bulk modulus, the difference is taken for rounding
 _EVEN = 1e-10
-#: memory of the velocities of a pulse in one branch, and of each entry of the matrix of its
-#: motions, bytes
+#: memory that finding the velocities of one pulse in one branch takes, bytes
 _PULSE_BYTES = 900.0
+#: memory for each entry of the matrix of the motions of this pulse, bytes
 _MODE_BYTES = 36.0
 #: what to use in place of the moduli of an isotropic lattice
 _AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hill"
@@ -47,10 +47,10 @@ def local_exponent(state: ContactState) -> Any:
 
     The exponent of media with a contact law leaves out terms of relative order delta/d; that of a
     simulation with geometry="exact" has all terms. With ``finite_overlap`` scenes and sweeps have
-    the exponent of such a simulation alone. As v goes as the root of k, and P as f, the exponent is
-    f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law; 1/6 for equal balls.
-    With listed diameters k has a kink, and the exponent a spike, where the contacts between two of
-    the diameters open.
+    the exponent of such a simulation alone. As v goes as the root of the normal stiffness k, and P
+    as the contact force f, the exponent is f k'/2k^2, with the slope k' = dk/d(delta) of the
+    medium's law; 1/6 for equal balls. With listed diameters k has a kink, and the exponent a spike,
+    where the contacts between two of the diameters open.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
     longitudinal velocity, which follows from the mean K + G of the samples (K + 4G/3 in space): the
@@ -119,6 +119,7 @@ class SoundVelocities(Result):
         from granphon.observables.sensitivities import find_velocity_sensitivities, list_networks
 
         networks = list_networks(self._state, "sound_velocities")
+        # the axes of the load come first, then that of several directions, and that of the waves
         shape = np.shape(self.velocities)[: -np.ndim(self.direction)]
         return find_velocity_sensitivities(networks, shape, self.direction)
 
@@ -205,11 +206,12 @@ def sound_velocities(
     ------
     InputError : no direction is given and velocities depend on it; a direction is not p finite
         numbers, or has no length; a network repeats nowhere, or has bodies that do not move;
-        springs to the ground hold the balls.
+        springs to the ground hold the balls; a ``progress`` has no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = as_state(state)
+    require_progress(progress)
     if direction is not None:  # refused before the relaxation, which may take long
         _ = as_direction(direction, state.reference_lattice.periods)
     state.relax_inner_motions(progress)
@@ -227,7 +229,7 @@ def sound_velocities(
     if twist is not None and unit_vectors.ndim > 1:
         twist = np.repeat(np.asarray(twist)[..., None], len(unit_vectors), axis=-1)
     warnings = find_warnings(state) + state.reference_lattice.loose_warnings
-    warnings += warn_of_free_branches(state, velocities)
+    warnings += explain_free_branches(state, velocities)
     sound = SoundVelocities(
         longitudinal=velocity_of_wave.get("longitudinal"),
         transverse=velocity_of_wave.get("transverse"),
@@ -261,8 +263,9 @@ def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, A
     return velocity_of_wave
 
 
-def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
-    """Return a sentence that counts the branches that nothing resists, or none.
+def explain_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
+    """Return a sentence, for a warning, that counts the branches that nothing resists; empty if
+    there are none.
 
     Branches are counted only where one of the ``velocities``, m/s, is zero: a wave across a row or
     a layer has no velocity if it bends the layer, or if nothing resists the wave.
@@ -277,7 +280,7 @@ def choose_direction(
     """Return the direction as unit vectors (p,) or (n, p): x if it is None.
 
     None is an :class:`~granphon.base.errors.InputError` unless the ``quantity``, a plural noun for
-    the message, is ``isotropic``.
+    the message, is ``isotropic``; so is a direction that is not p finite numbers, or has no length.
     """
     periods = state.reference_lattice.periods
     if direction is None:
@@ -507,21 +510,31 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation
     17), and averages.
 
-    They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in
-    N, which is its ``bulk``. ``state`` is a state, a sample or a network, and ``progress`` is told
-    how far it is, as in :func:`sound_velocities`. Of a network that repeats along one axis, such as
-    a ribbon, the modulus is the force over the strain, N; along two, such as a slab of any
-    thickness, moduli are the force per length over the strain and one mean diameter, Pa. Raises
-    :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, if springs to
-    the ground hold the balls or resist their rotations, and for a network that repeats nowhere or
-    has bodies that do not move; and :class:`~granphon.base.errors.MechanismError` if a motion of
-    the lattice costs no energy.
+    Parameters
+    ----------
+    state : a state, a sample or a network, as in :func:`sound_velocities`.
+    progress : as in :func:`sound_velocities`.
+
+    Returns
+    -------
+    :class:`Moduli`, in Pa, in the plane of the layer taken one diameter thick. A chain has one
+    modulus, its ``bulk``, in N. Of a network that repeats along one axis, such as a ribbon, the
+    modulus is the force over the strain, N; along two, such as a slab of any thickness, moduli are
+    the force per length over the strain and one mean diameter, Pa.
 
     With finite overlap these are the coefficients between Cauchy stress and strain under the static
     pressure, for which equation (16) still holds. Under a static stress that is no pressure, as in
     a network with ``prestress``, the tensor of these coefficients is not symmetric.
+
+    Raises
+    ------
+    InputError : balls do not move along the lattice; springs to the ground hold the balls or resist
+        their rotations; a network repeats nowhere, or has bodies that do not move; a ``progress``
+        has no method ``step``.
+    MechanismError : a motion of the lattice costs no energy.
     """
     state = as_state(state)
+    require_progress(progress)
     state.relax_inner_motions(progress)
     errors: dict[str, Any] = {}
     tensor = state.elastic_tensor
@@ -677,14 +690,14 @@ def _require_pulse_memory(state: State, count: int) -> None:
     )
 
 
-def _reduce_frequencies(hertz: Array, axes: int, scale: Array, d: float) -> Array:
+def _reduce_frequencies(hertz: Array, n_axes: int, scale: Array, d: float) -> Array:
     """Return angular frequencies in reduced units, of the shape of ``scale`` (b, ...).
 
-    ``hertz`` (Hz) lacks the last ``axes`` axes, those of directions; ``scale`` holds the
+    ``hertz`` (Hz) lacks the last ``n_axes`` axes, 0 or 1, that of directions; ``scale`` holds the
     velocities, m/s, that are one in reduced units, and d, m, is the unit of length. Raises
     :class:`InputError` for frequencies that are too low to have digits.
     """
-    hertz_per_direction = hertz.reshape(hertz.shape + (1,) * axes)
+    hertz_per_direction = hertz.reshape(hertz.shape + (1,) * n_axes)
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
         reduced = hertz_per_direction * (2.0 * np.pi * d / scale)
     if np.min(reduced) < np.finfo(float).tiny:
@@ -722,16 +735,18 @@ def _choose_branches(
     if branches is None:
         velocities = state.long_waves(directions).reshape(-1, len(names))
         is_moving = np.all(velocities > 0.0, axis=0)
-        moving = tuple(name for name, moves in zip(names, is_moving, strict=True) if moves)
-        return moving or names
-    requested = texts("branches", branches)
-    unknown = [name for name in requested if name not in names]
-    if unknown or not requested:
+        moving_names = tuple(name for name, moves in zip(names, is_moving, strict=True) if moves)
+        return moving_names or names
+    requested_names = texts("branches", branches)
+    unknown_names = [name for name in requested_names if name not in names]
+    if not requested_names:
+        raise InputError("branches is an empty list", mend=f"Use {', '.join(names)}")
+    if unknown_names:
         allowed = ", ".join(names)
         if names == ("longitudinal", "transverse"):
             allowed = "longitudinal, transverse or both"
-        raise InputError(f"unknown branch {brief(unknown)}", mend=f"Use {allowed}")
-    return requested
+        raise InputError(f"unknown branch {brief(unknown_names)}", mend=f"Use {allowed}")
+    return requested_names
 
 
 def _solve_lattices(
@@ -779,6 +794,7 @@ def _find_wavenumbers(
         rising = np.flatnonzero(~is_beyond)
         if rising.size:
             rising_targets = targets[b][:, rising]
+            # the number of the direction of each target
             numbers = np.broadcast_to(rising, rising_targets.shape).ravel()
             q, velocities = branches.find_wavenumber(wave, numbers, rising_targets.ravel())
             wavenumbers[b][:, rising] = q.reshape(rising_targets.shape)
@@ -796,10 +812,11 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
     """Return the reduced angular frequency (n,) at the last point before the maximum of the branch
     number ``wave``, in each direction; zero where the first point is the maximum.
     """
-    n_rising = branches.rising[wave]
+    n_rising = branches.n_rising[wave]
     directions = np.arange(len(n_rising))
-    last = branches.frequencies[wave, directions, n_rising - 1]
-    return np.where(n_rising > 0, last, 0.0)
+    # without such points the index -1 takes some other frequency, in whose place zero is returned
+    last_frequencies = branches.frequencies[wave, directions, n_rising - 1]
+    return np.where(n_rising > 0, last_frequencies, 0.0)
 
 
 def _explain_unreachable(

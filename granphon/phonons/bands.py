@@ -288,6 +288,7 @@ class Bands(Result):
         crossings. Branches are connected inside each segment, by the overlap of eigenvectors, and
         numbered by their order at its start.
         """
+        # `motion` is these eigenvectors, and says how to ask for them where there are none
         segments = self.motion.reshape(*self.motion.shape[:2], -1, self.n_branches)
         return np.array([connect_branches(motions) for motions in segments])
 
@@ -452,10 +453,13 @@ class Bands(Result):
     def read(cls, path: str | os.PathLike[str]) -> Bands:
         """Return the bands of the file ``path``, a band.yaml that granphon wrote.
 
-        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or if it
-        is damaged or was edited, and :class:`~granphon.base.errors.MissingFileError` if there is no
-        such file. Warns with :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has
-        no digest, such as a copy that another program wrote.
+        Raises :class:`~granphon.base.errors.InputError` if the file is no band.yaml of granphon, if
+        its digest is not that of its text, or if its numbers do not fit together;
+        :class:`~granphon.base.errors.SchemaError`, an InputError too, for another schema; and
+        :class:`~granphon.base.errors.MissingFileError` if there is no such file. Warns with
+        :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has no digest, as where
+        another program has read a band.yaml of granphon and written it again: a change is then
+        noticed only where numbers no longer fit together.
         """
         text, verified = read_sealed(path)
         with require_own_file(path, "band.yaml"):

@@ -211,9 +211,15 @@ class HarmonicContacts(ContactCalculator):
         """
         from granphon.contacts.placed import ContactForces  # bands move no balls
 
+        lattice = self.state.contact_lattice()
+        if lattice.is_held and "stress" in properties:
+            raise InputError(
+                "a network that is held has no stress of its own",
+                "Bodies without motion, or springs to the ground, bear a part",
+                "Take energy or forces",
+            )
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
-        lattice = self.state.contact_lattice()
         self.contact_network(balls)  # raises for other Atoms
         table = lattice.contacts
         n = len(balls)
@@ -240,12 +246,6 @@ class HarmonicContacts(ContactCalculator):
             volume = abs(np.linalg.det(balls.cell.array[:p, :p]))
             stress = (static + strain.T @ static - virial) / volume
             self.results["stress"] = list_stress(stress)
-        elif "stress" in properties:
-            raise InputError(
-                "a network that is held has no stress of its own",
-                "Bodies without motion, or springs to the ground, bear a part",
-                "Take energy or forces",
-            )
 
     def _find_displacements(self, balls: Atoms) -> Array:
         """Return the displacement (n_c, 3), in diameters, of ball j of each contact against ball i,
@@ -646,6 +646,14 @@ class HertzMindlin(ContactCalculator):
 
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
+        volume = self._find_volume(balls)
+        if volume == 0.0 and "stress" in properties:
+            vectors = ("a vector along x", "two vectors in the plane", "three vectors")
+            raise InputError(
+                f"the cell has no {_EXTENTS[self._periods - 1]}",
+                "Stress is force over area",
+                f"Give the cell {vectors[self._periods - 1]}",
+            )
         overlap = self._overlap - self._least_overlap
         if overlap < _LEAST_OVERLAP:
             raise PrecisionError(
@@ -669,28 +677,16 @@ class HertzMindlin(ContactCalculator):
         if self._motions.rotate:
             self._torques[...] = loads.torque.reshape(self._torques.shape)
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
-        stress = self._find_stress(balls, virial)
-        if stress is not None:
-            self.results["stress"] = stress
-        elif "stress" in properties:
-            vectors = ("a vector along x", "two vectors in the plane", "three vectors")
-            raise InputError(
-                f"the cell has no {_EXTENTS[self._periods - 1]}",
-                "Stress is force over area",
-                f"Give the cell {vectors[self._periods - 1]}",
-            )
+        if volume > 0.0:
+            # stress is dE/d(strain of positions and cell) over the volume
+            self.results["stress"] = list_stress(-virial / volume)
 
-    def _find_stress(self, balls: Atoms, virial: Array) -> Array | None:
-        """Return the stress (6,) in Voigt order, k/d, of ``balls`` whose contacts have a ``virial``
-        (3, 3), k d^2; None if their cell has no length, area or volume.
+    def _find_volume(self, balls: Atoms) -> float:
+        """Return the volume of the cell of ``balls``, d^3, which is one diameter thick across the
+        periods; zero for a cell without a length, area or volume.
         """
         p = self._periods
-        volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
-        if volume == 0.0:
-            return None
-        # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across
-        # the periods
-        return list_stress(-virial / volume)
+        return float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
 
     def _find_closed_contacts(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""

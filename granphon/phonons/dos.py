@@ -124,10 +124,12 @@ class DensityOfStates(Result):
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
         """Return the density of states of the file ``path``, which :meth:`write_csv` wrote.
 
-        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or if it
-        is damaged or was edited, and :class:`~granphon.base.errors.MissingFileError` if there is no
-        such file. Warns with :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has
-        no digest.
+        Raises :class:`~granphon.base.errors.InputError` if the file is no density of states of
+        granphon, if its digest is not that of its text, or if its numbers do not fit together;
+        :class:`~granphon.base.errors.SchemaError`, an InputError too, for another schema; and
+        :class:`~granphon.base.errors.MissingFileError` if there is no such file. Warns with
+        :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has no digest: a change is
+        then noticed only where numbers no longer fit together.
         """
         text, verified = read_sealed(path)
         with require_own_file(path, "density of states"):

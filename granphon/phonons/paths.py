@@ -31,6 +31,8 @@ _POINT_BYTES = 100.0
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 #: greatest number of points or cells that an argument may ask for; a larger number is a mistake
 LARGEST_COUNT = 1_000_000_000
+#: points on each segment of a path of bands, both ends counted, if no number is given
+BAND_POINTS = 101
 #: mesh of a density of states for one, two and three periods, if none is given
 MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: mesh on which the edges of bands are sought, for one, two and three periods

@@ -56,6 +56,7 @@ from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.paths import (
+    BAND_POINTS,
     LARGEST_COUNT,
     MESHES,
     BandPath,
@@ -621,7 +622,7 @@ class Phonons:
     def bands(
         self,
         path: str | ArrayLike | Sequence[ArrayLike] | None = None,
-        npoints: int = 101,
+        npoints: int = BAND_POINTS,
         labels: Sequence[str] | None = None,
         eigenvectors: bool = True,
     ) -> Bands:

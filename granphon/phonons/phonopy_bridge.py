@@ -246,11 +246,14 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : granphon did not write the file, or it was damaged or edited afterwards.
+    InputError : the file is none that :meth:`Phonons.save` wrote, its digest is not that of its
+        text, or its numbers do not fit together.
+    SchemaError : the file has another schema; an InputError too.
 
     Warns
     -----
-    UnverifiedFileWarning : the file has no digest.
+    UnverifiedFileWarning : the file has no digest: a change is then noticed only where numbers no
+        longer fit together.
     """
     text, verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):

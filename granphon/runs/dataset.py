@@ -907,8 +907,8 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
 
 
 def _write_states(dataset: Dataset, path: Path) -> None:
-    """Write the table ``path`` of the variables with one number for each state: a row for each
-    load, medium, combination of parameters and direction of sound.
+    """Write the table ``path`` of the variables with one number for each state, or for each state
+    and direction of sound: a row for each load, medium, combination of parameters and direction.
     """
     state_dims = dataset["valid"].dims
     row_dims = state_dims

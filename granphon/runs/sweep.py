@@ -27,7 +27,7 @@ from granphon.base.validation import block, require, truth
 from granphon.media.arrangement import Arrangement, find_kinds, given_balls
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.crystal import Crystal
-from granphon.phonons.paths import BandPath
+from granphon.phonons.paths import BAND_POINTS, BandPath
 from granphon.runs.dataset import Dataset
 from granphon.runs.finished_tasks import Store
 from granphon.runs.plan import Plan
@@ -58,7 +58,7 @@ def sweep(
     finite_overlap: bool = False,
     direction: ArrayLike | None = None,
     bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
-    npoints: int = 101,
+    npoints: int | None = None,
     labels: Sequence[str] | None = None,
     gaps: bool = False,
     cutoffs: bool = False,
@@ -98,7 +98,7 @@ def sweep(
         default x. Many make one more dimension of the velocities, ``direction``.
     bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it; the frequencies along
         it are added to the data set.
-    npoints : number of points on each segment of that path.
+    npoints : number of points on each segment of that path, by default 101.
     labels : names of the corners of that path; by default the letters, or the coordinates.
     gaps : whether to find the gaps and the top frequency of each state, as
         :meth:`granphon.phonons.phonons.Phonons.find_gaps` does.
@@ -174,10 +174,10 @@ def sweep(
         twice, a value that makes no packing, bands over parameters that change the number of
         branches, finite overlap of "auto" or of a simulation in the directions of the lattice,
         lattices of different dimension, waves of media that are no simulations or that an array
-        does not have, a pulse in several directions, ``labels`` without bands, an executor without
-        ``submit``, a ``progress`` without ``step``, a ``store`` of another class, a ``path`` that
-        does not end in .nc, ``resume`` without a path, and ``resume`` or ``overwrite`` that is no
-        truth value.
+        does not have, a pulse in several directions, ``labels`` or ``npoints`` without bands, an
+        executor without ``submit``, a ``progress`` without ``step``, a ``store`` of another class,
+        a ``path`` that does not end in .nc, ``resume`` without a path, and ``resume`` or
+        ``overwrite`` that is no truth value.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
         cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
@@ -209,11 +209,7 @@ def sweep(
     settings_with_losses = [] if waves is None else [waves.pulse, *waves.of_networks]
     require_losses(parameters, settings_with_losses)
     require_walls(parameters, settings_with_losses, find_kinds(packing))
-    if bands is None and labels is not None:
-        raise InputError(
-            "labels are given without bands", mend="Give bands, whose corners have them"
-        )
-    path_of_bands = None if bands is None else (bands, npoints, labels)
+    path_of_bands = _read_bands(bands, npoints, labels)
     flags = {"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets}
     names_of_zone = [name for name in OF_ZONE if require(name, truth, flags[name])]
     if path_of_bands is not None:
@@ -336,6 +332,26 @@ def _read_waves(
         direction=pulse_direction,
         of_networks=of_networks,
     )
+
+
+def _read_bands(
+    bands: Any, npoints: int | None, labels: Sequence[str] | None
+) -> tuple[Any, int, Sequence[str] | None] | None:
+    """Return the path of the bands, the number of points on each segment and the labels of the
+    corners, from these arguments of :func:`sweep`; None without bands. InputError for points or
+    labels without bands.
+    """
+    if bands is not None:
+        return bands, BAND_POINTS if npoints is None else npoints, labels
+    if labels is not None:
+        raise InputError(
+            "labels are given without bands", mend="Give bands, whose corners have them"
+        )
+    if npoints is not None:
+        raise InputError(
+            "npoints is given without bands", mend="Give bands, whose segments have points"
+        )
+    return None
 
 
 def _read_spectrum(

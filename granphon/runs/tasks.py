@@ -48,8 +48,8 @@ from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.limits import Check
 from granphon.media.newtons import write_newtons
 from granphon.media.state import ContactState
-from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
-from granphon.observables.velocities import warn_of_free_branches
+from granphon.observables.catalogue import Analysis, explain_missing_error, find_all
+from granphon.observables.velocities import explain_free_branches
 from granphon.phonons.paths import BandPath, interpolate_path, special_points
 from granphon.runs.execution import Task
 from granphon.runs.finished_tasks import TaskResult
@@ -505,7 +505,7 @@ class MediumTask(Task):
         """The loads of the task."""
         return self.serving.load
 
-    @property
+    @cached_property
     def simulation(self) -> DirectSimulation:
         """The simulation that is the medium of the task; ValueError if the medium is another."""
         (simulation,) = self.serving.arrays
@@ -692,14 +692,14 @@ class MediumTask(Task):
         try:
             if request.sound or has_long_waves:
                 numbers |= find_numbers(("velocities",))
-                notes += warn_of_free_branches(analysis.state, analysis.velocities.velocities)
+                notes += explain_free_branches(analysis.state, analysis.velocities.velocities)
         except MechanismError as error:
             if request.sound:
                 raise
             notes.append(f"velocities and moduli are left out: {error}")
         if request.exponents:
             numbers |= find_numbers(("exponent",))
-        notes += warn_of_missing_error(numbers)
+        notes += explain_missing_error(numbers)
         notes += analysis.failed.values()
         return numbers, notes
 

@@ -73,6 +73,7 @@ from granphon.waves.pulses import (
 )
 from granphon.waves.response import Response, require_places
 from granphon.waves.settings import (
+    KEYS_OF_PLANES,
     RESPONSES,
     ModesSettings,
     MotionSettings,
@@ -244,6 +245,10 @@ def require_network(
             PreparedMotion(state if array is None else network, settings)  # raises InputError
             continue
         shaped_network = settings.shape(network)
+        if isinstance(settings, MotionSettings) and key == "friction_coefficient":
+            from granphon.waves.nonlinear import require_slip  # other settings do not need it
+
+            require_slip(shaped_network, _find_friction(settings))
         if isinstance(settings, ModesSettings) and key == "count":
             motions = shaped_network.ball_motions.count
             require_motions(settings.count, motions * int(np.sum(shaped_network.moving)))
@@ -269,7 +274,7 @@ def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
     """Return the ``settings`` of planes of balls as source or receiver, by name: direction,
     polarisation and distance.
     """
-    return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
+    return {name: getattr(settings, name) for name in KEYS_OF_PLANES}
 
 
 def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
@@ -493,6 +498,12 @@ def _note_narrow_peaks(is_narrow: Array, *, is_single: bool) -> str:
     return f"{lines} narrower than the step of the frequencies, and the height is not known: {mend}"
 
 
+def _find_friction(settings: MotionSettings) -> float:
+    """Return the coefficient of friction of the ``settings``, infinite where none is given."""
+    mu = settings.friction_coefficient
+    return math.inf if mu is None else mu
+
+
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the nonlinear waves in a ``network``, which was made of the state, sample or network
     ``x``; the contacts of a crystal keep its law, and other contacts have Hertz's. Without a
@@ -503,13 +514,10 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
 
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
-    friction_coefficient = settings.friction_coefficient
-    if friction_coefficient is None:
-        friction_coefficient = math.inf
     return NonlinearWaves(
         network,
         law,
-        friction_coefficient=friction_coefficient,
+        friction_coefficient=_find_friction(settings),
         geometry=settings.geometry,
         viscous_pull=settings.viscous_pull,
         coulomb=settings.coulomb,

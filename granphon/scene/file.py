@@ -43,7 +43,7 @@ from granphon.base.quantities import (
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Block, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
-from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key
+from granphon.base.validation import Rule, block, make_key_refusal, read_inside
 from granphon.media.medium import CRYSTAL, NETWORK
 from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
@@ -69,6 +69,11 @@ _WORDS_WIDTH = 80
 #: what is left out of the words of a key in a preset: links behind "see", the marks of code, and
 #: of other links the brackets and the address
 _MARKUP = re.compile(r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)")
+#: the words of blocks that are no words of a key
+_WORDS_OF_BLOCKS = {
+    "load": "one of these",
+    "phonopy": "path and meshes; this block matters to bands, dos and spectrum only",
+}
 #: lines below the head of a preset
 _REMARK_OF_PRESETS = (
     "#",
@@ -203,7 +208,7 @@ def write_preset(name: str) -> str:
         indent, key = key_line.groups()
         if not indent:
             block_name = key
-        words = _explain_key(line, block_name, key if indent else "")
+        words = _explain_key(block_name, key if indent else "")
         if words and words not in explained:
             explained.add(words)
             lines += _comment_line(line, words)
@@ -223,20 +228,18 @@ def _comment_line(line: str, words: str) -> list[str]:
     return lines
 
 
-def _explain_key(line: str, block_name: str, key: str) -> str:
-    """Return the words that explain the ``key`` in the block ``block_name``, whose line in the file
-    is ``line``; an empty text if there are none. If the key is empty, the line is that of the block
-    itself, or of a value at the top level.
+def _explain_key(block_name: str, key: str) -> str:
+    """Return the words that explain the ``key`` in the block ``block_name``, or, if the key is
+    empty, the block itself or a value at the top level; an empty text if there are none.
     """
-    # kinds of balls have keys of the blocks material and packing
-    for name in (block_name, *_PACKING_BLOCKS):
+    names = [block_name]
+    if block_name == "balls":  # kinds of balls have keys of the blocks material and packing
+        names += _PACKING_BLOCKS
+    for name in names:
         declared = BLOCKS.get(name, {}).get(key)
         if declared is not None:
             return declared.meaning
-    return {
-        "load:": "one of these",
-        "phonopy:": "path and meshes; this block matters to bands, dos and spectrum only",
-    }.get(line, "")
+    return "" if key else _WORDS_OF_BLOCKS.get(block_name, "")
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -488,7 +491,7 @@ def _require_known(data: Any) -> None:
             continue
         for key in value:
             if key not in keys:
-                refused = refuse_unknown_key(key, keys, _find_block(key, keys_of_blocks))
+                refused = make_key_refusal(key, keys, _find_block(key, keys_of_blocks))
                 raise refused.under(name) if name else refused
 
 

@@ -1233,7 +1233,7 @@ def _read_matrix(value: Sequence[Any], name: str, read_component: Rule) -> tuple
     rows (p, p) of a matrix; Refused for a matrix that is not symmetric.
     """
     read_row = partial(each, rule=read_component, what="numbers")
-    matrix = np.array(each(list(value), read_row, "rows"))
+    matrix = np.array(each(value, read_row, "rows"))
     if not np.array_equal(matrix, matrix.T):
         raise Refused(show(value), "a symmetric matrix")
     # in Voigt order a shear strain is that of the angle, xy + yx

@@ -21,10 +21,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, brief, one_line
+from granphon.base.errors import GranphonError, InputError, MissingFileError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, Table, table_text
-from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
+from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_path, require_schema
+from granphon.base.validation import require, text, text_list
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.network_file import TABLES
@@ -70,12 +71,13 @@ class Export:
     observed : the word with which a scene observes the output; empty where no word decides.
     states : whether runs of "one" state, which has no axes of a sweep, of "many" or of "any" number
         have the output.
-    of_arrays : whether only media that simulate arrays have the output.
+    of_arrays : whether only media that simulate arrays have the output; a scene that observes it
+        with another medium is refused before it runs, so that :meth:`is_of` does not ask.
     when : function of a scene that says whether its run has the output; ``observed``, ``states``
         and ``when`` must all hold.
     find : function of the results of a run that returns the value of the output, None where there
-        is nothing to write. Without this function the output has no value of its own: its files
-        and its figure show other values.
+        is nothing to write. Without this function a run finds no value of the output: its files and
+        its figure show other values.
     summarise : function of the results of a run that returns numbers of the output for
         summary.yaml, plain data by name.
     cost : function of a scene that estimates the work that finds and writes the output: the path of
@@ -87,26 +89,29 @@ class Export:
     columns : function of the results of a run that returns the numbers of its tables, arrays by
         name, of which standard errors are found if parameters have them: those that
         :meth:`Results.find_errors` gives to ``write`` and ``draw``.
-    along : the name of that of the ``columns`` at whose values all others are compared, such as a
-        time.
+    along : the name of the column at whose values the other ``columns`` of two results are
+        compared, such as a time; empty if they are compared row by row.
     of_states : whether the files have the standard errors that the data set of the states has.
     draw : function that returns the figure of the results.
-    source : the file by which a folder is known to hold the output; by default the first of
-        ``files``, empty where no folder holds what the figure is drawn from.
+    source : the file by which a folder is known to hold the output, and from which the value is
+        read; by default the first of ``files``, empty where no folder holds what the figure is
+        drawn from.
     in_curves : whether a sweep also shows numbers of the output over the load, in ``sweep.png``.
     joined : the attribute of :class:`granphon.figures.curves.Run` that holds the value where
         several runs are drawn together; empty if the output is not drawn together with others.
     marks : patterns that tell the file of such a value if the file was renamed: one of them is in
         its content.
-    rank : place of the figure among those of a folder, of which one is drawn by default: the least
-        rank comes first, and 0 comes last.
+    rank : place of the figure among those of a folder, of which the first is drawn by default: the
+        least rank comes first, and 0 comes last.
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference; by
-        default the ``occasion`` names what is ``observed``, and the number of ``states``.
+        default the ``occasion`` names what is ``observed`` and the number of ``states``, and is
+        "every run" where neither decides.
     caption : what the figure shows; by default the ``words``.
-    numbers : the files that hold numbers.
-    figure, stem : the file of the figure, and its name without the ending; empty for none.
+    numbers : names of the files that hold numbers, made from ``files``.
+    figure, stem : name of the file of the figure with and without its ending, made from ``files``;
+        empty for none.
     """
 
     name: str
@@ -159,8 +164,8 @@ class Export:
             assign("source", self.files[0] if self.files else "")
 
     def find_source(self, folder: Path) -> Path | None:
-        """Return the path of the file ``source`` in a folder; None if the folder does not hold the
-        output.
+        """Return the path of the file ``source`` in a ``folder``; None if the folder does not hold
+        the output.
         """
         if not self.source:
             return None
@@ -170,9 +175,10 @@ class Export:
 
     @property
     def files_without_errors(self) -> tuple[str, ...]:
-        """The files of numbers, of an output of one state alone, that hold no standard errors even
-        if parameters have them: all but band.yaml and the tables (.csv) of an output with
-        ``columns`` or ``of_states``. Empty for other outputs, whose numbers are in sweep.nc.
+        """Names of the files of numbers that hold no standard errors even if parameters have them.
+        Of an output of one state alone these are all but band.yaml and the tables (.csv) of an
+        output with ``columns`` or ``of_states``; of other outputs, whose numbers are in sweep.nc
+        with their errors, there are none.
         """
         if self.states != "one":
             return ()
@@ -184,16 +190,16 @@ class Export:
         )
 
     def is_of(self, scene: Any) -> bool:
-        """Whether a run of a ``scene`` has the output."""
+        """Whether a run of a ``scene`` has the output; never for an output of another command."""
         if self.command != "run" or (self.observed and self.observed not in scene.observe):
             return False
-        if self.states != "any" and not self.is_of_number(scene.swept):
+        if not self.is_of_number(scene.swept):
             return False
         return self.when is None or bool(self._call(self.when, scene))
 
     def is_of_number(self, swept: Collection[str]) -> bool:
-        """Whether runs with as many states may have the output: one state if there are no axes
-        ``swept``, otherwise many.
+        """Whether the number of states of a run allows the output; ``swept`` are the axes of the
+        run, which has one state without axes, and many states otherwise.
         """
         return self.states in ("any", "many" if swept else "one")
 
@@ -206,13 +212,15 @@ class Export:
 
     def read_errors(self, folder: Path) -> dict[str, Any]:
         """Return the standard errors (n,) that the table of the output in a ``folder`` has, SI, by
-        the names of its columns; empty without such a table.
+        the names of its columns; empty for an output without ``columns``, without a table, and for
+        a table without errors. The table is the first of the files of numbers that ends in .csv.
         """
         if self.columns is None:
             return {}
         paths = [folder / name for name in self.numbers if name.endswith(".csv")]
-        tables = [Table.read(path) for path in paths if path.is_file()]
-        return tables[0].list_errors() if tables else {}
+        if not paths or not paths[0].is_file():
+            return {}
+        return Table.read(paths[0]).list_errors()
 
     def find_value(self, run: Any) -> Any:
         """Return the value of the output, found from the results of a ``run``; None for an output
@@ -229,8 +237,8 @@ class Export:
         return self.summarise(run)
 
     def write_numbers(self, results: Any, folder: Path) -> None:
-        """Write the files of numbers of the output into a ``folder``, if there are such files;
-        InputError if the function ``write`` leaves one out.
+        """Write the files of numbers of the output into a ``folder``, if the output has a function
+        ``write``; InputError if this function leaves one of the files out.
         """
         if self.write is None:
             return
@@ -248,15 +256,16 @@ class Export:
 
     @cached_property
     def options(self) -> Collection[str]:
-        """The options of the figure: names of the arguments of the function ``draw``, behind the
-        first, which is the results.
+        """The options of the figure: the names of the arguments of the function ``draw`` but the
+        first, which is the results; empty for an output without a figure.
         """
         return () if self.draw is None else tuple(signature(self.draw).parameters)[1:]
 
     def make_figure(self, results: Any, tell: Tell | None = None, **options: Any) -> Any:
-        """Return the matplotlib figure of the ``results``, drawn with the ``options``; InputError
-        if the output has no figure, or its function returns none. ``tell`` is called with a
-        sentence that says which panels the figure has chosen, if it chooses any.
+        """Return the matplotlib figure of the ``results``, drawn with the ``options``, whose names
+        are among :attr:`options`. ``tell`` is called with a sentence that says which panels the
+        figure has chosen, if it chooses any. InputError if the output has no figure, or if its
+        function ``draw`` returns none.
         """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
@@ -271,8 +280,8 @@ class Export:
     def _call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Call a ``function`` of the output and return its result.
 
-        Errors of granphon and of the file system pass. Any other exception becomes an InputError
-        that names the output, if the output was registered by the user or a plug-in.
+        Errors of granphon and of the file system are raised unchanged. Any other exception becomes
+        an InputError that names the output, if the output was registered by the user or a plug-in.
         """
         try:
             return function(*arguments, **options)
@@ -291,19 +300,27 @@ class Results:
 
     Attributes
     ----------
-    folder : the folder of the results.
-    values : the values that have been found or read, by the names of outputs.
-    column_errors : standard errors of the numbers of tables, by the names of outputs and then by
-        those of columns, as far as they were found or read so far.
+    folder : the folder of the results; may be given as a text.
+    values : the values that have been found or read so far, by the names of outputs. The object is
+        frozen, but reading a value adds it here.
+    column_errors : the standard errors of tables that have been found or read so far, by the names
+        of outputs and then by those of columns; reading adds to them too.
     """
 
     folder: Path
     values: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
     column_errors: dict[str, dict[str, Any]] = field(default_factory=dict, kw_only=True, repr=False)
 
+    def __post_init__(self) -> None:
+        """Make a path of a folder that is given as a text; InputError for what is no path."""
+        require_path(self.folder)
+        object.__setattr__(self, "folder", Path(self.folder))  # the dataclass is frozen
+
     def __getitem__(self, name: str) -> Any:
-        """Return the value of the output ``name``, read from its file; None if the folder does not
-        hold it. The value of an output without files is found from other values. Either is kept.
+        """Return the value of the output ``name``, read from its file ``source``, and keep it in
+        ``values``; None if the folder does not hold the file, and for an output that is not read.
+        The value of an output without a file is found from other values. KeyError if there is no
+        such output.
         """
         if name not in self.values:
             row = OUTPUTS[name]
@@ -317,8 +334,9 @@ class Results:
         return self.values[name]
 
     def find_errors(self, name: str) -> dict[str, Any]:
-        """Return the standard errors of the numbers in the table of the output ``name``, arrays by
-        the names of columns; empty without errors. They are read from the table, and kept.
+        """Return the standard errors (n,), SI, of the numbers in the table of the output ``name``,
+        by the names of columns; empty without errors. They are read from the table, and kept in
+        ``column_errors``.
         """
         if name not in self.column_errors:
             self.column_errors[name] = OUTPUTS[name].read_errors(self.folder)
@@ -350,7 +368,9 @@ def _has_files(scene: Any) -> bool:
 
 
 def _has_own_density(scene: Any) -> bool:
-    """Whether the one state of a scene has a density of states of its own network."""
+    """Whether the one state of a scene has a density of states of its own network: that of a
+    packing in files, or of a simulated array.
+    """
     return scene.packing.is_network or bool(scene.serving.arrays)
 
 
@@ -362,21 +382,21 @@ def _has_friction(scene: Any) -> bool:
 
 
 def shows_curves(observe: Collection[str]) -> bool:
-    """Whether a sweep that observes the words ``observe`` is drawn as curves over the load: it
-    observes velocities, something else that has no figure of its own in sweeps, or an output with
+    """Whether a sweep that observes the words ``observe`` is drawn as curves over the load: if one
+    of the words is "velocities", has no figure of its own in sweeps, or has an output with
     :attr:`Export.in_curves`.
     """
     rows = [row for _name, row in OUTPUTS.items() if row.figure and row.states != "one"]
-    figures_alone = {row.observed for row in rows if not row.in_curves}
-    return not figures_alone.issuperset(observe)
+    words_without_curves = {row.observed for row in rows if not row.in_curves}
+    return not words_without_curves.issuperset(observe)
 
 
 # -- how it is found -------------------------------------------------------------------------------
 
 
 def _find_surface(run: Any) -> Any:
-    """Return the spectrum of the outer layer at the edge that the settings ``surface`` of the scene
-    choose.
+    """Return the spectrum of the outer layer of the only state, at the edge that the settings
+    ``surface`` of the scene choose.
     """
     from granphon.phonons.surfaces import Surface
 
@@ -386,8 +406,8 @@ def _find_surface(run: Any) -> Any:
 
 
 def _find_force_constants(run: Any) -> Any:
-    """Return the phonons of the state with their force constants."""
-    _ = run.phonons.phonopy  # found now, and kept
+    """Return the phonons of the only state, whose force constants are found now, and kept."""
+    _ = run.phonons.phonopy
     return run.phonons
 
 
@@ -400,7 +420,7 @@ def _find_bands(run: Any) -> Any:
 
 def _find_gaps(results: Any) -> Any:
     """Return the lower and upper edges (n, 2), Hz, of the n gaps of the only state of the results;
-    None if their data set has no gaps, or several states.
+    None if gaps were not observed, or the data set has several states.
     """
     data = results["states"]
     if data is None or "gap_lower" not in data or data["valid"].size > 1:
@@ -419,19 +439,20 @@ def _find_spectra(run: Any) -> Any:
     return restore_spectra(run.records, run.scene.waves, run.state)
 
 
-def _find_kept(name: str, kind: str, run: Any) -> Any:
-    """Return the result that the record of the first sample keeps under ``name``; ``kind`` is the
-    name of its class in granphon.
+def _find_sample_dos(run: Any) -> Any:
+    """Return the density of states of the first sample, or of the packing in files, from the
+    records of the run.
     """
-    import granphon
     from granphon.runs.wave_records import restore_result
+    from granphon.waves.dos import SpectralDensity
 
-    return restore_result(run.records[0], name, getattr(granphon, kind))
+    return restore_result(run.records[0], "dos", SpectralDensity)
 
 
 def _find_design(run: Any) -> Any:
-    """Return the best network for the goal of a scene. The searches from all starts are done as
-    tasks, whose results the run keeps under ``identity``: the scene and the versions of packages.
+    """Return the best network for the goal of the scene of a ``run``. The searches from all starts
+    are tasks, whose results the run keeps under ``identity``: the scene and the versions of
+    packages.
     """
     scene = run.scene
     identity = {"scene": parse_yaml(scene.to_yaml(), "scene").data, "versions": packages()}
@@ -456,7 +477,10 @@ def _find_motion(run: Any) -> Any:
 
 
 def _list_limits(run: Any) -> dict[str, Any]:
-    """Return the conditions under which the model holds at the only state, as plain data."""
+    """Return the conditions under which the model holds at the only state, as plain data: under
+    "ok" whether all hold, and under "validity" a list of them with name, meaning, value, limit and
+    whether each holds.
+    """
     validity = run.validity
     checks = [
         {
@@ -500,15 +524,16 @@ def _summarise_state(run: Any) -> dict[str, Any]:
     return numbers
 
 
-def _list_numbers(run: Any, costs: Sequence[CostClass]) -> dict[str, Any]:
-    """Return the numbers of the only state that have these ``costs``, by name and in the order of
-    the costs: from the data set, and, of those that no data set holds, from the state itself.
+def _list_numbers(run: Any, cost_classes: Sequence[CostClass]) -> dict[str, Any]:
+    """Return the numbers of the only state whose costs are of the ``cost_classes``, by name and in
+    the order of the classes: from the data set, and, of those that no data set holds, from the
+    state itself. A number that the state does not have is left out.
     """
     state = run.dataset.isel(load=0, medium=0)
     numbers: dict[str, Any] = {}
-    for cost in costs:
+    for cost_class in cost_classes:
         for name, entry in CATALOGUE.items():
-            if entry.cost != cost or entry.find is None:
+            if entry.cost != cost_class or entry.find is None:
                 continue
             number = None
             if entry.swept and name in state:
@@ -522,11 +547,11 @@ def _list_numbers(run: Any, costs: Sequence[CostClass]) -> dict[str, Any]:
 
 
 def _summarise_states(run: Any) -> dict[str, Any]:
-    """Return the numbers of the states of a sweep by name: the sizes of the dimensions, the number
-    of states, the media, the least and the greatest of each variable that the catalogue marks as
-    ``told``, the least and the greatest of their standard errors, and whether all states are valid;
-    also the direction of sound, if it was given or if velocities depend on it. Velocities and
-    moduli are among them if the scene observes velocities.
+    """Return the numbers of the states of a sweep by name: whether the states have finite overlap
+    (of each medium, where the media differ), the sizes of the dimensions, the number of states, the
+    media, the direction of sound, if it was given or if velocities depend on it, the least and the
+    greatest of each variable of :func:`list_told` and of its standard errors, and whether all
+    states are valid.
     """
     from granphon.runs.dataset import list_finite_overlap
 
@@ -557,8 +582,9 @@ def _summarise_states(run: Any) -> dict[str, Any]:
 
 
 def list_told(observe: Collection[str]) -> list[str]:
-    """Return the names of the numbers that are told of a run that observes the words ``observe``;
-    velocities and moduli are told where velocities are observed.
+    """Return the names of the numbers that are told of a run that observes the words ``observe``:
+    those that the catalogue marks as ``told``, velocities and moduli only if ``observe`` has
+    "velocities".
     """
     has_velocities = "velocities" in observe
     return [
@@ -571,7 +597,8 @@ def list_told(observe: Collection[str]) -> list[str]:
 def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
     """Return the least and the greatest standard error of each of the variables ``names`` of a data
     set, by name as NAME_error, and under "errors_from" for each name the parameter that gives most
-    of its error. Errors of sampling alone, which no parameter causes, are left out.
+    of its error; empty without errors. Errors of sampling alone, which no parameter causes, are
+    left out.
     """
     errors: dict[str, Any] = {}
     sources: dict[str, str] = {}
@@ -584,12 +611,12 @@ def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _of_one_state(summarise: Callable[[Any], dict[str, Any]]) -> Callable[[Any], dict[str, Any]]:
-    """Return the function ``summarise`` for runs of one state, which may be a sweep over parameters
-    of one value each; it gives no numbers of runs of several states.
+    """Return a function that returns what ``summarise`` does for a run of one state, also for a
+    sweep over parameters of one value each, and nothing for a run of several states.
     """
 
     def summarise_one(run: Any) -> dict[str, Any]:
-        """Return the numbers of a run of one state, by name."""
+        """Return the numbers of a ``run`` of one state, by name; empty for several states."""
         return summarise(run) if run.dataset["valid"].size == 1 else {}
 
     return summarise_one
@@ -644,19 +671,19 @@ def _summarise_design(run: Any) -> dict[str, Any]:
 
 
 def _list_strongest(run: Any) -> dict[str, Any]:
-    """Return, under "matters_most", by quantity of the only state the parameter on which the
-    quantity depends most: the one with the largest logarithmic derivative in magnitude. A quantity
-    that depends on no parameter is left out.
+    """Return, under "matters_most", for each quantity of the only state the parameter on which the
+    quantity depends most, whose logarithmic derivative is the largest in magnitude. A quantity that
+    depends on no parameter is left out.
     """
     data = run.dataset
     quantities = data["sensitivity_of"].values.tolist()
     parameters = data["sensitivity_to"].values.tolist()
     # (quantities, parameters); a derivative that is not known counts as zero
-    sizes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
+    magnitudes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
     strongest = {
-        quantity: parameters[int(np.argmax(of_quantity))]
-        for quantity, of_quantity in zip(quantities, sizes, strict=True)
-        if np.any(of_quantity)
+        quantity: parameters[int(np.argmax(magnitudes_of_quantity))]
+        for quantity, magnitudes_of_quantity in zip(quantities, magnitudes, strict=True)
+        if np.any(magnitudes_of_quantity)
     }
     return {"matters_most": strongest}
 
@@ -712,12 +739,12 @@ def _write_scene(run: Any, folder: Path) -> None:
     for package, version in run.package_versions.items():
         head += f"# {package} {version}\n"
     scene = run.scene
-    text = scene.to_yaml()
+    content = scene.to_yaml()
     if _has_files(scene):
         # the tables are written beside scene.yaml, while the user's files may be elsewhere
-        data = parse_yaml(text, "scene").data
-        text = dump_yaml(data | {"network": scene.packing.block_of_tables})
-    (folder / "scene.yaml").write_text(head + text, encoding="utf-8")
+        data = parse_yaml(content, "scene").data
+        content = dump_yaml(data | {"network": scene.packing.block_of_tables})
+    (folder / "scene.yaml").write_text(head + content, encoding="utf-8")
 
 
 def _write_packing(run: Any, folder: Path) -> None:
@@ -731,7 +758,9 @@ def _write_diameters(run: Any, folder: Path) -> None:
 
 
 def _write_states(run: Any, folder: Path) -> None:
-    """Write the data set of every state, sweep.nc, and the table sweep.csv of the same states."""
+    """Write the data set of every state, sweep.nc, and the table sweep.csv of the variables with
+    one number for each state, or for each state and direction of sound.
+    """
     from granphon.runs.dataset import write_sweep
 
     write_sweep(run.dataset, folder / "sweep.nc")
@@ -767,10 +796,11 @@ def _write_motion(run: Any, folder: Path) -> None:
 
 
 def _list_contact_columns(run: Any) -> dict[str, Any]:
-    """Return the columns of motion_contacts.csv but the numbers of balls, (n_c,) by name."""
+    """Return the columns of motion_contacts.csv but the numbers of balls, (n_c,) SI by name."""
     from granphon.runs.wave_records import list_contact_columns
 
     columns = list_contact_columns(run["balls_in_motion"], run.scene.motion)
+    # only the numbers of balls have no unit
     return {name: values for name, unit, values in columns if unit}
 
 
@@ -783,8 +813,8 @@ def _write_with_table(name: str, run: Any, folder: Path) -> None:
 
 
 def _write_surface(run: Any, folder: Path) -> None:
-    """Write the spectrum at an edge as surface.json, and its waves, with the standard errors of
-    their frequencies and weights, as surface.csv.
+    """Write the spectrum at an edge as surface.json, and its waves as surface.csv, with the
+    standard errors of their frequencies and weights if the data set has them.
     """
     from granphon.runs.dataset import find_wave_errors
 
@@ -798,18 +828,19 @@ def _write_surface(run: Any, folder: Path) -> None:
 
 
 def _write_bands(run: Any, folder: Path) -> None:
-    """Write the bands as band.yaml, with the standard errors of their frequencies."""
-    bands = run["bands"]
-    errors = run.dataset.get("frequencies_error")
-    of_state = None if errors is None else errors.values.reshape(bands.frequencies.shape)
-    bands.write(folder / "band.yaml", errors=of_state)
-
-
-def _write_value(name: str, file: str, method: str, run: Any, folder: Path) -> None:
-    """Write the value of the output ``name`` into a ``file`` by the value's own ``method``, which
-    takes the path.
+    """Write the bands as band.yaml, with the standard errors of their frequencies if the data set
+    has them.
     """
-    getattr(run[name], method)(folder / file)
+    bands = run["bands"]
+    variable = run.dataset.get("frequencies_error")
+    # the data set has the same array behind axes of length one
+    errors = None if variable is None else variable.values.reshape(bands.frequencies.shape)
+    bands.write(folder / "band.yaml", errors=errors)
+
+
+def _write_force_constants(run: Any, folder: Path) -> None:
+    """Write the force constants and the cell of the only state as phonopy_params.yaml."""
+    run["force_constants"].save(folder / "phonopy_params.yaml")
 
 
 def _write_sample(run: Any, folder: Path) -> None:
@@ -829,14 +860,14 @@ def _write_fields(
     name: str, columns: Sequence[tuple[str, str, str]], run: Any, folder: Path
 ) -> None:
     """Write the value of the output ``name`` as NAME.json, and some of its attributes, arrays (n,),
-    as the columns of NAME.csv, behind which standard errors stand. The ``columns`` are triples of
-    heading, unit and attribute.
+    as the columns of NAME.csv, followed by a column of standard errors for each column that has
+    them. The ``columns`` are triples of heading, unit and attribute.
     """
     _write_json(run[name], folder / f"{name}.json")
     headings = [Heading(heading, unit) for heading, unit, _ in columns]
-    of_columns = {heading.name: heading for heading in headings}
+    heading_of_name = {heading.name: heading for heading in headings}
     errors = run.find_errors(name)
-    headings += [of_columns[heading].of_error for heading in errors]
+    headings += [heading_of_name[heading].of_error for heading in errors]
     values = [*_list_fields(name, columns, run).values(), *errors.values()]
     rows = np.transpose(values).tolist()
     (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
@@ -856,8 +887,8 @@ def _write_dos(run: Any, folder: Path) -> None:
 
 
 def _write_design(run: Any, folder: Path) -> None:
-    """Write a design as design.json, its variables as design.csv, and the goal at each evaluation
-    as design_history.csv.
+    """Write a design as design.json, its variables, each with its unit, as design.csv, and the goal
+    at each evaluation as design_history.csv.
     """
     design = run["design"]
     _write_json(design, folder / "design.json")
@@ -911,24 +942,45 @@ def _read_json(kind: str, path: Path) -> Any:
         raise InputError(f"{path}: {error}") from None
 
 
-def _read_by(kind: str, method: str, path: Path) -> Any:
-    """Return the result in the file ``path``; ``kind`` is the name of its class in granphon, and
-    ``method`` that of the method of the class that reads it.
-    """
-    import granphon
+def _read_motion(path: Path) -> Any:
+    """Return the motion of balls in the file ``path``."""
+    from granphon.waves.motion import Motion
 
-    return getattr(getattr(granphon, kind), method)(path)
+    return Motion.read(path)
+
+
+def _read_bands(path: Path) -> Any:
+    """Return the bands in the file ``path``."""
+    from granphon.phonons.bands import Bands
+
+    return Bands.read(path)
+
+
+def _read_dos(path: Path) -> Any:
+    """Return the density of states in the table ``path``."""
+    from granphon.phonons.dos import DensityOfStates
+
+    return DensityOfStates.read_csv(path)
 
 
 def _read_errors(path: Path) -> Any:
-    """Return the standard errors in the summary beside ``path``, by name as NAME_error, and under
-    "errors_from" for each name the parameter that gives most of its error; None without errors.
+    """Return the standard errors in ``path``, the summary.yaml of a folder, by name as NAME_error,
+    and under "errors_from" for each name the parameter that gives most of its error; None without
+    errors.
     """
     summary = read_summary(path.parent)
     if "errors_from" not in summary:
         return None
-    names = [f"{name}_error" for name in summary["errors_from"]]
-    return {name: summary[name] for name in (*names, "errors_from") if name in summary}
+    error_names = [f"{name}_error" for name in summary["errors_from"]]
+    return {name: summary[name] for name in (*error_names, "errors_from") if name in summary}
+
+
+def _read_limits(path: Path) -> Any:
+    """Return the conditions under which the model holds, in the form of :func:`_list_limits`, from
+    ``path``, the summary.yaml of a folder; None for a sweep, whose summary has none.
+    """
+    summary = read_summary(path.parent)
+    return {name: summary[name] for name in ("ok", "validity") if name in summary} or None
 
 
 def _read_fit(path: Path) -> Any:
@@ -976,20 +1028,26 @@ def _choose_states(results: Any, where: Wishes | None) -> Dataset:
     return dataset
 
 
-def _draw_dataset(name: str, results: Any, where: Wishes | None = None, **options: Any) -> Any:
+# the arguments of these functions are the options of the figures, see Export.options: none takes
+# options that it does not name
+
+
+def _draw_dataset(name: str, results: Any, where: Wishes | None = None) -> Any:
     """Return the figure that the output ``name`` has for the data set of the states, or for those
     states that ``where`` chooses.
     """
     from granphon.figures.plot import draw_dataset
 
-    return draw_dataset(_choose_states(results, where), name, **options)
+    return draw_dataset(_choose_states(results, where), name)
 
 
 def _draw_sensitivities(results: Any, where: Wishes | None = None, tell: Tell | None = None) -> Any:
     """Return the figure of the derivatives by parameters, of all states or of those that ``where``
     chooses. ``tell`` is called with a sentence that says what the figure leaves out.
     """
-    return _draw_dataset("sensitivities", results, where, tell=tell)
+    from granphon.figures.plot import draw_dataset
+
+    return draw_dataset(_choose_states(results, where), "sensitivities", tell=tell)
 
 
 def _draw_panels(
@@ -1000,11 +1058,14 @@ def _draw_panels(
     columns: str | None = None,
     tell: Tell | None = None,
 ) -> Any:
-    """Return the figure of the output ``name``, in whose panels the states are shared out. The
-    states are those that ``where`` chooses, see :func:`granphon.figures.choices.choose_states`;
-    ``rows``, ``columns`` and ``tell`` are those of :func:`granphon.figures.curves.sweep_figure`.
+    """Return the figure of the output ``name``, in whose panels the states are shared out: all
+    states, or those that ``where`` chooses. ``rows``, ``columns`` and ``tell`` are those of
+    :func:`granphon.figures.curves.sweep_figure`.
     """
-    return _draw_dataset(name, results, where, rows=rows, columns=columns, tell=tell)
+    from granphon.figures.plot import draw_dataset
+
+    dataset = _choose_states(results, where)
+    return draw_dataset(dataset, name, rows=rows, columns=columns, tell=tell)
 
 
 def _draw_curves(
@@ -1018,13 +1079,17 @@ def _draw_curves(
     """Return the figure of the states over the load: velocities and exponents, or one ``variable``;
     the other arguments are those of :func:`_draw_panels`.
     """
+    from granphon.figures.plot import draw_dataset
+
+    dataset = _choose_states(results, where)
     options = {"rows": rows, "columns": columns, "tell": tell}
-    return _draw_dataset("sweep", results, where, variable=variable, **options)
+    return draw_dataset(dataset, "sweep", variable=variable, **options)
 
 
 def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
-    """Return the figure of the motion of a single state; or, if there is no single motion or if
-    ``where`` chooses states, that of the energies of the states over time.
+    """Return the figure of the motion of balls if the results hold that of a single state, and
+    ``where`` chooses no states; otherwise that of the greatest force and the energy of each state
+    over time.
     """
     motion = results["balls_in_motion"]
     if where or motion is None:
@@ -1036,35 +1101,36 @@ def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
 
 
 def _draw_surface(results: Any) -> Any:
-    """Return the figure of the spectrum at an edge, with the standard errors of its waves."""
+    """Return the figure of the spectrum at an edge, with the standard errors of its waves if the
+    data set has them.
+    """
     from granphon.figures.plot import plot
     from granphon.runs.dataset import find_wave_errors
 
-    spectrum = results["surface"]
-    errors = find_wave_errors(results["states"])
-    if errors is None or spectrum is None:
-        return plot(spectrum)
-    return plot(spectrum, errors=errors)
+    return plot(results["surface"], errors=find_wave_errors(results["states"]))
 
 
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
-    """Return the figure of the bands and the density of states in the results, as far as they are
-    there; with the long waves of ``asymptotes``, a lattice of contacts, if it is given.
+    """Return the figure of the bands, the density of states, or both, as the results hold them,
+    with gaps and standard errors. The bands, if there are any, have the long waves of the lattice
+    of contacts ``asymptotes``, if it is given.
     """
     from granphon.figures.bands import bands_figure
 
+    dos = results["dos"]
+    dos_errors = results.find_errors("dos")
     bands = results["bands"]
-    gaps = results["gaps"]
-    lattice = None if bands is None else asymptotes
+    if bands is None:
+        return bands_figure(None, dos, dos_errors=dos_errors)
     data = results["states"]
-    errors = None if bands is None or data is None else data.get("frequencies_error")
+    errors = None if data is None else data.get("frequencies_error")
     return bands_figure(
         bands,
-        results["dos"],
-        asymptotes=lattice,
-        gaps=gaps,
+        dos,
+        asymptotes=asymptotes,
+        gaps=results["gaps"],
         errors=errors,
-        dos_errors=results.find_errors("dos"),
+        dos_errors=dos_errors,
     )
 
 
@@ -1072,7 +1138,8 @@ def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
 
 #: every output by its name, in the order in which files are written and named
 OUTPUTS: Registry[Export] = Registry("output")
-#: heading, unit and attribute of the columns of a density of states and of a pulse
+#: heading, unit and attribute of the columns of a density of states; the last column is the
+#: standard error of the estimate itself
 _DENSITY_COLUMNS = (
     ("frequency", "Hz", "frequencies"),
     ("total", "1/Hz", "total"),
@@ -1080,6 +1147,7 @@ _DENSITY_COLUMNS = (
     ("rotational", "1/Hz", "rotational"),
     ("error", "1/Hz", "error"),
 )
+#: heading, unit and attribute of the columns of a pulse
 _PULSE_COLUMNS = (
     ("time", "s", "times"),
     ("force_sent", "N", "sent"),
@@ -1104,7 +1172,14 @@ for _row in (
     Export("peaks", (), observed="response", summarise=_of_one_state(_list_peaks)),
     Export("onsets_of_state", (), observed="onsets", summarise=_of_one_state(_list_onsets)),
     Export("strongest", (), observed="sensitivities", summarise=_of_one_state(_list_strongest)),
-    Export("limits", (), states="one", find=_list_limits),
+    Export(
+        "limits",
+        (),
+        states="one",
+        find=_list_limits,
+        read=_read_limits,
+        source="summary.yaml",
+    ),
     Export(
         "errors",
         (),
@@ -1273,7 +1348,7 @@ for _row in (
         find=_find_motion,
         write=_write_motion,
         columns=_list_contact_columns,
-        read=partial(_read_by, "Motion", "read"),
+        read=_read_motion,
         words="balls at all times, network, forces of contacts; of each contact arrival and"
         " greatest force",
     ),
@@ -1320,7 +1395,7 @@ for _row in (
         summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
         write=_write_bands,
         of_states=True,
-        read=partial(_read_by, "Bands", "read"),
+        read=_read_bands,
         draw=_draw_bands,
         joined="bands",
         marks=(rb"\nphonon:",),
@@ -1337,7 +1412,7 @@ for _row in (
         find=_find_force_constants,
         cost=_cost_force_constants,
         packages=_OF_PHONONS,
-        write=partial(_write_value, "force_constants", "phonopy_params.yaml", "save"),
+        write=_write_force_constants,
         words="[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
     ),
     Export(
@@ -1352,7 +1427,7 @@ for _row in (
         write=_write_dos,
         columns=partial(_list_fields, "dos", _DENSITY_COLUMNS[:-1]),
         along="frequency",
-        read=partial(_read_by, "DensityOfStates", "read_csv"),
+        read=_read_dos,
         joined="dos",
         marks=(rb"\Afrequency_Hz",),  # other tables are for spreadsheets
         label="density of states",
@@ -1416,7 +1491,7 @@ for _row in (
         observed="dos",
         states="one",
         when=_has_own_density,
-        find=partial(_find_kept, "dos", "SpectralDensity"),
+        find=_find_sample_dos,
         write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
         columns=partial(_list_fields, "sample_dos", _DENSITY_COLUMNS[:-1]),
         along="frequency",
@@ -1532,7 +1607,7 @@ def register_output(
     draw : function of the result that returns a matplotlib figure; needed if there is a figure. The
         same function draws it again: the results of a folder have ``dataset`` and ``[name]``. Of
         the keywords ``variable``, ``where``, ``rows``, ``columns`` and ``tell`` it is given those
-        that it has, with what the user of ``granphon plot`` asks for; the others are refused.
+        that it names, with what the user of ``granphon plot`` asks for; the others are refused.
 
     Returns
     -------
@@ -1542,10 +1617,10 @@ def register_output(
     Raises
     ------
     InputError : a name that another output has, or that is no such word; no file, one that another
-        output has, or that is no plain name; empty ``words``; files without their function.
+        output has, or that is no plain name; ``words`` that are no text; two figures; an argument
+        that is no function; files without their function.
     """
     given_name: Any = name
-    given_words: Any = words
     is_of_granphon = name in CATALOGUE and not CATALOGUE.is_added(name)
     if not isinstance(given_name, str) or not is_free(name) or is_of_granphon:
         mend = (
@@ -1553,11 +1628,9 @@ def register_output(
             " yet, or that of a registered observable"
         )
         raise InputError(f"an output cannot have the name {brief(name)}", mend=mend)
-    if not (isinstance(given_words, str) and given_words):
-        raise InputError(f"the output {name!r} says not what it holds", mend="Give words")
     row = Export(
         name,
-        tuple(files),
+        _read_file_names(name, files),
         observed="" if when else name,
         when=when,
         find=find,
@@ -1565,38 +1638,54 @@ def register_output(
         read=read,
         draw=draw,
         occasion=f"`{name}`",
-        words=words,
+        words=require(f"words of the output {name!r}", text, words),
     )
-    _require_files(row)
+    _require_functions(row)
     return OUTPUTS.add(name, row, write or draw)
 
 
-def _require_files(row: Export) -> None:
-    """Raise InputError unless the ``row``, which is to be added to :data:`OUTPUTS`, has at least
-    one file and at most one figure, with plain names that no other output has, and has functions
-    that write and draw them.
+def _read_file_names(name: str, files: Any) -> tuple[str, ...]:
+    """Return the names ``files`` of an output ``name`` that is to be registered, as a tuple.
+
+    InputError unless they are plain names with an ending that no other output has, at least one,
+    and at most one of a figure.
     """
+    file_names: tuple[str, ...] = require(f"files of the output {name!r}", text_list, files)
     holders = {file: holder.name for _name, holder in OUTPUTS.items() for file in holder.files}
-    given_files: tuple[Any, ...] = row.files
-    for file in given_files:
-        is_name = isinstance(file, str) and Path(file).name == file
-        if not is_name or file.startswith(".") or not Path(file).suffix:
+    for file in file_names:
+        if Path(file).name != file or file.startswith(".") or not Path(file).suffix:
             mend = "Give a plain name with an ending, such as impedance.csv"
             raise InputError(f"{brief(file)} is no file of an output", mend=mend)
-        if holders.get(file, row.name) != row.name:
+        if holders.get(file, name) != name:
             why = f"The output {holders[file]!r} has it"
-            raise InputError(f"the output {row.name!r} cannot have the file {file}", why)
-    n_figures = sum(file.endswith(_FIGURE) for file in row.files)
-    if not row.files or n_figures > 1:
-        mend = "Give at least one file, and one figure at most"
-        raise InputError(f"the output {row.name!r} has {n_figures} figures", mend=mend)
-    for function, word, is_needed in (
-        (row.write, "write", bool(row.numbers)),
-        (row.draw, "draw", bool(row.figure)),
+            raise InputError(f"the output {name!r} cannot have the file {file}", why)
+    mend = "Give at least one file, and one figure at most"
+    if not file_names:
+        raise InputError(f"the output {name!r} has no files", mend=mend)
+    n_figures = sum(file.endswith(_FIGURE) for file in file_names)
+    if n_figures > 1:
+        raise InputError(f"the output {name!r} has {n_figures} figures", mend=mend)
+    return file_names
+
+
+def _require_functions(row: Export) -> None:
+    """Raise InputError unless the functions of a ``row`` that is to be registered can be called,
+    and there is a function for its files of numbers and for its figure.
+    """
+    for word, is_needed in (
+        ("when", False),
+        ("find", False),
+        ("read", False),
+        ("write", bool(row.numbers)),
+        ("draw", bool(row.figure)),
     ):
-        if is_needed and not callable(function):
+        function = getattr(row, word)
+        if function is None and is_needed:
             problem = f"the output {row.name!r} has no function {word}"
             raise InputError(problem, "Its files need it", f"Give {word}")
+        if function is not None and not callable(function):
+            problem = f"{word} of the output {row.name!r} is {brief(function)}"
+            raise InputError(problem, mend="Give a function")
 
 
 # -- lists of outputs and files --------------------------------------------------------------------
@@ -1608,8 +1697,9 @@ def list_outputs(scene: Any) -> list[Export]:
 
 
 def is_of_arrays_alone(name: str, swept: Collection[str]) -> bool:
-    """Whether only simulated arrays have the observable ``name``, in runs of one state if there are
-    no axes ``swept``, otherwise of many.
+    """Whether only simulated arrays have the observable ``name``, a word of waves in arrays: no
+    output of it is also of other media, among those that a run with the axes ``swept`` may have. A
+    pulse of a sweep, which has no output of its own, is of arrays alone.
     """
     rows = [row for _name, row in OUTPUTS.items() if row.observed == name]
     return all(row.of_arrays for row in rows if row.is_of_number(swept))
@@ -1625,7 +1715,7 @@ def list_figures(folder: Path) -> list[Export]:
 
 
 def list_files(rows: Sequence[Export], *, figures: bool = True) -> tuple[str, ...]:
-    """Return the names of the files of the outputs ``rows``: those of numbers first, and then, with
+    """Return the names of the files of the outputs ``rows``: those of numbers first, and then, if
     ``figures``, those of figures.
     """
     names = [name for row in rows for name in row.numbers]
@@ -1635,22 +1725,32 @@ def list_files(rows: Sequence[Export], *, figures: bool = True) -> tuple[str, ..
 
 
 def expected_files(scene: Any, *, figures: bool = True) -> tuple[str, ...]:
-    """Return the names of the files that a run of a ``scene`` writes, with its ``figures`` or
-    without.
+    """Return the names of the files that a run of a ``scene`` writes if every output has a value
+    and every figure can be drawn; those of figures only if ``figures``.
     """
     return list_files(list_outputs(scene), figures=figures)
 
 
 def every_file() -> tuple[str, ...]:
-    """Return the names of all files that any run of a scene, or a report about a run, may write. A
-    later run in the same folder makes all of them outdated.
+    """Return the names of all files that runs of scenes, and reports about runs, may write. A later
+    run in the same folder makes all of them outdated.
     """
     return list_files([row for _name, row in OUTPUTS.items() if row.command in _OF_RUNS])
 
 
+def require_folder(folder: Path) -> None:
+    """Raise :class:`~granphon.base.errors.MissingFileError` unless ``folder`` is a folder."""
+    if not folder.is_dir():
+        problem = f"there is no folder {folder}"
+        if os.path.lexists(folder):
+            problem = f"{folder} is no folder"
+        raise MissingFileError(problem, mend="Give the folder of a run")
+
+
 def read_summary(folder: Path) -> dict[str, Any]:
     """Return the content of summary.yaml in the ``folder`` of a run; raises
-    :class:`~granphon.base.errors.InputError` if the file is no summary.
+    :class:`~granphon.base.errors.InputError` if there is no such file, or if it is no summary of
+    this version.
     """
     path = folder / "summary.yaml"
     summary = read_yaml(path)

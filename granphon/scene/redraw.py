@@ -23,6 +23,7 @@ from granphon.scene.outputs import (
     Tell,
     list_figures,
     read_summary,
+    require_folder,
     shows_curves,
 )
 
@@ -43,7 +44,8 @@ class View:
     ----------
     where : the states that are drawn: texts of values by the name of a parameter, of the load, or
         "medium", as :func:`granphon.figures.choices.choose_states` takes them; empty for all.
-    rows, columns : the parameters, or "medium", whose values have rows and columns of panels.
+    rows, columns : the parameters, or "medium", whose values have rows and columns of panels; None
+        where granphon chooses.
     """
 
     where: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -53,6 +55,14 @@ class View:
 
 #: all states of a sweep, in the panels that granphon chooses
 WHOLE = View()
+#: why some figures do not take an option, by the name of the option
+_WHY_REFUSED = {
+    "asymptotes": "Long waves are drawn beside bands only",
+    "variable": "Only the curves of a sweep have a variable",
+    "where": "Only states of a sweep are chosen",
+    "rows": "Only the curves of a sweep have rows and columns",
+    "columns": "Only the curves of a sweep have rows and columns",
+}
 
 
 def redraw(
@@ -83,7 +93,7 @@ def redraw(
         ending of ``out``.
     view : which states of a sweep are drawn, and in which panels.
     tell : called with a sentence, if the curves of a sweep are shared out among panels that the
-        ``view`` does not name.
+        ``view`` does not name, or if a figure leaves something out.
 
     Raises
     ------
@@ -98,37 +108,39 @@ def redraw(
     row = _choose_output(
         source, None if out is None else Path(out).stem, asks_for_sweep=asks_for_sweep
     )
-    if asymptotes and "asymptotes" not in row.options:
-        problem = f"{source} holds a {row.label}"
-        raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
-    if variable is not None and "variable" not in row.options:
-        why = "Only a sweep has variables to draw"
-        raise InputError(f"{source} holds no sweep", why, "Leave variable out")
-    chosen_of_view = {name: value for name, value in vars(view).items() if value}
-    foreign_names = [name for name in chosen_of_view if name not in row.options]
-    if foreign_names:
-        names = " and ".join(foreign_names)
-        problem = f"{row.figure} of {source} cannot be drawn with {names}"
-        why = "Only states of a sweep are chosen, and only its curves have rows and columns"
-        raise InputError(problem, why, f"Leave {names} out")
+    options: dict[str, Any] = {name: value for name, value in vars(view).items() if value}
+    if variable is not None:
+        options["variable"] = variable
+    _require_options(row, source, [*options, "asymptotes"] if asymptotes else list(options))
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
         """Return the figure of the output ``row``; it reads the results from the folder."""
-        results = Results(source)
-        options: dict[str, Any] = dict(chosen_of_view)
-        if variable is not None:
-            options["variable"] = variable
-        if asymptotes and results["bands"] is not None:
+        if asymptotes:
             options["asymptotes"] = _find_lattice(source)
-        return row.make_figure(results, tell, **options)
+        return row.make_figure(Results(source), tell, **options)
 
     return _draw(target, force, draw, [source], backend)
 
 
-def _choose_of_run(run: Run, view: View) -> Run:
+def _require_options(row: Export, source: Path, names: Sequence[str]) -> None:
+    """Raise InputError unless the figure of the output ``row`` in the folder ``source`` takes all
+    options called ``names``; long waves need bands in the folder.
+    """
+    refused_names = [name for name in names if name not in row.options]
+    has_bands = OUTPUTS["bands"].find_source(source) is not None
+    if "asymptotes" in names and "asymptotes" in row.options and not has_bands:
+        refused_names.append("asymptotes")
+    if refused_names:
+        words = " and ".join(refused_names)
+        reasons = dict.fromkeys(_WHY_REFUSED[name] for name in refused_names)
+        problem = f"{row.figure} of {source} cannot be drawn with {words}"
+        raise InputError(problem, ". ".join(reasons), f"Leave {words} out")
+
+
+def _choose_states_of_run(run: Run, view: View) -> Run:
     """Return the ``run`` with those states of its data set alone that a ``view`` chooses; the same
-    run if it has no data set, or if the view chooses no states.
+    object if the run has no data set, or if the view has no wishes ``where``.
     """
     if run.dataset is None or not view.where:
         return run
@@ -141,10 +153,14 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     """Return the output in the folder ``source`` whose figure is drawn.
 
     ``stem`` is the name of the figure's file without its ending, None if the user names no file;
-    the name of a figure in the table of outputs chooses this output. Otherwise a sweep is drawn as
-    curves if ``asks_for_sweep``, that is if the user gives an option of sweeps. Else the output of
-    the least rank is drawn, where rank 0 comes last; but if its figure draws each state by itself,
-    and there are several states, the curves are drawn.
+    the name of a figure in the table of outputs chooses this output. Otherwise:
+
+    - A sweep is drawn as curves if ``asks_for_sweep``, that is if the user gives an option of
+      sweeps.
+    - Else the output that comes first by its rank is drawn; but curves of a sweep that observes
+      nothing for curves are drawn only if the folder holds no other figure.
+    - If the figure of this output draws each state by itself, and there are several states, the
+      curves are drawn in its place.
 
     InputError if the folder has no result that can be drawn, or none of the figure that is named.
     """
@@ -164,24 +180,32 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
             raise InputError(f"{source} holds no {stem} to draw", why, mend)
     if not rows:
         raise _explain_no_result(source)
-    curves = [row for row in rows if row.name == "sweep"]
-    if curves and asks_for_sweep:
-        return curves[0]
-    first_row = min(rows, key=lambda row: row.rank or math.inf)
-    others = [row for row in rows if row not in curves]
-    if first_row in curves and others and not _observes_curves(source):
-        return min(others, key=lambda row: row.rank or math.inf)
-    if curves and first_row.name in OF_STATES:
+    curves = OUTPUTS["sweep"]
+    if curves not in rows:
+        return _find_first(rows)
+    if asks_for_sweep:
+        return curves
+    first_row = _find_first(rows)
+    other_rows = [row for row in rows if row is not curves]
+    if first_row is curves and other_rows and not _observes_curves(source):
+        return _find_first(other_rows)
+    if first_row.name in OF_STATES:
         return OUTPUTS[choose_figure(Results(source).dataset, [first_row.name])]
     return first_row
 
 
-def _observes_curves(source: Path) -> bool:
-    """Whether the states of the run in the folder ``source`` are those of a sweep that is drawn as
-    curves of velocities.
+def _find_first(rows: Sequence[Export]) -> Export:
+    """Return that of the outputs ``rows``, one at least, whose figure comes first: the one of the
+    least rank, where rank 0 comes last.
     """
-    observe = Results(source).dataset.attrs.get("observe", '["velocities"]')
-    return shows_curves(json.loads(observe))
+    return min(rows, key=lambda row: row.rank or math.inf)
+
+
+def _observes_curves(source: Path) -> bool:
+    """Whether the run in the folder ``source``, which holds a sweep, observes something that is
+    drawn as curves over the load.
+    """
+    return shows_curves(json.loads(Results(source).dataset.attrs["observe"]))
 
 
 def _explain_unkept(row: Export) -> str:
@@ -192,11 +216,11 @@ def _explain_unkept(row: Export) -> str:
 
 
 def _explain_no_result(source: Path) -> InputError:
-    """Return the error that the folder ``source`` has no result that can be drawn; for each figure
-    there whose numbers are in no folder, it says which command draws the figure.
+    """Return the error that the folder ``source`` has no result that can be drawn. The error says
+    which command draws a figure that is in the folder though its numbers are in no folder.
     """
-    rows_unkept = [row for _name, row in OUTPUTS.items() if row.figure and not row.source]
-    reasons = [_explain_unkept(row) for row in rows_unkept if (source / row.figure).is_file()]
+    unkept_rows = [row for _name, row in OUTPUTS.items() if row.figure and not row.source]
+    reasons = [_explain_unkept(row) for row in unkept_rows if (source / row.figure).is_file()]
     mend = "Give a folder of 'granphon run' with bands, a density of states or a sweep"
     return InputError(f"{source} holds no result that can be drawn", "; ".join(reasons), mend)
 
@@ -222,17 +246,19 @@ def draw_together(
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default
         comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data, distance : as in :func:`granphon.figures.curves.plot_together`.
-    backend : matplotlib backend that draws.
-    view : which states of the runs are drawn; those that are swept over none of its names are drawn
-        whole. Panels are those of a single sweep.
+    x, y, data, distance : as in :func:`granphon.figures.curves.plot_together`; ``distance`` is in
+        metres.
+    backend : matplotlib backend that draws; by default the one that belongs to the ending of
+        ``out``.
+    view : which states of the runs are drawn; a run that is swept over none of the names of
+        ``view.where`` is drawn whole. A single sweep alone has ``rows`` and ``columns``.
     tell : as in :func:`redraw`.
 
     Raises
     ------
     MissingFileError : there is no such folder or file, or a file of a run is missing.
-    InputError : the runs cannot share an axis, a file is damaged, or the format is unknown; nothing
-        is written then.
+    InputError : a run is given twice, the runs cannot share an axis, no run has the states of the
+        ``view``, a file is damaged, or the format is unknown; nothing is written then.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
@@ -245,7 +271,7 @@ def draw_together(
         """Return the figure that compares the runs, read when it is needed."""
         from granphon.figures.curves import comparison_figure
 
-        runs = _choose_of_runs([read_run(name) for name in names], view)
+        runs = _choose_states_of_runs([read_run(name) for name in names], view)
         # measured loads may be side forces on a hexagonal frame
         balls_per_side = _find_balls_per_side(names) if data else None
         return comparison_figure(
@@ -267,7 +293,7 @@ def draw_together(
     return _draw(target, force, draw, folders, backend, files)
 
 
-def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
+def _choose_states_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
     """Return the ``runs``, each with the states that a ``view`` chooses by the names of parameters.
     A run that is swept over none of these parameters, such as a fit, stays whole.
 
@@ -276,7 +302,7 @@ def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
     from granphon.figures.choices import find_dimension
 
     chosen_runs = []
-    is_any_chosen = False
+    is_any_chosen = False  # whether a run has lost states
     for run in runs:
         is_swept = run.dataset is not None and any(
             find_dimension(run.dataset, name) is not None and run.dataset[name].size > 1
@@ -285,7 +311,7 @@ def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
         chosen_run = run
         # a single run that is not swept goes on too, to the error that names the parameter
         if is_swept or len(runs) == 1:
-            chosen_run = _choose_of_run(run, view)
+            chosen_run = _choose_states_of_run(run, view)
         chosen_runs.append(chosen_run)
         is_any_chosen |= chosen_run is not run
     if view.where and not is_any_chosen:
@@ -345,7 +371,8 @@ def _draw(
 
 
 def read_run(source: str | os.PathLike[str]) -> Run:
-    """Return the results in ``source``, the folder of a run or one of its files.
+    """Return the results in ``source``, the folder of a run or one of its files; summary.yaml means
+    the sweep.nc beside it. A fit beside a sweep is left out.
 
     Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, and
     :class:`~granphon.base.errors.InputError` if ``source`` holds no results, or damaged ones.
@@ -357,41 +384,43 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     if path.name == "summary.yaml" and path.is_file():
         read_summary(path.parent)
         path = path.with_name("sweep.nc")  # the summary tells numbers of this file
+        if not path.is_file():
+            raise MissingFileError(f"there is no {path}", mend="Run the scene again")
     if path.is_file():
         row = _recognise(path)
-        paths = {row.joined: path}
         rows = {row.joined: row}
+        paths = {row.joined: path}
     else:
         _require_results(path)
-        # by the field of Run that has the value
+        # by the attribute of Run that has the value
         rows = {row.joined: row for row in _list_joined() if row.find_source(path)}
-        paths = {field: path / str(row.source) for field, row in rows.items()}
+        paths = {attribute: path / str(row.source) for attribute, row in rows.items()}
     if not rows:
         mend = "Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
         raise InputError(f"{name} holds no results to draw with others", mend=mend)
     if "fit" in rows and "dataset" not in rows:
         # without a sweep beside it, the fit is all that is drawn of the folder
         return Run.of(name, rows["fit"].read_value(paths["fit"]))
-    fields = {field: row.read_value(paths[field]) for field, row in rows.items() if field != "fit"}
-    return Run(name, **fields)
+    values = {
+        attribute: row.read_value(paths[attribute])
+        for attribute, row in rows.items()
+        if attribute != "fit"
+    }
+    return Run(name, **values)
 
 
 def _list_joined() -> list[Export]:
-    """Return the outputs whose values can be drawn together with those of other runs: the states of
-    a sweep, bands, a density of states, and a fit.
+    """Return the outputs whose values can be drawn together with those of other runs: the data set
+    of states, bands, a density of states, and a fit.
     """
     return [row for _name, row in OUTPUTS.items() if row.joined]
 
 
 def _require_results(source: Path) -> None:
-    """Raise :class:`~granphon.base.errors.MissingFileError` if there is no folder ``source``, or a
-    file is missing that a run wrote and that is drawn.
+    """Raise :class:`~granphon.base.errors.MissingFileError` if there is no folder ``source``, or if
+    a file of an output of :func:`_list_joined` is missing that a run wrote there.
     """
-    if not source.is_dir():
-        problem = f"there is no folder {source}"
-        if os.path.lexists(source):
-            problem = f"{source} is no folder"
-        raise MissingFileError(problem, mend="Give the folder of a run")
+    require_folder(source)
     written_names = set(read_written_files(source))
     # without a summary that can be read, the hidden list of written files alone counts
     with suppress(InputError, AttributeError, TypeError):
@@ -408,9 +437,9 @@ def _require_results(source: Path) -> None:
 
 
 def _recognise(path: Path) -> Export:
-    """Return the output whose value the file ``path`` holds, among those that several runs draw
-    together. The name of the file tells the output; if the file was renamed, its ending and its
-    content do. InputError for any other file.
+    """Return the output whose value the file ``path`` holds, among those of :func:`_list_joined`.
+    The name of the file tells the output; if the file was renamed, its ending and its content do.
+    InputError for any other file.
     """
     rows = _list_joined()
     content = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
@@ -433,9 +462,9 @@ def _recognise(path: Path) -> Export:
 
 def _explain_file(path: Path, row: Export) -> str:
     """Return a sentence that says which command draws the content of the file ``path`` of an output
-    ``row``, which is not drawn together with others, or that no figure shows it.
+    ``row`` that is not drawn together with others, or that no figure shows the content.
     """
-    holder = row
+    drawn_row = row
     if not row.figure:
         # such as motion_contacts.csv, of the same observable as motion.csv, which has a figure
         drawn_rows = [
@@ -443,24 +472,26 @@ def _explain_file(path: Path, row: Export) -> str:
             for _name, other in OUTPUTS.items()
             if other.figure and row.observed and other.observed == row.observed
         ]
-        drawn_here = [other for other in drawn_rows if other.find_source(path.parent)]
-        holder = next(iter(drawn_here or drawn_rows), row)
-    if not holder.figure:
-        data = path.with_name(row.files[0])
-        if data.suffix == ".nc" and data != path:
-            return f"'granphon plot {data}' draws its content"
-        return "No figure of granphon shows its content"
-    if not holder.source:
-        return _explain_unkept(holder)
-    figure = path.parent / holder.figure
-    return f"'granphon plot {path.parent} -o {figure}' draws its content"
+        rows_in_folder = [other for other in drawn_rows if other.find_source(path.parent)]
+        drawn_row = next(iter(rows_in_folder or drawn_rows), row)
+    if drawn_row.figure and not drawn_row.source:
+        return _explain_unkept(drawn_row)
+    if drawn_row.figure:
+        figure = path.parent / drawn_row.figure
+        return f"'granphon plot {path.parent} -o {figure}' draws its content"
+    # such as sweep_incomplete.csv, the table of a data set that is drawn
+    data = path.with_name(row.files[0])
+    if data.suffix == ".nc" and data != path:
+        return f"'granphon plot {data}' draws its content"
+    return "No figure of granphon shows its content"
 
 
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of the run in the folder ``source``.
 
     The state is solved again, but no array is simulated again: the lattice of an array is the ideal
-    lattice or, with finite overlap, made of the numbers in the summary.
+    lattice or, with finite overlap, made of the numbers in the summary. InputError if the folder
+    has no scene of one state, or a summary without these numbers.
     """
     # imported here, as a figure without long waves does not need the media
     from granphon.media.state import ContactState, ideal_lattice
@@ -471,10 +502,15 @@ def _find_lattice(source: Path) -> ContactLattice:
     if not scene.serving.arrays:
         return scene.state().contact_lattice()
     summary = read_summary(source)
-    if not summary["finite_overlap"]:
+    try:
+        finite_overlap = summary["finite_overlap"]
+        numbers = {name: summary[name] for name in ("force", "overlap", "normal_stiffness")}
+    except KeyError as error:
+        problem = f"{source / 'summary.yaml'} has no {error.args[0]}"
+        raise InputError(problem, "The long waves follow from it", "Run the scene again") from None
+    if not finite_overlap:
         # in the paper's limit the lattice in reduced units is the same under every load
         return ideal_lattice(packing)
-    numbers = {name: summary[name] for name in ("force", "overlap", "normal_stiffness")}
     medium = scene.media[0].name
     state = ContactState(packing, medium, packing.law, **numbers, finite_overlap=True)
     return state.contact_lattice()

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, MissingFileError
+from granphon.base.errors import GranphonError, InputError, one_line
 from granphon.base.scales import prefixed, write_error, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
 from granphon.base.tables import Table
@@ -25,16 +25,17 @@ from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spe
 from granphon.figures.style import pick_evenly
 from granphon.observables.catalogue import CATALOGUE
 from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
-from granphon.scene.outputs import OUTPUTS, Export, list_told, read_summary
+from granphon.scene.outputs import OUTPUTS, Export, list_told, read_summary, require_folder
 
 #: endings of the files of figures that a page can hold
 _PICTURES = (".png", ".svg")
-#: keys of summary.yaml that are no numbers of the result
+#: keys of summary.yaml that are no numbers of the result, or that other parts of the report show
 _NO_NUMBERS = {
     "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
     "units", "validity", "ok", "medium", "peaks", "errors_from", "design",
 }  # fmt: skip
-#: greatest number of rows of the table of states, about a page
+#: greatest number of rows of the table of states, and of that of the variables of a design: about a
+#: page
 MOST_STATES = 40
 #: columns of the table of states besides the observables that the catalogue marks as told
 _OTHER_COLUMNS = ("exponent", "contact_fraction", "valid")
@@ -50,11 +51,11 @@ _FIT_NAMES = {
     "chi2": "chi^2",
     "dof": "degrees of freedom",
 }
-#: digits of standard errors
+#: significant digits of standard errors in lists and tensors
 _DIGITS = 2
 #: components of a tensor below this part of the largest are rounding
 _ROUNDING = 1e-12
-#: how the model and the program are cited
+#: the paper whose model granphon computes, as it is cited
 PAPER = (
     "B. Velický and C. Caroli, Pressure dependence of the sound velocity in a two-dimensional"
     " lattice of Hertz-Mindlin balls: Mean-field description, Phys. Rev. E 65, 021307 (2002)"
@@ -89,11 +90,7 @@ def read_report(folder: str | os.PathLike[str]) -> tuple[str, list[Section]]:
     InputError : the folder holds no results, or damaged ones, or a run writes into it meanwhile.
     """
     source = Path(folder)
-    if not source.is_dir():
-        problem = f"there is no folder {source}"
-        if os.path.lexists(source):
-            problem = f"{source} is no folder"
-        raise MissingFileError(problem, mend="Give the folder of a run")
+    require_folder(source)
     if not any((source / name).is_file() for name in ("summary.yaml", "fit.yaml")):
         mend = "Give a folder of 'granphon run' or 'granphon fit'"
         raise InputError(f"{source} holds no results", mend=mend)
@@ -102,7 +99,7 @@ def read_report(folder: str | os.PathLike[str]) -> tuple[str, list[Section]]:
     for part in PARTS:
         if part.files and not any((source / name).is_file() for name in part.files):
             continue
-        blocks = part.read(source)
+        blocks = _read_part(part, source)
         if blocks:
             sections.append(Section(part.title, blocks))
     if read_written_files(source) != record:
@@ -111,13 +108,29 @@ def read_report(folder: str | os.PathLike[str]) -> tuple[str, list[Section]]:
     return _find_title(source), sections
 
 
+def _read_part(part: Part, source: Path) -> list[Block]:
+    """Return the blocks of a ``part`` of the report of the folder ``source``; InputError that names
+    the part if its files hold other data than granphon writes.
+    """
+    try:
+        return part.read(source)
+    except GranphonError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        fault = f"{type(error).__name__}: {error}"
+        problem = f"{source} holds damaged results: {part.title!r} cannot be read ({fault})"
+        raise InputError(one_line(problem), mend="Run the scene again, or fit again") from error
+
+
 def _find_title(source: Path) -> str:
-    """Return the title of the report of a folder: the scene that was run, or what was fitted."""
-    name = source.resolve().name
+    """Return the title of the report of the folder ``source``: it names the file of the scene that
+    was run, and the folder if the scene has no file, or if the folder is that of a fit.
+    """
+    folder_name = source.resolve().name
     if (source / "summary.yaml").is_file():
-        name = read_summary(source).get("source") or name
-        return f"granphon: results of {name}"
-    return f"granphon: fit in {name}"
+        scene_name = read_summary(source).get("source")
+        return f"granphon: results of {scene_name or folder_name}"
+    return f"granphon: fit in {folder_name}"
 
 
 # -- the parts -------------------------------------------------------------------------------------
@@ -125,13 +138,16 @@ def _find_title(source: Path) -> str:
 
 def _read_numbers(source: Path) -> list[Block]:
     """Return the table of the numbers in the summary of the folder ``source``, with their units and
-    standard errors; what is observed and the media come first.
+    standard errors; what is observed and the media come first. Numbers without a text, such as one
+    that is not finite, are left out.
     """
     summary = read_summary(source)
     units = summary.get("units", {})
-    rows = [("observed", ", ".join(summary.get("observe", ())))]
-    media = summary.get("medium", ())
-    rows.append(("medium", media if isinstance(media, str) else ", ".join(media)))
+    media = summary.get("medium", ())  # a word for one state, a list for a sweep
+    rows = [
+        ("observed", ", ".join(summary.get("observe", ()))),
+        ("medium", media if isinstance(media, str) else ", ".join(media)),
+    ]
     for name, value in summary.items():
         is_error = name.endswith("_error") and name.removesuffix("_error") in summary
         if name in _NO_NUMBERS or is_error:
@@ -157,9 +173,8 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
     """Return the text of a value of a summary in the SI ``unit``, with its standard ``error`` if
     that is not None; empty for a number that is not finite, and for a value of another type.
 
-    The value is a word, a number, a mapping of numbers, a list of numbers (two in ascending order
-    are the least and the greatest), or a list of lists: a tensor (n, n) for n above two, or else
-    intervals (n, 2). The error has the shape of the value.
+    The value is a word, a number, a mapping of numbers without units, or a list as
+    :func:`_write_list` takes it. The error has the shape of the value.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -174,34 +189,54 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
     if isinstance(value, Mapping):
         entries = [f"{spell(str(key))} {_write_value(entry, '')}" for key, entry in value.items()]
         return ", ".join(entries)
-    if not isinstance(value, list) or not value:
-        return "none" if value == [] else ""
-    if all(isinstance(entry, list) for entry in value):
-        is_tensor = len(value) > 2 and all(len(entry) == len(value) for entry in value)
+    return _write_list(value, unit, error) if isinstance(value, list) else ""
+
+
+def _write_list(values: list[Any], unit: str, error: Any) -> str:
+    """Return the text of a list in the SI ``unit``, with its standard ``error``, a list of the same
+    shape, if that is not None; "none" for an empty list.
+
+    The ``values`` are numbers, of which two in ascending order are the least and the greatest, or
+    lists: a tensor (n, n) for n above two, or else intervals (n, 2).
+    """
+    if not values:
+        return "none"
+    if all(isinstance(entry, list) for entry in values):
+        is_tensor = len(values) > 2 and all(len(entry) == len(values) for entry in values)
         if is_tensor:
-            return _write_tensor(np.array(value, float), unit, error)
-        if not error:  # without an error no interval has one
-            return ", ".join(_write_range(entry, unit) for entry in value)
-        intervals = [
-            " to ".join(write_uncertain(*edge, unit) for edge in zip(*pair, strict=True))
-            for pair in zip(value, error, strict=True)
-        ]
-        return ", ".join(intervals)
+            return _write_tensor(np.array(values, float), unit, error)
+        return _write_intervals(values, unit, error)
     # two numbers of branches, such as curvatures, may be in no order
-    is_range = len(value) == 2 and value[0] <= value[1]
-    text = _write_range(value, unit) if is_range else _list_numbers(value, unit)
-    if not isinstance(error, list):
-        return text
-    # the values of a list have the unit itself
-    largest = max(map(abs, value)) if is_range else 1.0
-    errors = dict.fromkeys(write_error(end, largest, unit) for end in error)
-    return f"{text} +/- {' to '.join(errors)}"
+    is_range = len(values) == 2 and values[0] <= values[1]
+    if is_range:
+        range_text = _write_range(values, unit)
+        if not isinstance(error, list):
+            return range_text
+        largest = max(map(abs, values))
+        # of equal errors one is written
+        errors = dict.fromkeys(write_error(end, largest, unit) for end in error)
+        return f"{range_text} +/- {' to '.join(errors)}"
+    list_text = _list_numbers(values, unit)
+    if isinstance(error, list):
+        list_text += f" +/- {_list_numbers(error, unit, _DIGITS)}"
+    return list_text
+
+
+def _write_intervals(intervals: list[Any], unit: str, error: Any) -> str:
+    """Return the text of ``intervals`` (n, 2) in the SI ``unit``, each edge with its standard
+    ``error`` (n, 2) if that is neither None nor empty.
+    """
+    if not error:
+        return ", ".join(_write_range(edges, unit) for edges in intervals)
+    texts = []
+    for edges, errors_of_edges in zip(intervals, error, strict=True):
+        pairs = zip(edges, errors_of_edges, strict=True)
+        texts.append(" to ".join(write_uncertain(edge, of_edge, unit) for edge, of_edge in pairs))
+    return ", ".join(texts)
 
 
 def _write_number(value: float, unit: str) -> str:
-    """Return the text of a number in the SI ``unit``, or of a whole number without a unit with all
-    its digits.
-    """
+    """Return the text of a number in the SI ``unit``; an int without a unit has all its digits."""
     if isinstance(value, int) and not unit:
         return str(value)
     return write_quantity(float(value), unit)
@@ -216,26 +251,28 @@ def _write_range(ends: list[Any], unit: str) -> str:
 
 def _write_tensor(components: Array, unit: str, error: Any = None) -> str:
     """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, and of their
-    standard ``error`` if that is not None, row by row, all with the same decimal prefix; components
-    that are rounding beside the largest are zero.
+    standard ``error`` (n, n) if that is neither None nor empty, row by row, all with the same
+    decimal prefix; components that are rounding beside the largest are zero.
     """
     largest = float(np.max(np.abs(components)))
-    size, name = prefixed(largest, unit)
-    shown = np.where(np.abs(components) > _ROUNDING * largest, components / size, 0.0)
-    text = _write_rows(shown, 5)
+    size, prefixed_unit = prefixed(largest, unit)
+    written = np.where(np.abs(components) > _ROUNDING * largest, components / size, 0.0)
+    tensor_text = _write_rows(written, 5)
     if error:
-        text += f" +/- {_write_rows(np.array(error, float) / size, _DIGITS)}"
-    return f"{text}{write_unit(name)}"
+        tensor_text += f" +/- {_write_rows(np.array(error, float) / size, _DIGITS)}"
+    return f"{tensor_text}{write_unit(prefixed_unit)}"
 
 
 def _write_rows(numbers: Array, digits: int) -> str:
-    """Return the text of ``numbers`` (n, n), row by row, with so many ``digits``."""
+    """Return the text of ``numbers`` (n, n), row by row, with ``digits`` significant digits."""
     return "; ".join(", ".join(f"{number:.{digits}g}" for number in row) for row in numbers)
 
 
-def _list_numbers(values: list[Any], unit: str) -> str:
-    """Return the text of several values in the SI ``unit``."""
-    return f"{', '.join(f'{value:.5g}' for value in values)}{write_unit(unit)}"
+def _list_numbers(values: list[Any], unit: str, digits: int = 5) -> str:
+    """Return the text of several ``values`` with ``digits`` significant digits, and behind the last
+    the SI ``unit``, without a prefix.
+    """
+    return f"{', '.join(f'{value:.{digits}g}' for value in values)}{write_unit(unit)}"
 
 
 def _read_errors(source: Path) -> list[Block]:
@@ -249,11 +286,13 @@ def _read_errors(source: Path) -> list[Block]:
 
 def _read_design(source: Path) -> list[Block]:
     """Return a sentence on the goal of a design at its end and at its start, the table of its
-    variables, and a remark if the table leaves some out.
+    variables, and a remark if there are more than ``MOST_STATES``, of which the table has the
+    first.
     """
-    numbers = read_summary(source).get("design", {})
+    numbers = read_summary(source)["design"]
     unit = numbers.get("unit", "")
-    end, start = (_write_number(numbers[name], unit) for name in ("value", "start_value"))
+    end = _write_number(numbers["value"], unit)
+    start = _write_number(numbers["start_value"], unit)
     table = Table.read(source / "design.csv")
     names = [heading.name for heading in table.headings]
     rows = list(zip(*table.columns, strict=True))
@@ -289,9 +328,10 @@ def _read_warnings(source: Path) -> list[Block]:
 
 
 def _read_states(source: Path) -> list[Block]:
-    """Return the table of the states of a sweep: load, medium, parameters and main numbers; nothing
-    for a single state. Of more than ``MOST_STATES`` states the table has some, taken evenly, and
-    stands behind a link to the table of all.
+    """Return the table of the states of a sweep: load, medium, parameters, and of the numbers that
+    are told those with one value for each state; nothing for a single state. Of more than
+    ``MOST_STATES`` states the table has so many, taken evenly, and stands behind a link to the
+    table of all.
     """
     from granphon.runs.dataset import find_load, load_sweep
 
@@ -300,28 +340,28 @@ def _read_states(source: Path) -> list[Block]:
     n_states = dataset["valid"].size
     if n_states < 2:
         return []
-    listed = pick_evenly(n_states, MOST_STATES)  # numbers of the states in the table
-    load = find_load(dataset)
+    state_numbers = pick_evenly(n_states, MOST_STATES)
     observe = json.loads(dataset.attrs["observe"])
-    names = [load, *map(str, dims[1:])]
+    # the first dimension is "load", whose values are those of a force or a pressure
+    names = [find_load(dataset), *map(str, dims[1:])]
     for name in (*list_told(observe), *_OTHER_COLUMNS):
         is_unasked = name == "exponent" and "velocities" not in observe
         if name in dataset.data_vars and dataset[name].dims == dims and not is_unasked:
             names.append(name)
-    columns = [_write_column(dataset, name, listed) for name in names]
+    columns = [_write_column(dataset, name, state_numbers) for name in names]
     headings = tuple(heading for heading, _ in columns)
     rows = tuple(zip(*(texts for _, texts in columns), strict=True))
     table = Rows(headings, rows)
-    if len(listed) == n_states:
+    if len(state_numbers) == n_states:
         return [table]
-    remark = f"{len(listed)} of {n_states} states, taken evenly; all of them are in"
+    remark = f"{len(state_numbers)} of {n_states} states, taken evenly; all of them are in"
     return [Link(remark, "sweep.csv"), table]
 
 
-def _write_column(dataset: Any, name: str, listed: Any) -> tuple[str, list[str]]:
+def _write_column(dataset: Any, name: str, state_numbers: Any) -> tuple[str, list[str]]:
     """Return the heading and the cells of the column of the variable ``name`` in the table of
-    states. The heading has the unit, whose decimal prefix makes the numbers short. ``listed`` are
-    the numbers (n,) of the states that have a row.
+    states. The heading has the unit, whose decimal prefix is that of the largest number.
+    ``state_numbers`` are the numbers (n,) of the states that have a row, which count from zero.
     """
     states = dataset["valid"]
     values = dataset[name].broadcast_like(states).transpose(*states.dims).values.ravel()
@@ -336,14 +376,15 @@ def _write_column(dataset: Any, name: str, listed: Any) -> tuple[str, list[str]]
         finite = values[np.isfinite(values)]
         size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
         heading += f" ({prefixed_unit})"
-    cells = zip(values[listed].tolist(), errors[listed].tolist(), strict=True)
+    cells = zip(values[state_numbers].tolist(), errors[state_numbers].tolist(), strict=True)
     return heading, [_write_cell(value, error, size) for value, error in cells]
 
 
 def _write_cell(value: Any, error: float, size: float) -> str:
-    """Return the text of a value in the table of states. A number is divided by ``size``, the size
-    of the unit in the heading; its standard ``error``, SI, is written too if it is above zero, and
-    is nan where it is not known.
+    """Return the text of a value in the table of states, in which a bool is "yes" or "no". A number
+    is divided by ``size``, the size of the unit in the heading, but an int without an error, which
+    has no unit. The standard ``error``, SI, is written behind the number if it is above zero; it
+    is nan where it is not known, and is not written then.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -353,7 +394,9 @@ def _write_cell(value: Any, error: float, size: float) -> str:
 
 
 def _read_fit(source: Path) -> list[Block]:
-    """Return the table of the plain numbers and words of a fit."""
+    """Return the table of the plain numbers and words of a fit; InputError if fit.yaml holds no
+    keys.
+    """
     fit = read_yaml(source / "fit.yaml")
     if not isinstance(fit, dict):
         raise InputError(f"{source / 'fit.yaml'} holds no keys", mend="Fit again")
@@ -384,17 +427,17 @@ def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
     each with the output that it shows, in the order of the table of outputs; then, with None, the
     files whose names are not those of outputs.
     """
-    rows: dict[str, Export | None] = {}  # by the name of the figure without its ending
+    row_of_stem: dict[str, Export | None] = {}
     for _name, row in OUTPUTS.items():
         if row.figure:
-            rows.setdefault(row.stem, row)
+            row_of_stem.setdefault(row.stem, row)
     names = [
         name
         for name in sorted(read_written_files(source))
         if name.endswith(_PICTURES) and (source / name).is_file()
     ]
-    figures = [(name, rows.get(Path(name).stem)) for name in names]
-    order = [*rows.values(), None]
+    figures = [(name, row_of_stem.get(Path(name).stem)) for name in names]
+    order = [*row_of_stem.values(), None]
     return sorted(figures, key=lambda figure: order.index(figure[1]))
 
 
@@ -404,7 +447,9 @@ def _read_scene(source: Path) -> list[Block]:
 
 
 def _read_versions(source: Path) -> list[Block]:
-    """Return the table of the versions with which the results were made."""
+    """Return the table of the versions of packages with which the results were made; nothing if the
+    files name none.
+    """
     versions = _find_versions(source)
     rows = tuple((str(name), str(version)) for name, version in versions.items())
     return [Rows(("package", "version"), rows)] if rows else []
@@ -437,10 +482,10 @@ def _cite(source: Path) -> list[Block]:
     """Return a list of what to cite for the results in the folder ``source``: the paper, and the
     version of granphon that made them.
     """
-    version = _find_versions(source).get("granphon", "")
+    program = f"granphon {_find_versions(source).get('granphon', '')}".strip()
     return [
         Text("Please cite the paper whose model granphon computes, and the program:"),
-        Items((f"{PAPER}.", f"The granphon developers, granphon {version}.".replace(" .", "."))),
+        Items((f"{PAPER}.", f"The granphon developers, {program}.")),
     ]
 
 

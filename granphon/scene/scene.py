@@ -28,8 +28,17 @@ from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
-from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, require_path, versions
+from granphon.base.text import (
+    counted,
+    dump_yaml,
+    parse_yaml,
+    read_yaml,
+    require_path,
+    suggest,
+    versions,
+)
 from granphon.base.threads import require_executor
+from granphon.base.validation import require, truth
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
@@ -107,10 +116,10 @@ class Scene(SceneValues):
         each of its segments.
     mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for
         each period of the lattice; by default (1024,), (64, 64) or (32, 32, 32).
-    surface : the edge whose waves are found, if the scene observes them.
+    surface : the edge whose waves are found, if the scene observes "surface".
     spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes
-        them.
-    bands : how contacts damp the bands, if the scene observes them; None for bands without loss
+        "spectrum" or "pulse".
+    bands : how contacts damp the bands, if the scene observes "bands"; None for bands without loss
         alone.
     errors : of each parameter that has a standard error, the path of its key in the file, as
         ("material", "young_modulus"), and the error, SI; results have the errors that follow.
@@ -135,14 +144,15 @@ class Scene(SceneValues):
         """Read a scene file; :class:`~granphon.base.errors.SceneError` names the mistake in it.
 
         ``values`` stand in place of those in the file: texts, as in the file, by the keys that lead
-        to them, as {"load.force": "18.4 +- 0.2 N"}.
+        to them, as {"load.force": "18.4 +- 0.2 N"}. If there is no file, the error is a
+        :class:`~granphon.base.errors.MissingFileError` too.
         """
         return cls._read(SceneSource.of_file(path, values))
 
     @classmethod
     def from_text(cls, text: str, name: str = "<scene>") -> Self:
         """Return the scene of a ``text``, which messages call ``name``; raises as
-        :meth:`from_yaml`.
+        :meth:`from_yaml`, and InputError for a ``text`` that is no str.
 
         Files that the text names are looked for in the working folder.
         """
@@ -152,9 +162,8 @@ class Scene(SceneValues):
 
     @classmethod
     def _read(cls, origin: SceneSource) -> Self:
-        """Return the scene of the document ``origin``. Its values and its plan are checked before;
-        so are the shifted scenes, if parameters have standard errors. SceneError names the first
-        mistake.
+        """Return the scene of the document ``origin``. The values, the plan and, if parameters have
+        standard errors, the shifted scenes are checked; SceneError names the first mistake.
         """
         arguments = origin.read()
         with origin.at():
@@ -176,13 +185,6 @@ class Scene(SceneValues):
             balls = f"{structure.name} lattice of balls of {write_quantity(packing.diameter, 'm')}"
             if packing.width:
                 balls += f" that differ by {write_quantity(packing.width, 'm')}"
-        unit = find_load_unit(self.load.kind, structure.periods, structure.pressed_axes)
-        # of equal ends one is written
-        ends = dict.fromkeys([min(self.load.values), max(self.load.values)])
-        loads = f"{self.load.kind.replace('_', ' ')} "
-        loads += " to ".join(write_quantity(end, unit) for end in ends)
-        if len(self.load.values) > 1:
-            loads += f" ({len(self.load.values)} loads)"
         swept = [
             counted(len(values), f"value of {name}", f"values of {name}")
             for name, values in self.parameters
@@ -190,9 +192,22 @@ class Scene(SceneValues):
         media = [choice.label for choice in self.media]
         name = "" if self.source is None else f" {self.source.name}"
         return (
-            f"Scene{name}: {balls}\n  {'; '.join([loads, ', '.join(media), *swept])}\n"
+            f"Scene{name}: {balls}\n  {'; '.join([self._write_load(), ', '.join(media), *swept])}\n"
             f"  observes {', '.join(self.observe)}"
         )
+
+    def _write_load(self) -> str:
+        """Return the load in words: its kind, its least and greatest value, and of several loads
+        their number.
+        """
+        structure = self.packing.structure
+        values = self.load.values
+        unit = find_load_unit(self.load.kind, structure.periods, structure.pressed_axes)
+        # of equal ends one is written
+        ends = dict.fromkeys([min(values), max(values)])
+        words = f"{self.load.kind.replace('_', ' ')} "
+        words += " to ".join(write_quantity(end, unit) for end in ends)
+        return f"{words} ({len(values)} loads)" if len(values) > 1 else words
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene says, in SI units; no state is computed."""
@@ -221,11 +236,15 @@ class Scene(SceneValues):
         figures : draw the figures of the outputs too, such as bands.png or sweep.png; one that
             cannot be drawn is a warning of the result.
         resume : if the result is complete (see :func:`is_complete`), read it, and compute and write
-            nothing. A run that was cut off continues from its finished part with or without this.
-        executor : does tasks side by side; the numbers do not depend on it.
+            nothing; without effect beside ``force``. A run that was cut off continues from its
+            finished part with or without ``resume``.
+        executor : does tasks side by side; the numbers do not depend on it. None for this process
+            alone.
 
         Raises
         ------
+        InputError : a ``folder``, ``progress`` or ``executor`` of another kind, a flag that is no
+            truth value, or more memory than there is.
         FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part
             of another scene or version would be discarded; or a file may not be replaced at all.
             Raised before anything is computed.
@@ -236,6 +255,8 @@ class Scene(SceneValues):
         """
         require_executor(executor)
         require_path(folder)
+        for name, flag in (("force", force), ("figures", figures), ("resume", resume)):
+            require(name, truth, flag)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)
@@ -274,9 +295,9 @@ class Scene(SceneValues):
         progress: Progress,
         store: Store | None,
     ) -> RunResult:
-        """Return the result of the scene, with the values of the outputs of the ``rows`` that have
-        files, and with standard errors if parameters have them. Nothing is written into the folder
-        ``target`` but finished tasks, which the ``store`` keeps there, if the scene has any.
+        """Return the result of the scene, with the values of the outputs among the ``rows`` that
+        have files, and with standard errors if parameters have them. Nothing is written into the
+        folder ``target`` but finished tasks, which the ``store`` keeps there; None keeps none.
         """
         # the state of a design is found at once: its store is for the starts of the search
         has_design = "design" in self.observe
@@ -316,15 +337,15 @@ class Scene(SceneValues):
         self, result: RunResult, executor: Executor | None, progress: Progress
     ) -> list[tuple[RunResult, RunResult]]:
         """Return for each parameter with a standard error the results of its two :attr:`shifted`
-        scenes, in the outputs of which standard errors are found. They are in the folder of the
-        ``result``, into which nothing is written.
+        scenes, with those outputs alone that have standard errors. The results name the folder of
+        ``result`` as theirs, but nothing is written into the folder.
         """
         pairs = []
         with progress.step("standard errors", len(self.errors)) as step:
-            for lower_scene, upper_scene in self.shifted:
+            for scenes in self.shifted:
                 lower, upper = (
                     scene._compute(result.folder, _list_uncertain(scene), executor, silent, None)
-                    for scene in (lower_scene, upper_scene)
+                    for scene in scenes
                 )
                 pairs.append((lower, upper))
                 step.advance()
@@ -342,24 +363,23 @@ class Scene(SceneValues):
         """
         from granphon.scene.uncertainty import ErrorPropagation, is_by_small_change
 
-        whole_names = list[str]()
-        small_names = list[str]()
-        for name in map(str, result.dataset.data_vars):
-            names = small_names if is_by_small_change(name) else whole_names
-            names.append(name)
+        names = list(map(str, result.dataset.data_vars))
         by_whole_errors = ErrorPropagation.of(
             self, [(lower.dataset, upper.dataset) for lower, upper in pairs]
         )
         propagations = [by_whole_errors]
-        dataset = by_whole_errors.add_to(result.dataset, whole_names)
-        if small_names:
+        dataset = by_whole_errors.add_to(
+            result.dataset, [name for name in names if not is_by_small_change(name)]
+        )
+        names_by_small_changes = list(filter(is_by_small_change, names))
+        if names_by_small_changes:
             slight_pairs = [
                 (lower.plan.sweep(silent, executor), upper.plan.sweep(silent, executor))
                 for lower, upper in self._slightly_shifted
             ]
             by_small_changes = ErrorPropagation.of_small_changes(self, slight_pairs)
             propagations.append(by_small_changes)
-            dataset = by_small_changes.add_to(dataset, small_names)
+            dataset = by_small_changes.add_to(dataset, names_by_small_changes)
         return dataset, propagations
 
     def _propagate_to_summary(
@@ -392,7 +412,8 @@ class Scene(SceneValues):
     ) -> ErrorPropagation:
         """Put the standard errors of the tables of the output ``row`` into the ``column_errors`` of
         the ``result``, and return the propagation from the results of the shifted scenes,
-        ``pairs``; names of columns whose errors it lacks end in the words for the output.
+        ``pairs``. The output's label stands behind the names of columns that have no error, as in
+        "total of density of states".
         """
         from granphon.scene.uncertainty import ErrorPropagation
 
@@ -420,7 +441,8 @@ class Scene(SceneValues):
     @cached_property
     def _slightly_shifted(self) -> list[tuple[Self, Self]]:
         """For each parameter with a standard error two scenes with a small change of it, which
-        observe alone what has waves of an edge, gaps or peaks; empty if nothing of the scene has.
+        observe alone what has waves of an edge, gaps or peaks; empty if the scene observes nothing
+        of this kind.
         """
         from granphon.scene.uncertainty import shift_slightly
 
@@ -438,6 +460,7 @@ class Scene(SceneValues):
         observables_of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface"}
         observables_of_mechanisms |= {"design", *NETWORK_BLOCKS}
         if "sensitivities" in self.observe:
+            # all other derivatives are those of velocities and moduli
             observables_of_mechanisms &= file_keys.DIFFERENTIATED
         path = None
         if "bands" in self.observe:
@@ -473,8 +496,8 @@ class Scene(SceneValues):
 
     @property
     def has_tasks(self) -> bool:
-        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples
-        or the starts of the design of one state.
+        """Whether the work is cut into tasks, which an executor can do: the states of a sweep, the
+        samples of one state, or the starts of its design.
         """
         return self.plan.has_tasks or "design" in self.observe
 
@@ -527,18 +550,18 @@ class Scene(SceneValues):
 
     def _list_parts(self, rows: Sequence[Export]) -> list[CostPart]:
         """Return the :attr:`parts` of the work, of which those on outputs are of the ``rows``."""
-        n_errors = len(self.errors)
-        # the scene itself, the two shifted scenes of each parameter with an error, and for waves of
-        # an edge, gaps and peaks two more, with a small change
-        counted = [(part, 1 + 2 * n_errors) for part in self.plan.parts]
-        if n_errors and self._slightly_shifted:
-            counted += [(part, 2 * n_errors) for part in self._slightly_shifted[0][0].plan.parts]
-        counted += [
-            (row.estimate_cost(self), 1 + 2 * n_errors * _is_found_in_shifted(row))
-            for row in rows
-            if row.cost
-        ]
-        return [(path, mend, cost.times(count)) for (path, mend, cost), count in counted]
+        # the two shifted scenes of each parameter with an error
+        n_shifted = 2 * len(self.errors)
+        counted_parts = [(part, 1 + n_shifted) for part in self.plan.parts]
+        if n_shifted and self._slightly_shifted:
+            # for waves of an edge, gaps and peaks two more of each, with a small change
+            slight_scene = self._slightly_shifted[0][0]
+            counted_parts += [(part, n_shifted) for part in slight_scene.plan.parts]
+        for row in rows:
+            if row.cost:
+                count = 1 + n_shifted if _is_found_in_shifted(row) else 1
+                counted_parts.append((row.estimate_cost(self), count))
+        return [(path, mend, cost.times(count)) for (path, mend, cost), count in counted_parts]
 
     def cost(self) -> Cost | None:
         """Memory and time that the scene will take, its parts done one after the other; None if
@@ -570,7 +593,9 @@ def _is_found_in_shifted(row: Export) -> bool:
 
 
 def _list_columns(row: Export, result: RunResult) -> dict[str, Any]:
-    """Return the numbers of the tables of an output, by name; empty if a ``result`` lacks it."""
+    """Return the numbers of the tables of the output ``row``, which has such ``columns``, by name;
+    empty if a ``result`` has no value of the output.
+    """
     assert row.columns is not None
     return {} if result[row.name] is None else row.columns(result)
 
@@ -582,11 +607,11 @@ def _write_result(
     figures: bool,
     progress: Progress,
 ) -> RunResult:
-    """Write the files of the outputs ``rows`` of a ``result`` into its ``locked`` folder, with
-    ``figures`` if they are wanted, and summary.yaml last.
+    """Write the files of the outputs ``rows`` of a ``result`` into its ``locked`` folder, those of
+    figures only if ``figures``, and summary.yaml last.
 
     Return the result with the paths of the files written, the reasons for which figures could not
-    be drawn, and the remarks of the figures. An output without a value has no files.
+    be drawn, and the remarks of the figures. An output whose value is None has no files.
     """
     written_rows = [
         row for row in rows if row.files and (row.find is None or result[row.name] is not None)
@@ -628,13 +653,16 @@ class RunResult(Results):
     Attributes
     ----------
     scene : the scene that was run.
-    folder, files : folder of the results, and the paths of the files written there.
+    folder, files : folder of the results, and the paths of the files of the run in it.
     values : the values of outputs that were found or read so far, by their names.
+    column_errors : the standard errors of tables that were found or read so far, by the names of
+        outputs and then by those of columns.
     rows : the outputs of the run; empty if the result was read from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
     remarks : one sentence for each figure that shares out its states among panels, or leaves some
         out.
-    means : by what tasks are done while outputs are found.
+    means : the executor, the progress and the store by which tasks are done while outputs are
+        found.
     """
 
     scene: Scene
@@ -645,12 +673,12 @@ class RunResult(Results):
     means: Means = field(default=Means(), repr=False)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the value of the output ``name``; None if a run of the scene does not have the
-        output. The value is kept after it has been found or read.
+        """Return the value of the output ``name``, and keep it in ``values``; None if a run of the
+        scene does not have the output, and KeyError if there is no such output.
 
         In the result of a run, a value that is not known yet is found, and never read from the
         folder, which may hold that of an earlier run. In a result that was read from its folder,
-        the value is read.
+        the value is read. The output of another command, such as "fit", is read in either case.
         """
         if name in self.values:
             return self.values[name]
@@ -664,7 +692,8 @@ class RunResult(Results):
 
     def find_errors(self, name: str) -> dict[str, Any]:
         """Return the standard errors of the numbers in the table of the output ``name``, as
-        :meth:`Results.find_errors` does; in the result of a run they are never read.
+        :meth:`Results.find_errors` does; the result of a run has them in ``column_errors``, and
+        they are never read from its folder.
         """
         return self.column_errors.get(name, {}) if self.rows else super().find_errors(name)
 
@@ -717,7 +746,9 @@ class RunResult(Results):
 
     @property
     def validity(self) -> Validity:
-        """The conditions under which the model holds, of the only state."""
+        """The conditions under which the model holds, of the only state; InputError if there are
+        several.
+        """
         return self.analysis.validity
 
     @cached_property
@@ -729,20 +760,22 @@ class RunResult(Results):
 
     @property
     def records(self) -> list[Mapping[str, Any]]:
-        """Of each sample of the only state, or of its network, what is kept of its waves, arrays by
-        name.
+        """What is kept of the waves of the only state, arrays by name: a mapping for each sample,
+        or one for the network of a state without samples. InputError if there are several states.
         """
         return self.scene.plan.records
 
     @property
     def velocities(self) -> SoundVelocities | None:
-        """Sound velocities of the only state, m/s; None if they were not asked for."""
+        """Sound velocities of the only state, m/s; None if they were not asked for. InputError if
+        there are several states.
+        """
         return self.analysis.velocities if "velocities" in self.scene.observe else None
 
     @property
     def moduli(self) -> Moduli | None:
         """Elastic constants of the only state, Pa; None if the scene does not observe velocities,
-        or the state has none.
+        or the state has none. InputError if there are several states.
         """
         return self.analysis.moduli if "velocities" in self.scene.observe else None
 
@@ -763,9 +796,9 @@ class RunResult(Results):
         each figure that failed.
         """
         sentences = json.loads(self.dataset.attrs["warnings"])
-        for found in (self.bands, self.dos, self.design):
-            if found is not None:
-                sentences += found.warnings
+        for value in (self.bands, self.dos, self.design):
+            if value is not None:
+                sentences += value.warnings
         return tuple(dict.fromkeys((*sentences, *self.failures)))
 
     def entry(self, name: str) -> Observable | None:
@@ -773,12 +806,13 @@ class RunResult(Results):
         return entry_of(name, self.scene.packing) if name in CATALOGUE else None
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of all outputs of the scene as plain data in SI units, by name as the
-        attributes of the library are named.
+        """Return the numbers of all outputs of the scene in SI units, by name as the attributes of
+        the library are named: those of a single state are numbers, words, lists and arrays.
 
-        For several states these are the sizes of the dimensions, the number of states, the media,
-        the least and the greatest of each number that is known, and whether all states are valid;
-        also the direction of sound, if it was given or if velocities depend on it.
+        For several states they are whether the overlap is finite, the sizes of the dimensions, the
+        number of states, the media, the least and the greatest of each number that is known, and
+        whether all states are valid; also the direction of sound, if it was given or if velocities
+        depend on it.
         """
         numbers: dict[str, Any] = {}
         for row in self.rows or list_outputs(self.scene):
@@ -803,20 +837,22 @@ class RunResult(Results):
         return versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
 
     def figure(self, name: str, tell: Callable[[str], object] | None = None) -> Any:
-        """Return the matplotlib figure that the file ``name`` of a run shows; for a name that no
-        output has, the curves over the load. ``tell`` is called with a sentence, behind the name,
-        that says which panels the figure has chosen.
+        """Return the matplotlib figure that the file ``name`` of a run shows, such as "bands.png";
+        InputError for a name that no figure has, and if there is nothing to draw. ``tell`` is
+        called with a sentence, behind the name, that says which panels the figure has chosen.
         """
-        rows = [row for _name, row in OUTPUTS.items() if row.figure == name]
-        row = rows[0] if rows else OUTPUTS["sweep"]
+        rows = {row.figure: row for _name, row in OUTPUTS.items() if row.figure}
+        if name not in rows:
+            raise InputError(f"no figure is called {brief(name)}", mend=suggest(str(name), rows))
         if tell is None:
-            return row.make_figure(self)
-        return row.make_figure(self, lambda sentence: tell(f"{name}: {sentence}"))
+            return rows[name].make_figure(self)
+        return rows[name].make_figure(self, lambda sentence: tell(f"{name}: {sentence}"))
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds the result of a run of the ``scene`` itself, made with the versions
-    of packages that are installed now: every file but the figures.
+    """Whether ``folder`` holds the result of a run of an equal ``scene``, made with the versions of
+    packages that are installed now: every file but the figures. False if the folder or its summary
+    is not there or cannot be read.
 
     A file that was changed after the run counts as missing.
     """
@@ -845,7 +881,7 @@ def _find_unit(result: RunResult, name: str) -> str:
 
 def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> str:
     """Return the text of summary.yaml: the numbers of a ``result`` and their units, the limits of
-    the model, the warnings, the files, and the ``package_versions`` by name.
+    the model at a single state, the warnings, the files, and the ``package_versions`` by name.
     """
     scene = result.scene
     numbers = result.summary()

@@ -14,7 +14,7 @@ from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.on_site import HOLDING_PARAMETERS
-from granphon.balls.packing import Axis, Packing, change_packing, find_unit
+from granphon.balls.packing import LOSS_PARAMETERS, Axis, Packing, change_packing, find_unit
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings, read_block
@@ -23,7 +23,7 @@ from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, show, spell
 from granphon.base.validation import read_inside, require, text
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.medium import CRYSTAL
-from granphon.phonons.paths import MESHES, BandPath, read_paths
+from granphon.phonons.paths import BAND_POINTS, MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import list_swept, require_arrays
 from granphon.scene import file_keys
@@ -31,8 +31,11 @@ from granphon.scene.design_settings import DesignSettings, require_variables
 from granphon.scene.file import SETTINGS, SceneSource, write_blocks
 from granphon.scene.file_keys import Context
 from granphon.scene.outputs import is_of_arrays_alone
+from granphon.waves.sensors import find_unused
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
+    DASHPOTS,
+    KEYS_OF_PLANES,
     NETWORK_BLOCKS,
     WAVES,
     BandsSettings,
@@ -108,7 +111,7 @@ class SceneValues:
     observe: tuple[str, ...] = ("velocities",)
     direction: tuple[Any, ...] | None = None
     band: BandPath | None = None
-    band_points: int = 101
+    band_points: int = BAND_POINTS
     mesh: tuple[int, ...] = ()  # the default of the lattice
     dim: tuple[int, ...] | None = None
     surface: SurfaceSettings | None = None
@@ -645,6 +648,10 @@ class SceneValues:
             allowed = "an axis across which the balls repeat"
             with file_keys.refusing(surface.axis, allowed, "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
+        if self.response is not None:
+            _require_planes(self.response)
+        if self.motion is not None:
+            _require_limits(self.motion, dict(self.parameters))
         if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if given_path is not None:
@@ -693,6 +700,42 @@ class SceneValues:
         smallest = next(supercell for supercell in supercells if touch_once(supercell))
         allowed = f"{file_keys.write_grid(smallest)} or more"
         raise Refused(file_keys.write_grid(self.dim), allowed, path=("phonopy", "dim"))
+
+
+def _require_planes(settings: ResponseSettings) -> None:
+    """Raise :class:`~granphon.base.errors.Refused` for a key of the ``settings`` that is that of a
+    plane of balls, where none is driven or heard.
+    """
+    given = {name: getattr(settings, name) for name in KEYS_OF_PLANES}
+    name = find_unused(settings.source, settings.receiver, given)
+    if name:
+        places = "receiver: plane" if name == "distance" else "source: plane or receiver: plane"
+        raise Refused(
+            f"a {name} of a plane, and no plane",
+            f"a {name} with {places}",
+            f"Leave {name} out: a ball has its direction behind its number, as in 12 x.",
+            ("response", name),
+        )
+
+
+def _require_limits(settings: MotionSettings, swept: Mapping[str, Any]) -> None:
+    """Raise :class:`~granphon.base.errors.Refused` for a limit in the ``settings`` of forces that
+    no contact has: of slip that is not limited, or of dashpots that are neither given nor
+    ``swept``.
+    """
+    if settings.coulomb == "total" and settings.friction_coefficient is None:
+        raise Refused(
+            "total, and no friction_coefficient",
+            "total with a friction_coefficient, without which contacts do not slide",
+            path=("motion", "coulomb"),
+        )
+    sweeps_dashpots = any(LOSS_PARAMETERS.get(name) in DASHPOTS for name in swept)
+    if settings.viscous_pull == "limited" and not (settings.has_dashpots or sweeps_dashpots):
+        raise Refused(
+            "limited, and no dashpot",
+            "limited with a damping, dashpot or restitution, by which contacts pull",
+            path=("motion", "viscous_pull"),
+        )
 
 
 def _read_balls(packing: Any) -> Packing | Arrangement | NetworkFiles:

@@ -146,8 +146,9 @@ class Problem:
         self.turns = geometry == "exact"
         self.n_ball_unknowns = assembly.n_balls * assembly.dimension
         self.n_displacements = self.n_ball_unknowns + assembly.n_walls
-        # strains are scaled so that the forces on them, sums over all contacts, are comparable
-        # with those on balls
+        # strains are scaled so that the stiffnesses against them, sums over all contacts, are
+        # comparable with those of balls; forces on them still grow as the root of the number of
+        # contacts, which `weights` takes out of the forces left
         self.length = assembly.mean_distance * math.sqrt(assembly.n_contacts)
         self.unit_strains = _embed(self._list_free_strains() / self.length)
         self.given_strain = _embed(load.strain)
@@ -443,25 +444,28 @@ class Configuration:
     @cached_property
     def load_slope(self) -> Array | None:
         """(size, k + s) derivatives of the forces of the load by the unknowns of walls and strains,
-        N/m; None where these forces do not change. In exact directions a stress acts on the
-        deformed cell, and its forces change with the strains; the columns of the walls are zero.
+        N/m; None where these forces do not change. In exact directions they change with the
+        strains: a stress acts on the deformed cell, and the forces of a pressure on faces grow with
+        the cell. The columns of the walls are zero.
         """
         problem = self.problem
         load = problem.load
         p = len(self.strain)
         units = problem.unit_strains[:, :p, :p]
         if not (problem.turns and len(units)) or load.stress is None:
+            # without a stress no strain is unknown, or a mean force is given, which presses on no
+            # face
             return None
         n = problem.n_displacements
         k = problem.assembly.n_walls
         inverse = np.linalg.inv(self.deformed)
         slope = np.zeros((problem.size, k + len(units)))
         for column, unit in enumerate(units, start=k):
-            grown = self.growth * float(np.trace(inverse @ unit))
-            slope[:n, column] = grown * load.pressure_force
-            # of the inverse of the deformation times the growth
-            derivative = grown * inverse - self.growth * inverse @ unit @ inverse
-            slope[n:, column] = problem.find_work(load.stress @ derivative)
+            # the derivatives of the growth g, 1/m, and of g F^-1 with the deformation gradient F
+            growth_slope = self.growth * float(np.trace(inverse @ unit))
+            inverse_slope = growth_slope * inverse - self.growth * inverse @ unit @ inverse
+            slope[:n, column] = growth_slope * load.pressure_force
+            slope[n:, column] = problem.find_work(load.stress @ inverse_slope)
         return slope
 
     @cached_property

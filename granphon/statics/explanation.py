@@ -126,11 +126,11 @@ def explain(
 def _explain_unborne(problem: Problem, options: RestOptions) -> InputError | None:
     """Return the error of a load that contacts cannot bear; None of a load that may be borne.
 
-    A load without forces is borne by any contacts. Loads of more than ``options.most_explained``
+    A load without forces is borne by any contacts. Loads of more than ``options.most_contacts``
     contacts are not looked into, which would take too much time.
     """
     assembly = problem.assembly
-    if assembly.n_contacts > options.most_explained or not np.any(problem.force):
+    if assembly.n_contacts > options.most_contacts or not np.any(problem.force):
         return None
     is_borne, mend = _find_bearing(problem)
     if is_borne:

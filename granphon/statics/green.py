@@ -5,7 +5,7 @@ by Fourier transforms.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ class GreenFunction:
         numbers = options or GridOptions()
         self._workers = workers
         self._shape = grid.shape
+        self._grid_axes = tuple(range(1, 1 + len(grid.shape)))
         key = (
             grid.shape,
             grid.n_balls,
@@ -40,23 +41,32 @@ class GreenFunction:
             tuple(grid.shift.ravel().tolist()),
             tuple(grid.normal[:, : len(grid.shape)].ravel().tolist()),
         )
-        is_kept = grid.n_cells * grid.n_balls <= numbers.kept_even
+        is_kept = grid.n_cells * grid.n_balls <= numbers.green_balls
         find = _find_table if is_kept else _find_table.__wrapped__
         #: (f, f, waves) inverse for each wave, f being the motions of the balls of a cell; real if
         #: the cell has one ball
-        self._table = find(numbers.waves, *key)
+        self._table = find(numbers.batch, *key)
 
     def apply(self, forces: Values, scale: float) -> Values:
         """Return ``scale`` times the motions (f, cells) under ``forces`` (f, cells), in the
         precision of the forces.
         """
-        from scipy import fft  # imported here: media that are not simulated do not need SciPy
-
-        axes = tuple(range(1, 1 + len(self._shape)))
+        fft = load_transforms()
+        axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
         moved = multiply_waves(self._table, forces.dtype.type(scale), waves)
         motions = fft.irfftn(moved, self._shape, axes=axes, workers=self._workers, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
+
+
+@cache
+def load_transforms() -> Any:
+    """Return SciPy's module of Fourier transforms, which is imported at the first call: media that
+    are not simulated do not need SciPy, and an import in each transform would take a tenth of it.
+    """
+    from scipy import fft
+
+    return fft
 
 
 @lru_cache(maxsize=8)

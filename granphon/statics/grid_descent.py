@@ -71,14 +71,14 @@ class GridPlace:
         these have one common overlap.
         """
         problem = self.problem
-        cached = self.options.cached
+        batch = self.options.grid.batch
         kinds, cells = self.excess.shape
-        step = max(1, cached // cells) if problem.is_even else 1
+        step = max(1, batch // cells) if problem.is_even else 1
         for low in range(0, kinds, step):
             rows = slice(low, low + step)
             overlap = float(self.common[low])
-            for first in range(0, cells, cached):
-                columns = slice(first, first + cached)
+            for first in range(0, cells, batch):
+                columns = slice(first, first + batch)
                 values = self.excess[rows, columns]
                 np.subtract(problem.offset[rows, columns], values, out=values)
                 # values: overlaps beyond the common one before, excess forces after
@@ -185,7 +185,7 @@ class GridPlace:
         """
         overlap = self.find_overlaps()
         if self.problem.spread:
-            light = float(hertz.overlap_of(self.options.carried * self.left))
+            light = float(hertz.overlap_of(self.options.open_force * self.left))
             np.minimum(overlap, 0.0, out=overlap, where=overlap <= light)
         return overlap
 
@@ -242,7 +242,7 @@ class GridDescent(Descent[GridPlace]):
 
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
         tolerance = options.grid_tolerance
-        super().__init__(options, tolerance, max(tolerance, options.required))
+        super().__init__(options, tolerance, max(tolerance, options.negligible_force))
         # places are large, and the last one is the nearest in the end
         self.trail = Trail(keeps_nearest=False)
         self.problem = problem
@@ -302,13 +302,13 @@ class GridDescent(Descent[GridPlace]):
         step, taken = self._find_step(place, self._choose_reduction(residual))
         self.inverses.count(taken)
         # near rest, where it comes no nearer, slopes are rounding: a line search would stay there
-        is_rounding = residual < options.near and self.trail.stalled > 2
+        is_rounding = residual < options.rounding_residual and self.trail.stalled > 2
         part = 1.0 if is_rounding else options.slope
         ahead, length = self._follow(GridWay(place, step), part)
         self.iterations += taken
         self._last_residual = residual
         # where balls that nothing holds move far, single precision may spoil a step
-        self._is_single = self._is_single and length > options.spoilt
+        self._is_single = self._is_single and length > options.single_length
         return ahead
 
     def _choose_reduction(self, residual: float) -> float:
@@ -316,11 +316,11 @@ class GridDescent(Descent[GridPlace]):
         ``residual`` end: the less the faster the residual falls, but no less than rest needs.
         """
         options = self.options
-        reduction = options.loosest
+        reduction = options.largest_reduction
         if self._last_residual:
             reduction = (residual / self._last_residual) ** options.progress
-        least = options.margin * self.tolerance / residual
-        return min(options.loosest, max(reduction, least))
+        least = options.grid.margin * self.tolerance / residual
+        return min(options.largest_reduction, max(reduction, least))
 
     def _finish(self, place: GridPlace) -> Rest:
         """Return the state of a place that is at rest."""
@@ -387,7 +387,7 @@ class GridDescent(Descent[GridPlace]):
         prepare = self.inverses.choose if self._began_inside else self.equations.precondition
         stiffness = place.root.astype(precision, copy=False)
         stiffness *= hertz.stiffness_of(1.0) / place.level
-        stiffness += self.options.added * min(1.0, place.residual)
+        stiffness += self.options.added_stiffness * min(1.0, place.residual)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
         push = float(np.max(np.abs(place.push), initial=0.0)) * self.problem.weight
         size = max(float(np.max(np.abs(place.pull))), push)

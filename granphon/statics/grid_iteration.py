@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
@@ -37,7 +38,7 @@ from granphon.contacts.grid_product import (
     leave,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
-from granphon.statics.green import list_phases, multiply_waves
+from granphon.statics.green import list_phases, load_transforms, multiply_waves
 from granphon.statics.options import GridOptions
 
 Values = NDArray[Any]
@@ -167,8 +168,8 @@ class GridIteration(ABC):
             _set_direction(products, last_products, preconditioned, way)
             change = np.empty_like(way)
             self.multiply(way, change)
-            curvatures, lowest, _ = multiply_columns(way, change)
-            if lowest < 0.0 or not np.any(curvatures):
+            curvatures, lowest, sum_of_all = multiply_columns(way, change)
+            if lowest < 0.0 or sum_of_all == 0.0:
                 falling = self.find_way_down(way[:, int(np.argmin(curvatures))])
                 has_arrived = falling is None
                 way_down = falling if lowest < 0.0 else None
@@ -212,8 +213,9 @@ class TangentIteration(GridIteration):
     ) -> None:
         contacts = tangent.contacts
         numbers = options or GridOptions()
-        self.solves_together = contacts.n_balls <= numbers.kept
+        self.solves_together = contacts.n_balls <= numbers.small_array
         self._shape = contacts.grid
+        self._grid_axes = tuple(range(2, 2 + len(contacts.grid)))
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         self.level = float(np.mean(contacts.normal_stiffness)) or 1.0
@@ -231,8 +233,8 @@ class TangentIteration(GridIteration):
         self._coarse = self._product.round()
         self._green: NDArray[Any] = green
         self._alone = np.empty_like(self._coarse.diagonal)
-        holding = numbers.holding * self.level
-        invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
+        spring = numbers.spring * self.level
+        invert_blocks(self._product.diagonal, spring, numbers.damping, self._alone)
 
     def multiply(self, motions: Array, forces: Array) -> None:
         """Set ``forces`` to the tangent times the ``motions``, both (f, k, cells)."""
@@ -277,9 +279,8 @@ class TangentIteration(GridIteration):
 
     def _apply_green(self, forces: Values) -> Values:
         """Return the motions (f, k, cells) that Green's function makes of forces (f, k, cells)."""
-        from scipy import fft  # imported here: media that are not simulated do not need SciPy
-
-        axes = tuple(range(2, 2 + len(self._shape)))
+        fft = load_transforms()
+        axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
         moved = multiply_waves(self._green, self._softness, waves)
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
@@ -323,19 +324,27 @@ def _find_green(
 
     If ``even`` is true, all contacts have the normal stiffness one and no other, along the
     directions of the first contact of each kind. Inverses of grids with at most
-    ``options.kept_even`` balls, or ``options.kept`` if ``even`` is false, are kept for further
-    calls.
+    ``options.green_balls`` balls, or ``options.small_array`` if ``even`` is false, are kept for
+    further calls.
     """
     shape = contacts.grid
     cells = math.prod(shape)
     kinds = contacts.n_contacts // cells
 
-    def average(values: Array, scale: float = 1.0) -> tuple[Any, ...]:
-        """Return the means of ``values`` over ``scale``, for each kind of contact, flattened; they
-        are rounded to few digits, so that those of all samples of a packing are equal.
+    def average(values: Array) -> tuple[Any, ...]:
+        """Return the means of ``values`` for each kind of contact, flattened; they are rounded to
+        few digits, so that those of all samples of a packing are equal.
         """
-        means = np.mean(values.reshape(kinds, cells, -1), axis=1) / scale
+        means = np.mean(values.reshape(kinds, cells, -1), axis=1)
         return tuple(np.round(means, options.digits).ravel().tolist())
+
+    def average_stiffness(values: Array) -> tuple[Any, ...]:
+        """Return the mean of the stiffnesses ``values`` (n_c,) for each kind of contact over
+        ``level``, rounded so that those of most samples and loads are equal.
+        """
+        means = np.mean(values.reshape(kinds, cells), axis=1) / level
+        steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / options.alike)
+        return tuple(np.where(means > 0.0, np.exp(options.alike * steps), 0.0).tolist())
 
     if even:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
@@ -346,16 +355,16 @@ def _find_green(
         springs = (
             average(contacts.arm_i),
             average(contacts.arm_j),
-            average(contacts.normal_stiffness, level),
-            average(contacts.shear_stiffness, level),
-            average(contacts.torsion_stiffness, level),
-            average(contacts.bending_stiffness, level),
+            average_stiffness(contacts.normal_stiffness),
+            average_stiffness(contacts.shear_stiffness),
+            average_stiffness(contacts.torsion_stiffness),
+            average_stiffness(contacts.bending_stiffness),
         )
-    most_kept = options.kept_even if even else options.kept
+    most_kept = options.green_balls if even else options.small_array
     find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
     return find(
         shape,
-        options.holding,
+        options.spring,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
         tuple(divmod(ball, cells) for ball in contacts.j[::cells].tolist()),
@@ -367,7 +376,7 @@ def _find_green(
 @lru_cache(maxsize=8)
 def _find_equal_green(
     shape: tuple[int, ...],
-    holding: float,
+    spring: float,
     motions: Motions,
     ends_i: tuple[tuple[int, int], ...],
     ends_j: tuple[tuple[int, int], ...],
@@ -380,7 +389,7 @@ def _find_equal_green(
     ``ends_i`` and ``ends_j`` are the ball of the cell, and the number of the cell, at either end of
     one contact of each kind; ``normal`` are the directions of the kinds, flattened; ``each`` are,
     for each kind, the two arms and the stiffnesses along the normal, by shear, torsion and bending;
-    ``holding`` is that of :class:`GridOptions`. All arguments are hashable, as inverses are kept.
+    ``spring`` is that of :class:`GridOptions`. All arguments are hashable, as inverses are kept.
     """
     kinds = len(ends_i)
     m = motions.count
@@ -401,7 +410,7 @@ def _find_equal_green(
         matrix[..., at_j, at_i] += np.conj(ahead) * pair[m:, :m]
         matrix[..., at_j, at_j] += pair[m:, m:]
     level = float(np.mean(np.diagonal(pairs, axis1=1, axis2=2).ravel()))
-    matrix += holding * level * np.eye(fields)
+    matrix += spring * level * np.eye(fields)
     # nothing resists translations of the whole
     matrix[(0,) * len(shape)] += level * np.eye(fields)
     inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)

@@ -121,7 +121,7 @@ class GridProblem:
         common = self.find_common(strains)
         if self.is_given:
             closed = np.mean(common[:, None] + self.offset > 0.0)
-            return bool(closed < options.closed_on_sites)
+            return bool(closed < options.closed_part)
         force = float(np.mean(hertz.force_of(common)))
         least, most = options.interior_forces
         return bool(least <= force <= most)
@@ -132,9 +132,9 @@ class GridProblem:
         interior-point method does not lead to it.
         """
         if self.is_given:
-            leaves_loose = float(np.mean(self.given)) < options.differing
+            leaves_loose = float(np.mean(self.given)) < options.uncertain_load
         else:
-            leaves_loose = self.load_force < options.differing
+            leaves_loose = self.load_force < options.uncertain_load
         return leaves_loose and not self.begins_inside(self.find_strains(), options)
 
     def find_strains(self) -> Array:
@@ -200,7 +200,7 @@ class GridProblem:
 
 def is_small(grid: Grid, options: RestOptions) -> bool:
     """Return whether a ``grid`` is small enough for factors."""
-    return grid.n_cells * grid.n_balls <= options.most_factorised[len(grid.shape)]
+    return grid.n_cells * grid.n_balls <= options.most_balls[len(grid.shape)]
 
 
 def _find_common_losses(problem: Problem, grid: Grid) -> tuple[Array, Array, bool]:

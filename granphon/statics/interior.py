@@ -86,7 +86,7 @@ def approach(
     iterations = 0
     last_product = math.inf
     h = _find_overlaps(problem, balls, strains)
-    f, s = split(h, (1.0 if is_fresh else numbers.width_nearby) * float(np.std(h)))
+    f, s = split(h, (1.0 if is_fresh else numbers.nearby_width) * float(np.std(h)))
     point = _Point(balls, strains, h, f, s)
     for step in range(equations.options.inner_steps):
         product = float(np.mean(point.f * point.s))
@@ -96,14 +96,14 @@ def approach(
         # mean of f s over the mean force to the power 5/3, and largest force left on a ball
         relative = product / (mean * float(hertz.overlap_of(mean)))
         left = problem.find_largest(problem.collect(point.f)) / mean
-        if relative <= numbers.close:
-            if left > numbers.balanced:
+        if relative <= numbers.gap:
+            if left > numbers.imbalance:
                 return None
             return Nearby(point.balls, point.strains, step, iterations)
         factor = numbers.largest_factor
         if step:
             # forces must keep up with mu
-            lags = left > numbers.too_far * math.sqrt(relative)
+            lags = left > numbers.lag * math.sqrt(relative)
             factor = 1.0 if lags else _choose_factor(product / last_product, numbers)
         last_product = product
         point, count = _advance(point, factor, problem, equations, inverses)
@@ -140,8 +140,8 @@ def _advance(
     change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
     change *= stiffness
     widening = (mu - s * change) / f - s
-    f = np.maximum(f + change, numbers.kept * f)
-    s = np.maximum(s + widening, numbers.kept * s)
+    f = np.maximum(f + change, numbers.least_part * f)
+    s = np.maximum(s + widening, numbers.least_part * s)
     f, s = _bring_near(f, s, mu, numbers)
     strains = strains + motion.strains
     balls = balls + motion.balls
@@ -170,7 +170,7 @@ def _choose_accuracy(factor: float, numbers: InteriorOptions) -> float:
     """
     if factor == 1.0:
         return numbers.least_error
-    return max(numbers.least_error, min(numbers.accuracy * factor, numbers.largest_error))
+    return max(numbers.least_error, numbers.accuracy * factor)
 
 
 def _choose_factor(fall: float, numbers: InteriorOptions) -> float:

@@ -70,7 +70,7 @@ class LatticeEquations:
         mean = float(np.mean(stiffness))
         green = self.green
         softness = 1.0 / mean
-        if float(np.std(stiffness)) <= options.even * mean:
+        if float(np.std(stiffness)) <= options.stiffness_spread * mean:
             return lambda force: green.apply(force, softness)
         runs = self._runs[stiffness.dtype]
         grid = self._grid
@@ -78,7 +78,7 @@ class LatticeEquations:
         blocks = np.zeros((d, d, grid.n_balls * grid.n_cells))
         grid_loops.add_blocks(self._runs[np.dtype(float)], stiffness, blocks)
         alone = np.empty(blocks.shape, stiffness.dtype)
-        grid_loops.invert_blocks(blocks, numbers.holding * mean, numbers.damped, alone)
+        grid_loops.invert_blocks(blocks, numbers.spring * mean, numbers.damping, alone)
         del blocks
 
         def apply(force: Values) -> Values:
@@ -253,8 +253,8 @@ def may_factorise(grid: Grid, stiffness: Values, options: RestOptions) -> bool:
     """
     if not is_small(grid, options):
         return False
-    is_stiff = stiffness > options.stiff * float(np.mean(stiffness))
-    return float(np.mean(is_stiff)) <= options.most_stiff[len(grid.shape)]
+    is_stiff = stiffness > options.factor_stiffness * float(np.mean(stiffness))
+    return float(np.mean(is_stiff)) <= options.stiff_part[len(grid.shape)]
 
 
 class Preconditioners:
@@ -304,7 +304,7 @@ class Preconditioners:
         if self._first is None:
             self._first = iterations
         additional = iterations - self._first
-        if additional >= options.stale:
+        if additional >= options.staleness:
             # the factors no longer fit the stiffnesses: new ones are due
             self._spent = max(self._spent, options.patience_of_green)
             if cost * additional >= options.patience_of_green:

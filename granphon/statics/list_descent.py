@@ -39,12 +39,12 @@ class ListDescent(Descent[Configuration]):
     def __init__(self, problem: Problem, options: RestOptions, iterates: bool) -> None:
         assembly = problem.assembly
         self.problem = problem
-        self.is_factored = assembly.n_balls <= options.most_factorised[assembly.dimension]
+        self.is_factored = assembly.n_balls <= options.most_balls[assembly.dimension]
         self.iterates = iterates or not self.is_factored
         tolerance = options.tolerance
         if self.iterates:
             tolerance = max(tolerance, options.iterated_tolerance)
-        super().__init__(options, tolerance, options.required)
+        super().__init__(options, tolerance, options.negligible_force)
 
     @cached_property
     def equations(self) -> Equations:
@@ -67,7 +67,7 @@ class ListDescent(Descent[Configuration]):
         if not assembly.differs or np.any(laws.adhesion):
             return rest
         force = laws.force(rest.overlap)
-        light = np.abs(force) <= self.options.carried * rest.residual * laws.size(force)
+        light = np.abs(force) <= self.options.open_force * rest.residual * laws.size(force)
         light &= np.isfinite(laws.least)  # a bond never opens
         opened = np.minimum(rest.overlap, laws.least)
         return replace(rest, overlap=np.where(light, opened, rest.overlap))
@@ -95,8 +95,8 @@ class LatticeWay:
         if laws.adhere:
             parting = self._loss > 0.0
             torn = (start.overlap - laws.least)[parting] / self._loss[parting]
-            longest = options.untorn * float(np.min(torn, initial=math.inf))
-            self.longest = max(longest, options.shortest)
+            longest = options.tear_part * float(np.min(torn, initial=math.inf))
+            self.longest = max(longest, options.shortest_step)
 
     def go(self, length: float) -> Configuration:
         """Return the configuration at a length."""
@@ -131,7 +131,7 @@ class LatticeDescent(ListDescent):
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
         assembly = problem.assembly
-        fewest = options.fewest_iterated[assembly.dimension]
+        fewest = options.fewest_balls[assembly.dimension]
         super().__init__(problem, options, assembly.n_balls >= fewest)
         self.kept_inverse: Map | None = None
         self.largest_size = 0.0
@@ -194,7 +194,7 @@ class LatticeDescent(ListDescent):
 
     def _is_stuck(self, place: Configuration) -> bool:
         """Return whether the residual no longer falls."""
-        return self.trail.stalled > self.options.stalled
+        return self.trail.stalled > self.options.patience
 
     def _prepare(self, place: Configuration) -> Configuration:
         """Return the configuration as it is; raise the error of a load under which all contacts
@@ -204,7 +204,7 @@ class LatticeDescent(ListDescent):
         size = place.force_size
         self.largest_size = max(self.largest_size, size)
         # under a strain alone balls may move aside until none is pressed
-        is_relaxed = size < self.options.required * self.largest_size
+        is_relaxed = size < self.options.negligible_force * self.largest_size
         if not size or (is_relaxed and not problem.load.acts):
             raise explain(problem, self.options, opened=True)
         return place
@@ -252,14 +252,14 @@ class LatticeDescent(ListDescent):
         # an estimate, for contacts that carry a force without a stiffness, as where they break
         added = place.force_size / problem.length
         if closed.size:
-            added = options.added * min(1.0, residual) * float(np.mean(closed))
+            added = options.added_stiffness * min(1.0, residual) * float(np.mean(closed))
         # far from rest a rough solution serves
-        reduction = max(options.rough * min(1.0, residual**0.5), options.reduction)
+        reduction = max(options.rough_reduction * min(1.0, residual**0.5), options.reduction)
         step = self._solve(place, stiffness + added, place.pull, reduction)
         way = LatticeWay(place, step, options)
         if way.fall <= 0.0:  # by rounding, near rest
             return way.go(min(1.0, way.longest))
-        part = 1.0 if residual < options.near else options.slope
+        part = 1.0 if residual < options.rounding_residual else options.slope
         ahead, length = self._follow(way, part)
         if length < way.longest and way.find_slope(ahead) < -part * way.fall:
             raise explain(problem, options)

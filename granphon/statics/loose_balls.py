@@ -26,6 +26,7 @@ from granphon.contacts.assembly import Assembly
 from granphon.contacts.clusters import (
     choose_lengths,
     find_cluster_steps,
+    find_largest,
     join_balls,
     measure_slopes,
 )
@@ -91,7 +92,7 @@ def _lead_clusters(
         if 4 * int(np.count_nonzero(moves)) < n:
             break
         relative_force = np.minimum(1.0, largest[cluster] / configuration.force_size)
-        springs = options.hold_loose + options.added * relative_force
+        springs = options.loose_spring + options.added_stiffness * relative_force
         cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
     else:
         moves = np.zeros(n, bool)
@@ -138,7 +139,7 @@ class _Cages:
         groups; ``group`` (n,) numbers the group of each ball.
         """
         largest = np.zeros(count)
-        np.maximum.at(largest, group, np.sqrt(np.einsum("na,na->n", self.pull, self.pull)))
+        find_largest(self.pull, group, largest)
         return largest
 
     def _find_steps(self, springs: Array, moves: Flags) -> Array:
@@ -280,11 +281,11 @@ def has_soft_motions(equations: Equations) -> bool:
 
     start = problem.start_at(np.zeros(problem.size))
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
-    matrix: Any = linear.matrix[free][:, free] - options.soft * eye_array(len(free))
+    matrix: Any = linear.matrix[free][:, free] - options.soft_stiffness * eye_array(len(free))
     factors = factorise(matrix.tocsc())
     n_soft = factors.n_below
     if len(linear.corner):
         border = linear.border[free]
         corner = linear.corner - border.T @ np.reshape(factors.solve(border), border.shape)
-        n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft))
+        n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft_stiffness))
     return n_soft > n_still

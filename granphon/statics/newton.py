@@ -151,7 +151,7 @@ class Linearisation:
     def __init__(self, equations: Equations, level: float, blocks: Blocks) -> None:
         self.equations = equations
         self.level = level
-        self._hold = equations.options.hold * level
+        self._hold = equations.options.spring * level
         #: entries of the tangent of all bodies, N/m
         self._data = blocks.list_entries(equations.pattern)
         self.entries = self._data[equations.leading.places]
@@ -360,7 +360,7 @@ class GridEquations:
         n = problem.n_ball_unknowns
         blocks = self._fill_blocks(configuration, stiffness, turning)
         iteration = self._iterate(configuration, stiffness, blocks)
-        is_near = turning == 1.0 and configuration.residual <= self.options.last
+        is_near = turning == 1.0 and configuration.residual <= self.options.near_residual
         self._last = (configuration.stiffness, iteration) if is_near else None
         mean_row = find_mean_row(configuration, stiffness)
         border = blocks.ahead.reshape(n, -1)
@@ -396,19 +396,21 @@ class GridEquations:
         assembly = self.problem.assembly
         forces = _draw_forces(configuration)
         right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
+        # of n motions, each has about the part 1/n of the energy, the root of it in the norm
+        reduction = 1.0 / len(forces)
         count = 0
         solution = None
         if self._last is not None:
             stiffness, iteration = self._last
             if has_hardly_changed(configuration, stiffness, options):
-                solution = iteration.solve(right, options.reduction, most, 0.0)
+                solution = iteration.solve(right, reduction, most, 0.0)
                 count = solution.iterations
         if solution is None or solution.way_down is not None:
             blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
             axes = np.arange(assembly.dimension)
             blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
-            solution = iteration.solve(right, options.reduction, most, 0.0)
+            solution = iteration.solve(right, reduction, most, 0.0)
             count += solution.iterations
         return GridProbe(self._extend(solution.way_down), solution.has_arrived, count)
 
@@ -478,9 +480,9 @@ def has_hardly_changed(
     of an earlier configuration, whose tangent then serves. Contacts whose force may be nothing but
     what the tolerance leaves do not count: they are those of balls that nothing holds.
     """
-    least_force = options.carried * options.tolerance * configuration.force_size
+    least_force = options.open_force * options.tolerance * configuration.force_size
     change = np.abs(configuration.stiffness - stiffness)
-    is_close = change <= options.unchanged * stiffness
+    is_close = change <= options.stiffness_change * stiffness
     return bool(np.all(is_close | (np.abs(configuration.force) <= least_force)))
 
 
@@ -585,8 +587,8 @@ class IteratedEquations:
         # the stiffness against each wall along its line, and against each strain
         against_walls = np.einsum("wa,wab,wb->w", lines, of_walls, lines)
         against_strains = np.einsum("cs,c,cs->s", losses, stiffness, losses)
-        diagonal = np.concatenate([against_walls, against_strains]) + options.hold * level
-        alone = blocks[: assembly.n_balls] + options.grid.holding * level * np.eye(d)
+        diagonal = np.concatenate([against_walls, against_strains]) + options.spring * level
+        alone = blocks[: assembly.n_balls] + options.grid.spring * level * np.eye(d)
         invert_blocks(alone)
 
         def solve(force: Array) -> Array:

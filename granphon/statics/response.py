@@ -188,7 +188,7 @@ class ListResponse(LinearResponse):
             reduction = options.reduction_of_motions if for_motions else options.reduction
             answer = self._iterate(right, reduction)
         if answer is None:
-            borne = options.borne_of_motions if for_motions else options.borne
+            borne = options.spring_energy_of_motions if for_motions else options.spring_energy
             answer = self._refine(right, borne)
         motions, remaining = answer
         return motions.reshape(forces.shape), remaining.reshape(forces.shape)
@@ -202,7 +202,7 @@ class ListResponse(LinearResponse):
         The :meth:`_list_solvers` are taken one after the other, each from motions of zero. The
         rounds of a solver end where :meth:`_suffices` holds with ``borne``, and no further solver
         is taken; where they come no nearer; or at their largest number. Raises ConvergenceError if
-        the last solver leaves more than the part ``options.left`` of the forces.
+        the last solver leaves more than the part ``options.remainder`` of the forces.
         """
         matrix = self._tangent.matrix
         largest_norm = 0.0 if self._symmetric else self._find_largest_norm(right)
@@ -216,14 +216,14 @@ class ListResponse(LinearResponse):
                 better = motions + change
                 left = right - matrix @ better
                 # forces along motions that cost nothing, as balls not quite at rest leave, stay
-                stalled_norm = self._options.stalled * float(np.linalg.norm(remaining))
+                stalled_norm = self._options.stalled_part * float(np.linalg.norm(remaining))
                 if count and float(np.linalg.norm(left)) > stalled_norm:
                     break
                 motions = better
                 remaining = left
                 if self._suffices(motions, remaining, right, borne):
                     return motions, remaining
-        most_left = self._options.left * float(np.linalg.norm(right))
+        most_left = self._options.remainder * float(np.linalg.norm(right))
         if np.linalg.norm(remaining) > max(most_left, self._find_rounding(right.size)):
             raise explain_failure(True)
         return motions, remaining
@@ -263,7 +263,7 @@ class ListResponse(LinearResponse):
                 size = float(np.linalg.norm(right))
                 to_norm = 0.0
                 if size > largest_norm:
-                    to_norm = self._options.below_aim * largest_norm / size
+                    to_norm = self._options.grid.margin * largest_norm / size
                 answer = self._iterate(right, max(reduction, to_norm))
                 return None if answer is None else answer[0]
 
@@ -296,7 +296,7 @@ class ListResponse(LinearResponse):
         resisted = int(np.count_nonzero(contacts.normal_stiffness))
         resisted += slips * int(np.count_nonzero(contacts.shear_stiffness))
         motions = contacts.n_balls * len(contacts.axes)
-        return resisted >= self._options.grid.well_held * motions or not self._may_factorise
+        return resisted >= self._options.grid.rigidity * motions or not self._may_factorise
 
     @cached_property
     def _symmetric_tangent(self) -> Tangent:
@@ -404,7 +404,7 @@ class ListResponse(LinearResponse):
                 forces,
                 rtol=self._options.residual_of_round,
                 atol=self._find_rounding(size),
-                restart=min(self._options.kept, size),
+                restart=min(self._options.vectors, size),
                 maxiter=self._options.cycles,
                 M=inverse,
             )

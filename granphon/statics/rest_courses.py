@@ -59,8 +59,8 @@ class RestCourse:
     @cached_property
     def step(self) -> float:
         """The relative step of differences along the course: so short that the overlap of no closed
-        contact beyond that at which it opens changes by more than the part ``numbers.part``, within
-        the bounds of the options.
+        contact beyond that at which it opens changes by more than the part
+        ``numbers.overlap_change``, within the bounds of the options.
         """
         numbers = self.follower.numbers
         trial = numbers.least_step
@@ -70,7 +70,7 @@ class RestCourse:
         room = np.where(np.isfinite(laws.least), rest.overlap - laws.least, math.inf)
         changes = self.follower.is_closed & (slope != 0.0)
         shortest = np.min(np.abs(room[changes] / slope[changes]), initial=math.inf)
-        return min(numbers.step, max(numbers.least_step, numbers.part * float(shortest)))
+        return min(numbers.step, max(numbers.least_step, numbers.overlap_change * float(shortest)))
 
 
 class RestFollower:
@@ -131,8 +131,8 @@ class RestFollower:
         refinement = ResponseOptions()
         for _ in range(refinement.rounds):
             norm = float(np.linalg.norm(left * problem.weights))
-            stalls = norm > refinement.stalled * before and norm <= numbers.required * size
-            if norm <= max(RestOptions().required * size, rounding / course.step) or stalls:
+            stalls = norm > refinement.stalled_part * before and norm <= numbers.remainder * size
+            if norm <= max(RestOptions().negligible_force * size, rounding / course.step) or stalls:
                 # the last round may have left more than the one before
                 return course if norm <= before else earlier
             before = norm
@@ -162,7 +162,7 @@ class RestFollower:
         stiffness = configuration.stiffness
         load_slope = configuration.load_slope
         assembly = problem.assembly
-        if assembly.n_balls <= options.most_factorised[assembly.dimension]:
+        if assembly.n_balls <= options.most_balls[assembly.dimension]:
             linear = Equations(problem, options).linearise(configuration, stiffness)
             invert = linear.invert(load_slope, find_mean_row(configuration, stiffness))
             return lambda pull: problem.remove_drift(invert(pull))

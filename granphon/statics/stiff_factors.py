@@ -21,20 +21,20 @@ def factorise_stiff(
     forces (n m,) to motions (n m,), in which the m motions of a ball follow each other; ``axes``
     (m,) are those of the motions, 0 to 2 of displacements and 3 to 5 of rotations.
 
-    Contacts that are softer than the part ``options.stiff`` of the mean enter by their part of the
-    diagonal only, and a weak spring is added at each motion. The inverse is symmetric but for
-    rounding, and positive definite.
+    Contacts that are softer than the part ``options.factor_stiffness`` of the mean enter by their
+    part of the diagonal only, and a weak spring is added at each motion. The inverse is symmetric
+    but for rounding, and positive definite.
     """
     stiffness = columns.normal_stiffness
     mean = float(np.mean(stiffness))
-    is_stiff = stiffness > options.stiff * mean
+    is_stiff = stiffness > options.factor_stiffness * mean
     no_strains = np.zeros((0, 3, 3))
     stiff = _select(columns, is_stiff)
     tangent = fill_blocks(stiff, axes, no_strains, n_balls)
     soft = fill_blocks(_select(columns, ~is_stiff), axes, no_strains, n_balls)
     motions = np.arange(len(axes))
     of_soft = soft.diagonal[motions, motions]
-    tangent.diagonal[motions, motions] += of_soft + options.grid.holding * mean
+    tangent.diagonal[motions, motions] += of_soft + options.grid.spring * mean
     # made anew, and not kept: which contacts are stiff changes from step to step
     pattern = Pattern(stiff.i, stiff.j, n_balls, len(axes))
     data = tangent.list_entries(pattern)
@@ -42,7 +42,7 @@ def factorise_stiff(
     scale = 1.0 / np.sqrt(data[pattern.diagonal])
     matrix = pattern.make_matrix(data)
     matrix.data *= scale[matrix.indices] * np.repeat(scale, np.diff(matrix.indptr))
-    matrix.data[pattern.diagonal] += options.grid.holding
+    matrix.data[pattern.diagonal] += options.grid.spring
     factors = factorise(matrix, approximate=True)
 
     def solve(force: Array) -> Array:

@@ -21,6 +21,7 @@ import numpy as np
 
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, MechanismError
+from granphon.contacts.assembly import ROUNDING
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.descent import Trail
 from granphon.statics.krylov import Map
@@ -107,7 +108,7 @@ class TurningDescent(ListDescent):
         self._move_in_turn = True
         #: residual below which loose balls and all balls together move in turn again, after they
         #: have not
-        self._residual_of_turns = options.last
+        self._residual_of_turns = options.near_residual
         #: part of the contacts that are closed at the start, where tolerances are over the mean
         #: force of all contacts; otherwise 1
         self._closed_part = 1.0
@@ -124,7 +125,7 @@ class TurningDescent(ListDescent):
     def begin(self, start: Rest | None) -> Configuration:
         """Return the configuration from which the way begins, that of ``start``, and name the balls
         that are loose: of balls that differ, those with no more contacts of a force above
-        ``options.light`` of the mean than axes.
+        ``options.light_force`` of the mean than axes.
 
         Tolerances over the mean force of all contacts are lowered to those over the mean force of
         closed ones. Whether the crystal stands without friction is tested once where matrices can
@@ -145,7 +146,7 @@ class TurningDescent(ListDescent):
             if has_soft_motions(self.equations):
                 raise self._explain_mechanism()
             assembly.standing.add(n_strains)
-        heavy = configuration.force > self.options.light * configuration.force_size
+        heavy = configuration.force > self.options.light_force * configuration.force_size
         self.loose = assembly.count_contacts(heavy) <= assembly.dimension
         return configuration
 
@@ -168,8 +169,7 @@ class TurningDescent(ListDescent):
         with forces left that are as large as before.
         """
         options = self.options
-        patience = options.stalled if self.problem.assembly.differs else options.patience
-        has_stalled = self.trail.stalled > patience and not self._has_fallen
+        has_stalled = self.trail.stalled > options.patience and not self._has_fallen
         return has_stalled or not place.is_sound
 
     def _prepare(self, place: Configuration) -> Configuration:
@@ -178,8 +178,9 @@ class TurningDescent(ListDescent):
         none, or if the configuration is not possible.
 
         The force that may be left on loose balls, over the size of the forces of contacts, is the
-        part ``options.light`` of that left on the other balls, or of the largest offset of contacts
-        over the mean distance of balls if that is less, but not less than rest asks of them.
+        part ``options.loose_force`` of that left on the other balls, or of the largest offset of
+        contacts over the mean distance of balls if that is less, but not less than rest asks of
+        them.
         """
         options = self.options
         loose = self.loose
@@ -192,8 +193,8 @@ class TurningDescent(ListDescent):
         on_others = place.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / place.force_size
         at_rest = self._closed_part * options.tolerance
-        least = min(at_rest, max(options.finer * at_rest, options.rounding))
-        tolerance = max(least, options.light * min(spread, left))
+        least = min(at_rest, max(options.loose_force * at_rest, options.loose_rounding))
+        tolerance = max(least, options.loose_force * min(spread, left))
         return lead_loose_balls(place, loose, tolerance, options)
 
     def _take_turns(self, place: Configuration) -> None:
@@ -205,7 +206,7 @@ class TurningDescent(ListDescent):
         rest, and is not to be compared with.
         """
         if self._move_in_turn:
-            changes = self.trail.stalled > self.options.patience
+            changes = self.trail.stalled > self.options.patience_of_turns
             if changes:
                 # in turn again only nearer to rest than moves in turn have led
                 nearer = 0.5 * self.trail.best
@@ -254,10 +255,10 @@ class TurningDescent(ListDescent):
             ahead = self._advance_by_energy(place)
         if self.problem.assembly.differs:
             options = self.options
-            than_before = options.failed * place.residual * ahead.force_size
-            than_worst = options.worst * float(np.max(ahead.force_on_balls))
-            shaken = ahead.force_on_balls > max(than_before, than_worst)
-            if np.mean(shaken) <= options.most_shaken:
+            left_before = options.loosening_force * place.residual * ahead.force_size
+            part_of_worst = options.shaken_force * float(np.max(ahead.force_on_balls))
+            shaken = ahead.force_on_balls > max(left_before, part_of_worst)
+            if np.mean(shaken) <= options.shaken_part:
                 self.loose = self.loose | shaken
         return ahead
 
@@ -279,7 +280,7 @@ class TurningDescent(ListDescent):
             ahead = self._go_along(configuration, self._find_leaning_step(configuration))
         work = 0.5 * float((pull + ahead.pull) @ (ahead.x - configuration.x))
         stored = float(np.abs(configuration.force) @ np.abs(configuration.overlap))
-        self._has_fallen = work > self.options.fallen * stored
+        self._has_fallen = work > ROUNDING * stored
         return ahead
 
     def _go_along(self, configuration: Configuration, step: Array) -> Configuration:
@@ -304,15 +305,15 @@ class TurningDescent(ListDescent):
         length = 1.0
         # away from a saddle, where -f/r has the other sign, a step is only as long as the way so
         # far: the step is lengthened while the energy falls faster
-        while ahead.is_sound and float(ahead.pull @ step) > work and length < options.longest:
+        while ahead.is_sound and float(ahead.pull @ step) > work and length < options.longest_step:
             work = float(ahead.pull @ step)
             length *= 2.0
             farther = configuration.move(configuration.x + length * step)
-            is_too_far = not farther.is_sound or farther.residual > options.too_far
+            is_too_far = not farther.is_sound or farther.residual > options.farthest_residual
             if is_too_far or float(farther.pull @ step) < work:
                 break
             ahead = farther
-        if ahead.is_sound and ahead.residual <= options.too_far:
+        if ahead.is_sound and ahead.residual <= options.farthest_residual:
             return ahead
         # with the true sign of -f/r, a step along which there is hardly any curvature has no end
         return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
@@ -327,7 +328,7 @@ class TurningDescent(ListDescent):
         """
         options = self.options
         residual = configuration.residual
-        if residual > options.last or self._is_well_held(configuration):
+        if residual > options.near_residual or self._is_well_held(configuration):
             return None
         factored = self._factored
         if (
@@ -355,7 +356,7 @@ class TurningDescent(ListDescent):
         assembly = self.problem.assembly
         closed = int(np.count_nonzero(configuration.stiffness))
         motions = assembly.n_balls * assembly.dimension
-        return closed >= self.options.grid.well_held * motions or not self.is_factored
+        return closed >= self.options.grid.rigidity * motions or not self.is_factored
 
     @property
     def _patience_of_grid(self) -> int:
@@ -376,13 +377,13 @@ class TurningDescent(ListDescent):
         options = self.options
         residual = configuration.residual
         stiffness = configuration.stiffness
-        added = options.added * min(1.0, residual) * float(np.mean(stiffness))
+        added = options.added_stiffness * min(1.0, residual) * float(np.mean(stiffness))
         load_slope = configuration.load_slope
-        least = options.margin * self.tolerance / residual
+        least = options.grid.margin * self.tolerance / residual
         # where hardly a contact opens or closes, two accurate steps take less time than three rough
         # ones
         error = residual if self._is_well_held(configuration) else math.sqrt(residual)
-        reduction = min(options.inexact, max(error, least))
+        reduction = min(options.largest_error, max(error, least))
         for turning in turnings:
             solution = self.grid_equations.solve(
                 configuration,
@@ -421,7 +422,8 @@ class TurningDescent(ListDescent):
         for factors, leave f/r out.
         """
         stiffness = configuration.stiffness
-        added = self.options.added * min(1.0, configuration.residual) * float(np.mean(stiffness))
+        distance = min(1.0, configuration.residual)
+        added = self.options.added_stiffness * distance * float(np.mean(stiffness))
         if not self.is_factored:
             return self._find_iterated_step(configuration, stiffness + added)
         return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)

@@ -41,13 +41,21 @@ from granphon.balls.neighbours import TOUCH, select_once, steps_within
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError, MechanismError
-from granphon.base.progress import Progress, Step, silent
+from granphon.base.progress import Progress, Step, require_progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.text import counted, digest
 from granphon.base.threads import require_executor
-from granphon.base.validation import choice, each, number, require, truth, whole
+from granphon.base.validation import (
+    choice,
+    each,
+    number,
+    require,
+    require_instance,
+    truth,
+    whole,
+)
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
 from granphon.media.array_options import REFERENCE_OPTIONS, REST, FrictionHistory
@@ -59,7 +67,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities
 from granphon.runs.execution import Task, solve_all
-from granphon.runs.finished_tasks import Store, TaskResult
+from granphon.runs.finished_tasks import Store, TaskResult, require_store
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
 
@@ -68,7 +76,8 @@ from granphon.runs.workers import packages
 QUANTITIES = ("longitudinal", "transverse", "frequency")
 #: distance, in diameters, up to which pairs of balls count as near
 _REACH = 3.0
-#: number of shells of near pairs that are within that distance on every lattice
+#: number of shells of near pairs that are controls: so many are within that distance on every
+#: lattice
 _SHELLS = 3
 #: least number of samples for each coefficient of a regression: with fewer samples the regression
 #: adds more scatter than it removes
@@ -96,6 +105,8 @@ BETTER = 100.0
 #: number of openings of a distribution up to which solving the effective medium takes no noticeable
 #: time
 _FEW_OPENINGS = 40
+#: number of diameters in the list whose medium is solved to predict the time of a longer list
+_SHORT_LIST = 20
 #: power of the number of openings with which the time of solving the effective medium grows
 _OPENINGS_POWER = 1.1
 #: share of the time of a study in which points are measured; the rest is left to the reference
@@ -114,8 +125,8 @@ _Field = Literal["computed", "paper"]
 def observe(state: ContactState) -> Array:
     """Return the :data:`QUANTITIES` of a state, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s.
 
-    In the plane the velocities are those along x. In space they are those of the moduli averaged
-    over all directions (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
+    In the plane the velocities are those along x. In space the velocities are those of the moduli
+    averaged over all directions (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
     """
     frequency_scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
     if state.packing.structure.periods == 3:
@@ -188,7 +199,7 @@ class Ensemble:
 
     def means(self) -> tuple[Array, Array]:
         """Return the :data:`QUANTITIES` (n_loads, 3), SI, of the infinite array, and their relative
-        standard errors (n_loads, 3); of two samples or more.
+        standard errors (n_loads, 3). There must be two samples or more: one has no scatter.
         """
         moduli = np.array(self.moduli)  # (samples, n_loads, 3)
         flat_moduli = moduli.reshape(self.samples, -1)
@@ -231,17 +242,18 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
     a cell of ball i and of ball j, and the shift, in cells, from the cell of ball i to that of ball
     j.
 
-    Each pair counts once. Pairs at the same distance are one shell.
+    Each pair counts once. Pairs at the same distance are one shell. The lists are kept for the next
+    call, and must not be changed.
     """
     vectors = structure.positions[None] - structure.positions[:, None]
     reach = _REACH + float(np.max(np.linalg.norm(vectors, axis=-1)))
     steps = steps_within(structure.vectors, reach)  # (steps, p) cells
     distances = np.linalg.norm(vectors[:, :, None] + steps @ structure.vectors, axis=-1)
     is_other_ball = distances > 0.5  # a ball is not near itself
-    near = np.argwhere(is_other_ball & (distances < _REACH + TOUCH))
-    # columns of ``near`` (n, 3): ball i, ball j, number of the step
-    once = select_once(near[:, 0], near[:, 1], steps[near[:, 2]])
-    i, j, step_numbers = near[once].T
+    # (n, 3): ball i, ball j, number of the step
+    near_pairs = np.argwhere(is_other_ball & (distances < _REACH + TOUCH))
+    counted_pairs = select_once(near_pairs[:, 0], near_pairs[:, 1], steps[near_pairs[:, 2]])
+    i, j, step_numbers = near_pairs[counted_pairs].T
     radii = np.round(distances[i, j, step_numbers], 5)
     shells = []
     for radius in np.unique(radii)[:_SHELLS]:
@@ -252,30 +264,31 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
 
 
 def regress(values: Array, excess: Array) -> tuple[Array, Array]:
-    """Return the means (m,) of the columns of ``values`` (n, m) over n samples, and their standard
-    errors (m,).
+    """Return the means (m,) of the columns of ``values`` (n, m) over n samples, two at least, and
+    their standard errors (m,).
 
-    A linear regression on the ``excess`` (n, p) of the samples gives the means at zero excess; for
-    fewer than six samples for each of its coefficients they are plain means.
+    A linear regression on the ``excess`` (n, p) of the samples gives the means at zero excess. The
+    means are plain ones if there are fewer than six samples for each coefficient of the regression,
+    or if an excess is zero in all samples.
     """
     n_samples, n_controls = excess.shape
     design = np.ones((n_samples, 1))
     scale = np.sqrt(np.mean(excess**2, axis=0))
-    are_many = n_samples >= _SAMPLES_PER_COEFFICIENT * (n_controls + 1)
-    if are_many and np.all(scale > 0.0):
+    has_enough_samples = n_samples >= _SAMPLES_PER_COEFFICIENT * (n_controls + 1)
+    if has_enough_samples and np.all(scale > 0.0):
         design = np.concatenate([design, excess / scale], axis=1)
     inverse = np.linalg.pinv(design)
     coefficients = inverse @ values  # the first row is the mean at zero excess
     residuals = values - design @ coefficients
-    n_free = n_samples - design.shape[1]
-    variance = np.sum(residuals**2, axis=0) / n_free
+    degrees_of_freedom = n_samples - design.shape[1]
+    variance = np.sum(residuals**2, axis=0) / degrees_of_freedom
     return coefficients[0], np.sqrt(variance * np.sum(inverse[0] ** 2))
 
 
 class Stopwatch:
     """Measures time and predicts what work will take, both in seconds.
 
-    Everything in a trade-off that depends on time asks one of these. A subclass that counts work
+    Everything in a trade-off that depends on time asks a stopwatch. A subclass that counts work
     instead of seconds makes budgets, and therefore results, independent of how busy the machine is.
     """
 
@@ -305,7 +318,7 @@ class Deadline:
         return self.until - self.stopwatch.now()
 
     def check(self) -> None:
-        """Raise :class:`~granphon.base.errors.GranphonError` if no time is left."""
+        """Raise :class:`~granphon.base.errors.GranphonError` if the deadline has passed."""
         if self.left < 0.0:
             raise GranphonError("it does not fit into the budget.")
 
@@ -317,9 +330,10 @@ class Point:
     Attributes
     ----------
     method, knob : the method, and the setting, in words.
-    prepare : takes the number of a run and returns what ``solve`` needs; not part of the time of a
-        run.
-    solve : finds what is compared with the reference.
+    prepare : function of the number of a run that returns what ``solve`` takes; its time is not
+        part of that of a run.
+    solve : function that returns the observed quantities (n_loads, n_observed), SI, which are
+        compared with those of the reference.
     seconds : predicted time of a run, s; zero if nothing is known of it.
     random : whether every run draws other random numbers.
     """
@@ -353,10 +367,11 @@ class MediaStudy:
     quantities : those of :data:`~granphon.tradeoffs.measure.QUANTITIES` whose errors are measured.
     stopwatch : measures all times.
     truth : which simulated arrays media are judged by.
-    sides, counts : sides, in diameters, of the samples of a simulation, and how many samples it
-        has.
-    reference_side : side of the reference's samples. By default sides are those for the dimension
-        of the lattice.
+    sides : sides, in diameters, of the samples of simulations; empty for those that belong to the
+        dimension of the lattice.
+    counts : numbers of samples of simulations; each is combined with each side.
+    reference_side : side, in diameters, of the reference's samples; 0 for the one that belongs to
+        the dimension of the lattice and to the ``truth``.
     """
 
     packing: Packing
@@ -372,15 +387,15 @@ class MediaStudy:
     def _exact_loads(self) -> list[int]:
         """Indices of the loads at which the arrays of the truth have their exact geometry."""
         simulation = DirectSimulation(self.packing, **self.truth.options)
-        indices = list[int]()
-        for simulated, loads in simulation.by_geometry(self.load):
+        exact_loads = list[int]()
+        for simulated, load_numbers in simulation.by_geometry(self.load):
             if simulated.is_exact:
-                indices.extend(loads)
-        return indices
+                exact_loads.extend(load_numbers)
+        return exact_loads
 
     @property
     def _columns(self) -> list[int]:
-        """Columns of the observed ones among :data:`QUANTITIES`."""
+        """The observed ``quantities`` as indices of :data:`QUANTITIES`."""
         return [QUANTITIES.index(name) for name in self.quantities]
 
     def observe(self, medium: Any) -> Array:
@@ -388,9 +403,10 @@ class MediaStudy:
         overlap at the loads where the truth has finite overlap.
         """
         quantities = np.empty((self.load.size, len(QUANTITIES)))
-        in_limit = [number for number in range(self.load.size) if number not in self._exact_loads]
+        exact_loads = self._exact_loads
+        loads_in_limit = [index for index in range(self.load.size) if index not in exact_loads]
         # None is the default of a medium
-        for load_numbers, finite_overlap in ((self._exact_loads, True), (in_limit, None)):
+        for load_numbers, finite_overlap in ((exact_loads, True), (loads_in_limit, None)):
             if load_numbers:
                 state = medium.at(self.load[load_numbers], finite_overlap=finite_overlap)
                 quantities[load_numbers] = observe(state)
@@ -405,27 +421,28 @@ class MediaStudy:
         return shape.openings.size <= _FEW_OPENINGS
 
     @cached_property
-    def solving(self) -> float:
-        """Predicted time of solving the effective medium, s; zero for few openings."""
+    def solving_time(self) -> float:
+        """Predicted time of solving the effective medium, s; zero for few openings. To predict it,
+        the medium of a short list of diameters is solved and timed.
+        """
         if self.has_few_openings:
             return 0.0
-        # only listed diameters have many openings; a short list is timed to predict the time of the
-        # long one
+        # only listed diameters have many openings
         shape: Any = cast("Spread", self.packing.spread).shape
-        even_steps = np.linspace(0, len(shape.positions) - 1, 20)
+        even_steps = np.linspace(0, len(shape.positions) - 1, _SHORT_LIST)
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
         short_list = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
-        begun = self.stopwatch.now()
+        start = self.stopwatch.now()
         # 12 stages and a tolerance of 1e-10, as of the medium's own curve for many openings
         solve_curve(short_list, 1.0, 12, 1e-10)
-        seconds = self.stopwatch.now() - begun
+        seconds = self.stopwatch.now() - start
         growth = shape.openings.size / short_list.openings.size
         return float(seconds * growth**_OPENINGS_POWER)
 
     @cached_property
     def condition(self) -> float:
-        """Condition number of the velocities: one, for their own rounding, and the largest factor
-        by which relative errors of load and width act on them.
+        """Condition number of the velocities: one, for their own rounding, plus the largest factor,
+        among the loads, by which relative errors of load and width act on them.
         """
         state: ContactState = AveragedForce(self.packing).at(self.load)
         if self.has_few_openings:
@@ -477,7 +494,9 @@ class MediaStudy:
             _ = EffectiveMedium(packing).local_field
 
         def prepare(field_of_medium: _Field, run: int) -> EffectiveMedium:
-            """Return the medium with its curve solved anew."""
+            """Return the medium with its curve solved anew, for which the curves that are kept in
+            this process are dropped.
+            """
             effective_curve.cache_clear()
             medium = EffectiveMedium(packing, field_of_medium)
             _ = cast("EffectiveLaw", medium.law).curve  # solved when asked for
@@ -486,7 +505,7 @@ class MediaStudy:
         def make_point(method: str, knob: str, field_of_medium: _Field) -> Point:
             """Return the point of a local field, called by ``method`` and ``knob``."""
             prepared = partial(prepare, field_of_medium)
-            return Point(method, knob, prepared, self.observe, self.solving)
+            return Point(method, knob, prepared, self.observe, self.solving_time)
 
         points = [make_point("effective medium", "computed field", "computed")]
         if packing.structure == TRIANGULAR:  # the paper prints no field of another lattice
@@ -511,10 +530,11 @@ class MediaStudy:
         return Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
 
     def find_reference(
-        self, deadline: Deadline, better: Callable[[Reference], bool], step: Step
+        self, deadline: Deadline, accepts: Callable[[Reference], bool], step: Step
     ) -> Reference:
-        """Return the reference of samples that are simulated until ``better`` accepts the reference
-        or the ``deadline`` is near; ``step`` is told of each sample.
+        """Return the reference of samples that are simulated until ``accepts`` is true of the
+        reference, or until the time left may be too short for a further sample before the
+        ``deadline``; ``step`` is told of each sample.
 
         One smaller sample is solved in another way too, as a check: see :meth:`compare`. Raises
         :class:`~granphon.base.errors.GranphonError` if there is no time for enough samples.
@@ -522,7 +542,7 @@ class MediaStudy:
         now = deadline.stopwatch.now
         shape = self._reference_shape
         ensemble = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
-        begun = now()
+        search_start = now()
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
         sample_time = deadline.stopwatch.predict(estimate(simulation, self.load))
         least_time = _LEAST_SAMPLES * sample_time
@@ -532,18 +552,18 @@ class MediaStudy:
                 f" {write_duration(least_time)}."
             )
         check, differences = self.compare(deadline)
-        longest = 0.0
-        while deadline.left > _TIME_MARGIN * longest:
+        longest_time = 0.0
+        while deadline.left > _TIME_MARGIN * longest_time:
             start = now()
             ensemble.add()
             step.advance()
-            longest = max(longest, now() - start)
+            longest_time = max(longest_time, now() - start)
             count = ensemble.samples
             is_looked_at = count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0
-            if is_looked_at and better(self._summarise(ensemble, check, differences)):
+            if is_looked_at and accepts(self._summarise(ensemble, check, differences)):
                 break
         if ensemble.samples < _LEAST_SAMPLES:
-            spent = write_duration(now() - begun)
+            spent = write_duration(now() - search_start)
             raise GranphonError(
                 f"the budget allows only {ensemble.samples} of its samples ({spent}), which"
                 f" are too few."
@@ -567,11 +587,11 @@ class MediaStudy:
         observed_means = means[:, self._columns]
         errors = np.hypot(mean_errors[:, self._columns], differences[:, None])
         unit = "balls" if self.packing.structure.n_balls == 1 else "cells"
-        samples = (
+        words = (
             f"{ensemble.samples} samples of {_write_shape(ensemble.shape)} {unit}"
             f" {self.truth.words}, with control variates"
         )
-        made = f"{samples}; {check} by {np.max(differences):.0e}"
+        made = f"{words}; {check} by {np.max(differences):.0e}"
         return Reference(observed_means, errors, made)
 
     def compare(self, deadline: Deadline) -> tuple[str, Array]:
@@ -595,19 +615,22 @@ class MediaStudy:
 
     def _compare_steps(self, shape: tuple[int, ...], deadline: Deadline) -> Array:
         """Return the largest relative differences (n_loads,) of the observed quantities between two
-        ways of loading a sample: in steps of the tolerance, and in steps of a tenth of it. The
-        shorter steps are not begun after the ``deadline``.
+        ways of loading a sample: in steps of the tolerance, and in steps of a tenth of it. Raises
+        :class:`~granphon.base.errors.GranphonError` if the ``deadline`` has passed before the
+        shorter steps.
         """
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
-        finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
-        expected = self.observe(simulation)
+        finer_simulation = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
+        quantities = self.observe(simulation)
         deadline.check()
-        ratio = expected / self.observe(finer)
+        ratio = quantities / self.observe(finer_simulation)
         return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
     def _compare_factors(self, shape: tuple[int, ...], deadline: Deadline) -> Array:
         """Return the relative differences (n_loads,) of a sample at rest that is solved by factors
         of a list of its contacts as well: the larger of those of the mean force and of velocities.
+        Raises :class:`~granphon.base.errors.GranphonError` if the ``deadline`` has passed before
+        the factors of a load.
         """
         from granphon.array.rest import equilibrate_by_factors, find_tensor_by_factors
 
@@ -630,7 +653,7 @@ class MediaStudy:
 
 
 def _write_shape(shape: Sequence[int]) -> str:
-    """Return numbers of cells in words."""
+    """Return the numbers of cells ``shape`` as text, such as "64 x 64"."""
     return " x ".join(map(str, shape))
 
 
@@ -641,18 +664,20 @@ class MeasuredPoint(Result):
     Attributes
     ----------
     method, knob : the method, and the setting of its knob.
-    errors : relative errors against the reference, (n_loads, n_observed).
-    reference_errors : relative errors of that reference itself, (n_loads, n_observed).
-    seconds, spread : median time of the warm runs, and half the range of their middle half, s.
+    errors : relative errors against the reference, (n_loads, n_observed); empty if there is a
+        ``failure``.
+    reference_errors : relative errors of that reference itself, of the shape of ``errors``.
+    seconds, spread : median time of the warm runs, and half the range of their middle half, s; 0 if
+        the point was not run.
     setup : median time of what is prepared before a run, s.
     memory : largest amount of memory that was allocated at one moment, bytes.
-    floor : least relative error possible: condition number times rounding, or the scatter of runs
-        if they are ``random``.
+    floor : least relative error possible: condition number times rounding, or, if runs are
+        ``random``, the largest scatter of a quantity over runs, relative to its mean.
     random : whether every run draws other random numbers.
     failure : why the point was not run, or has no errors for want of a reference; otherwise empty.
-    stderrs : standard errors of ``errors``, which are rms over runs if these are ``random``,
-        (n_loads, n_observed); else 0.
-    draws : number of runs that the errors are of.
+    stderrs : standard errors of ``errors``, of the same shape: if runs are ``random``, the errors
+        are rms over runs; otherwise 0.
+    draws : number of runs from which the errors are found.
     """
 
     units: ClassVar[dict[str, str]] = {
@@ -687,13 +712,13 @@ class MeasuredPoint(Result):
 
     @property
     def error(self) -> float:
-        """The largest of the errors, a relative error."""
+        """The largest of the relative errors; 0 without errors."""
         return float(np.max(self.errors, initial=0.0))
 
     @property
     def stderr(self) -> float:
-        """Standard error of :attr:`error`: of the rms over random runs; 0 if they are not
-        random.
+        """Standard error of :attr:`error`, which is an rms if runs are random; 0 if the runs are
+        not random, and without errors.
         """
         if not self.stderrs.size:
             return 0.0
@@ -701,14 +726,16 @@ class MeasuredPoint(Result):
 
     @property
     def reference_error(self) -> float:
-        """Relative error of the reference where the point's error is largest."""
+        """Relative error of the reference where the point's error is largest; 0 without errors."""
         if not self.errors.size:
             return 0.0
         return float(self.reference_errors.flat[int(np.argmax(self.errors))])
 
     @property
     def resolved(self) -> bool:
-        """Whether the reference is at least a hundred times better than the point."""
+        """Whether the point has errors, and the reference is at least a hundred times better where
+        they are largest.
+        """
         return not self.failure and self.error >= BETTER * self.reference_error
 
     @property
@@ -836,8 +863,8 @@ def tradeoff(
         are taken. One means the smallest load, where media differ most.
     runs : how often each point is timed, five or more.
     progress : is told what is under way.
-    stopwatch : measures all times; give a subclass of
-        :class:`~granphon.tradeoffs.measure.Stopwatch` to count work instead of seconds.
+    stopwatch : a :class:`~granphon.tradeoffs.measure.Stopwatch`, which measures all times; a
+        subclass may count work instead of seconds.
     executor : does the study, a task that measures time where it runs. Times are meaningful on a
         machine that does nothing else.
     store : where the finished study is kept; a finished study of the same trade-off found there
@@ -853,13 +880,18 @@ def tradeoff(
         on a line, on a lattice or with motions that are not simulated, in a plane whose sound is
         not isotropic, or with finite overlap, where media have no reference; a history without a
         friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, no word
-        or an unknown one in ``observe``; an executor without ``submit``.
+        or an unknown one in ``observe``; an executor without ``submit``; a ``progress``,
+        ``stopwatch`` or ``store`` of another kind.
     FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a
         sweep.
     """
     applied = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
     require_executor(executor)
+    require_progress(progress)
+    require_instance("stopwatch", stopwatch, Stopwatch, "Give a Stopwatch")
+    if store is not None:
+        require_store(store)
     require("runs", partial(whole, low=LEAST_RUNS, high=1000), runs)
     require("most_loads", partial(whole, low=1, high=1000), most_loads)
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
@@ -891,8 +923,8 @@ def tradeoff(
 
 
 def _thin_out(loads: Array, most: int) -> Array:
-    """Return at most so many of the ascending ``loads`` (n,): the smallest, the largest and some
-    between, at even steps of their number.
+    """Return at most ``most`` of the ascending ``loads`` (n,): the smallest, the largest and some
+    between, whose indices have even steps; for one, the smallest.
     """
     if loads.size <= most:
         return loads
@@ -903,7 +935,8 @@ def _thin_out(loads: Array, most: int) -> Array:
 
 def _require_comparable(packing: Packing, finite_overlap: bool, against: FrictionHistory) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls differ, and there is a
-    simulated array by which media are judged.
+    simulated array, loaded as ``against`` says, by which media are judged; and for
+    ``finite_overlap``.
     """
     if not packing.width:
         why = "All media are exact for them, and equally fast"
@@ -944,11 +977,11 @@ def carry_out(
     """Return the results of a study that is carried out within a ``budget``, s on the study's
     stopwatch, by an ``executor``; each point is timed ``runs`` times.
 
-    ``progress`` is told of the steps of the study, with an executor of its end alone. A finished
-    study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off, plain
-    data; a study that is found there is returned.
+    ``progress`` is told of the steps of the study, or, with an executor, of its end alone. A
+    finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,
+    plain data; a study that is found there is returned.
     """
-    # in this process the study tells its steps; in another it cannot, and its end alone is told
+    # a study in another process cannot tell its steps
     is_in_process = executor is None
     progress_of_study = progress if is_in_process else silent
     progress_of_tasks = silent if is_in_process else progress
@@ -982,13 +1015,21 @@ class _Runs(NamedTuple):
 
 
 class _BudgetError(Exception):
-    """The time left is too short to run a point."""
+    """Says in its text that the time left is too short to run a point."""
 
 
 @dataclass(frozen=True, eq=False)
 class _StudyTask(Task):
-    """A study with the time that it may take, s, as a task; its result holds the points as JSON
-    texts, and its time.
+    """A study as a task; its result holds the points as JSON texts, and its time.
+
+    Attributes
+    ----------
+    study : what is measured.
+    name : the name under which a store keeps the result.
+    seconds : the time that the study may take, s on its stopwatch.
+    runs : number of timed runs of each point.
+    progress : is told of the steps of the study.
+    where, kind : the name of the task in messages, and the kind of tasks that take similar times.
     """
 
     study: MediaStudy
@@ -1003,14 +1044,14 @@ class _StudyTask(Task):
         """Return the measured points, JSON texts, how the reference was made, and the time of the
         study, s.
 
-        Points are measured in a part of the time, from now on, and the reference is found in the
-        rest. A study is one step, so that nothing is ``begun`` before it.
+        Points are measured in the first part of the time, and the reference is found in the rest. A
+        study is one step, so that nothing is ``begun`` before it.
         """
         study = self.study
         now = study.stopwatch.now
         start = now()
         deadline = Deadline(study.stopwatch, start + self.seconds)
-        points_deadline = Deadline(study.stopwatch, now() + _POINTS_SHARE * deadline.left)
+        points_deadline = Deadline(study.stopwatch, start + _POINTS_SHARE * self.seconds)
         points = study.make_points()
         runs_of_point, failures = self._run_points(points, points_deadline)
         reference = None
@@ -1042,8 +1083,11 @@ class _StudyTask(Task):
     def _run_points(
         self, points: Sequence[Point], deadline: Deadline
     ) -> tuple[dict[Point, _Runs], dict[Point, str]]:
-        """Return the runs of each point, as many as end before the ``deadline``, and why the others
-        were not run.
+        """Return the runs of those of the ``points`` whose runs end before the ``deadline``, by
+        point, and why the others were not run, by point.
+
+        The time that is left then is used for further runs of random points, as few runs do not
+        tell their rms error.
         """
         runs_of_point = dict[Point, _Runs]()
         failures = dict[Point, str]()
@@ -1063,7 +1107,6 @@ class _StudyTask(Task):
                 except GranphonError as error:
                     failures[point] = str(error)
                 step.advance()
-            # few runs do not tell the rms error of a random point
             random_points = {point: runs for point, runs in runs_of_point.items() if point.random}
             _run_random_points(random_points, deadline)
         return runs_of_point, failures
@@ -1103,8 +1146,8 @@ class _StudyTask(Task):
     def _measure(
         self, point: Point, runs: _Runs, reference: Reference | None, problem: str
     ) -> MeasuredPoint:
-        """Return the errors and times of a point; without a ``reference`` the ``problem`` says
-        why there is none.
+        """Return the errors and times of a ``point`` with its ``runs``; without a ``reference``
+        there are no errors, and the ``problem`` says why there is none.
         """
         lower_quartile, median, upper_quartile = statistics.quantiles(runs.seconds, n=4)
         measured = MeasuredPoint(
@@ -1143,7 +1186,9 @@ class _StudyTask(Task):
 
 
 def _watch_memory(point: Point) -> int:
-    """Run a point once more; return the largest memory at one moment, bytes."""
+    """Run a ``point`` once more, and return the largest memory at one moment that Python's
+    allocators have given meanwhile, bytes.
+    """
     tracemalloc.start()
     try:
         point.solve(point.prepare(0))
@@ -1155,14 +1200,14 @@ def _watch_memory(point: Point) -> int:
 
 def _run_random_points(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:
     """Run points again and again, without timing, in half of the time left until the ``deadline``,
-    and append the outcomes to their :class:`_Runs`.
+    and append the outcomes to their :class:`_Runs`, up to ``_MOST_DRAWS`` for each point.
     """
     now = deadline.stopwatch.now
     last_end = now() + 0.5 * deadline.left
     for index, (point, runs) in enumerate(runs_of_point.items()):
         time_of_run = statistics.median(runs.seconds) + statistics.median(runs.setups)
-        n_left = len(runs_of_point) - index
-        end = now() + (last_end - now()) / n_left  # points share the time that is left
+        n_points_left = len(runs_of_point) - index
+        end = now() + (last_end - now()) / n_points_left  # points share the time that is left
         # a run may take longer than the median
         while len(runs.outcomes) < _MOST_DRAWS and now() + _TIME_MARGIN * time_of_run < end:
             run = len(runs.outcomes) + 1
@@ -1177,7 +1222,9 @@ def _square_errors(runs: _Runs, reference: Reference) -> Array:
 
 
 def _judges_all(runs_of_points: Sequence[_Runs], reference: Reference) -> bool:
-    """Return whether the reference is good enough for the largest error of every point."""
+    """Return whether the ``reference`` is at least :data:`BETTER` times better than every point,
+    each given by its runs, where the error of the point is largest.
+    """
     for runs in runs_of_points:
         errors = np.sqrt(np.mean(_square_errors(runs, reference), axis=0))
         largest = int(np.argmax(errors))

@@ -36,11 +36,11 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     law : the law of normal forces, as for :class:`NonlinearWaves`.
 
     Raises :class:`~granphon.base.errors.InputError` for what :class:`NonlinearWaves` refuses, for a
-    network that does not repeat, and for ``q`` of another shape; for a law that is no power of the
-    overlap, and contacts without an overlap; for a branch that is not there, whose frequency at q
-    is zero or that of another branch, or in which balls only turn; and where a wave of wave vector
-    2 q has twice the frequency. Raises :class:`~granphon.base.errors.PrecisionError` for ``q`` too
-    far from Gamma.
+    law that is no power of the overlap, and for contacts without an overlap; for a network that
+    does not repeat, and for ``q`` of another shape; for a number that no branch has, and for a
+    branch whose frequency at q is zero or that of another branch, or in which balls only turn; and
+    if a wave of wave vector 2 q has twice the frequency. Raises
+    :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
@@ -66,8 +66,8 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     delta = waves.overlap
     k2 = -0.5 * k * (exponent - 1.0) / delta
     k3 = k * (exponent - 1.0) * (exponent - 2.0) / (6.0 * delta**2)
-    # contacts of the wave stretch by Re(e exp(-i omega t)); the square of this makes elongations
-    # of order two, constant ones and others at twice the frequency
+    # the wave stretches contacts by Re(e exp(-i omega t)); the tension k2 e^2 makes elongations of
+    # order two: some are constant in time, the others have twice the frequency
     e = rows @ vector
     e_double = _find_double_elongation(operator, wavevector, square, 0.5 * k2 * e * e)
     e_mean = _find_mean_elongation(operator, wavevector, 0.5 * k2 * np.abs(e) ** 2)
@@ -130,13 +130,14 @@ def _compose_harmonic(
     angle = 2.0j * np.pi * (network.shift[:, periods] @ wavevector)
     phase = np.exp(harmonic * angle)  # (n_c,) of the second ball of each contact
     deformations = operator.compose(operator.law_rows, phase).toarray()
-    return operator.weigh(phase=phase).toarray(), deformations[: network.n_contacts]
+    elongations = deformations[: network.n_contacts]  # rows of this kind come first
+    return operator.weigh(phase=phase).toarray(), elongations
 
 
 def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> float:
-    """Return the largest displacement of a ball in the mode ``vector`` (size,), mass-weighted and
-    of norm one, of the branch with this ``number``. Each ball moves on an ellipse, and half of the
-    long axis of the ellipse counts.
+    """Return the largest displacement of a ball, kg^-1/2, in the mode ``vector`` (size,),
+    mass-weighted and of norm one, of the branch with this ``number``. Each ball moves on an
+    ellipse, and half of the long axis of the ellipse counts.
 
     Raises :class:`~granphon.base.errors.InputError` for a mode in which balls only turn.
     """
@@ -146,15 +147,14 @@ def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> flo
     norm_squares = np.sum(np.abs(translations) ** 2, axis=1)
     squares = np.sum(translations**2, axis=1)
     weighted_axis_squares = 0.5 * (norm_squares + np.abs(squares))
-    masses = operator.network.masses[operator.balls]
-    amplitude = float(np.sqrt(np.max(weighted_axis_squares / masses)))
     if np.sum(weighted_axis_squares) < _ROUNDING:
         raise InputError(
             f"balls only turn in branch {number}",
             "An amplitude is a displacement",
             "Take another branch",
         )
-    return amplitude
+    masses = operator.network.masses[operator.balls]
+    return float(np.sqrt(np.max(weighted_axis_squares / masses)))
 
 
 def _find_double_elongation(
@@ -163,9 +163,9 @@ def _find_double_elongation(
     """Return the elongations (n_c,), complex amplitudes, with which contacts answer a ``tension``
     (n_c,) at twice the frequency and twice the wave vector of a wave.
 
-    ``square`` is omega^2 of the wave, (rad/s)^2; ``wavevector`` (p,), q in fractions, is that of
-    the wave. Raises :class:`~granphon.base.errors.InputError` if a wave of wave vector 2 q has
-    twice the frequency.
+    The wave has omega^2 = ``square``, (rad/s)^2, and the ``wavevector`` q (p,), in fractions.
+    Raises :class:`~granphon.base.errors.InputError` if a wave of wave vector 2 q has twice the
+    frequency.
     """
     matrix, rows = _compose_harmonic(operator, wavevector, 2)
     double_square = 4.0 * square  # (2 omega)^2
@@ -181,10 +181,10 @@ def _find_double_elongation(
 
 def _find_mean_elongation(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
     """Return the elongations (n_c,) with which contacts answer a ``tension`` (n_c,) that is
-    constant in time and the same in all cells, while the cell keeps its size.
-
-    ``wavevector`` (p,), that of the wave, enters times zero: the elongations have no phase.
+    constant in time and the same in all cells, while the cell keeps its size; ``wavevector`` (p,)
+    is that of the wave, in fractions.
     """
+    # the wave vector is multiplied by zero: the same in all cells
     matrix, rows = _compose_harmonic(operator, wavevector, 0)
     force = -rows.conj().T @ tension
     # D is singular: motions that deform no contact, such as translations, are left out

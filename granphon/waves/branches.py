@@ -29,8 +29,8 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     Raises what :func:`read_count` and :func:`read_wavevectors` raise;
     :class:`~granphon.base.errors.InstabilityError` at the first wave vector at which a squared
     frequency is below zero; and :class:`~granphon.base.errors.ConvergenceError` if the branches of
-    a large network are not found. With static tangential forces squared frequencies below zero are
-    returned as zero, as :func:`_require_stable` says.
+    a large network are not found. Networks with static tangential forces have no such instability
+    (:func:`_require_stable`): their squared frequencies below zero are returned as zero.
     """
     count = read_count(operator, count)
     wavevectors = read_wavevectors(operator, q)
@@ -96,8 +96,8 @@ def _require_stable(operator: WaveOperator, squares: Array) -> None:
     frequencies ``squares`` (count,), (rad/s)^2, of a wave vector is below zero by more than
     :func:`find_allowed_fall`.
 
-    Networks with static tangential forces pass: their stability is decided by
-    :attr:`WaveOperator.whole`, and not by these eigenvalues.
+    Networks with static tangential forces pass: :attr:`WaveOperator.whole` decides whether they are
+    stable, and these eigenvalues do not.
     """
     if operator.whole is None and float(np.min(squares)) < -find_allowed_fall(operator):
         raise explain_instability(operator.network)

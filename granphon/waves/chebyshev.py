@@ -181,8 +181,8 @@ class Kernel:
         """Raise :class:`~granphon.base.errors.InputError` if ``frequencies``, Hz, of a result that
         was read from data, are not :attr:`frequencies`.
         """
-        have_size = frequencies.size == self.count
-        if not have_size or not np.allclose(frequencies, self.frequencies, _ROUNDING, 0.0):
+        is_complete = frequencies.size == self.count
+        if not is_complete or not np.allclose(frequencies, self.frequencies, _ROUNDING, 0.0):
             fault = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
             raise InputError(fault, mend="Compute the spectrum again")
 
@@ -191,8 +191,8 @@ def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is ``start``, a vector
     (size,) or m vectors (size, m).
 
-    Each array that is yielded holds its numbers while the next array is computed from it, and is
-    overwritten after that: who needs it longer must copy it.
+    Each array that is yielded holds its numbers until the next array has been computed from it, and
+    is then overwritten: a caller that needs the numbers for longer copies them.
     """
     previous = np.array(start, float)
     yield previous
@@ -204,11 +204,12 @@ def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
         current = following
 
 
-def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
-    """Return whether the last two vectors of each of ``starts`` recursions, a number, take few
-    enough bytes to be kept with a result.
+def keeps_vectors(operator: WaveOperator, n_recursions: int) -> bool:
+    """Return whether the last two vectors of each of ``n_recursions`` take few enough bytes to be
+    kept with a result.
     """
-    return 2 * 8 * operator.size * starts <= _KEPT
+    n_numbers = 2 * operator.size * n_recursions
+    return 8 * n_numbers <= _KEPT
 
 
 class Moments:
@@ -336,7 +337,9 @@ class Refinable(Result):
     _finder: Callable[..., Any] | None = None
 
     def _check(self) -> None:
-        """Check the shapes, and that the frequencies are those of the kernel of the moments."""
+        """Raise :class:`~granphon.base.errors.InputError` unless shapes fit together and the
+        frequencies are those of the kernel of this number of moments.
+        """
         super()._check()
         self._kernel.check_points(self.frequencies)
 
@@ -384,6 +387,6 @@ class Refinable(Result):
 
     def with_resolution(self, resolution: float) -> Self:
         """Return the result whose resolution is at least as fine as ``resolution``, Hz, above zero;
-        all that :meth:`with_moments` says holds.
+        what :meth:`with_moments` says of moments and of errors is true here too.
         """
         return self._require_finder()(Kernel.of(self.top, resolution).moments)

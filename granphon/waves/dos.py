@@ -194,7 +194,7 @@ class SpectralDensity(Refinable):
 
         Only frequencies above four times the resolution count, as modes without energy make a line
         of this width at zero. The peak is nan if the reduced density is greatest at the first of
-        these frequencies, and if there is none.
+        these frequencies, or if there are no such frequencies.
         """
         start = int(np.searchsorted(self.frequencies, _BEYOND_ZERO * self.resolution))
         reduced = self.reduced[start:]
@@ -218,7 +218,8 @@ class SpectralDensity(Refinable):
 
         The density is the same, bit for bit, as if that number had been requested at once. A
         density by all modes, without random vectors, stays as it is. Raises
-        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        :class:`~granphon.base.errors.InputError` if this result was read from data, for a number
+        that is not whole or below 1, and for more than 2^26 moments of all random vectors.
         """
         return self._require_finder()(self.moments, vectors=whole_number("vectors", vectors, 1))
 
@@ -271,11 +272,12 @@ class AllModes:
         self._frequencies = omega / (2.0 * math.pi)
         self._dimension = operator.network.dimension
         self._warnings = network_warnings(operator.network)
+        # vectors are mass-weighted: the square of an entry is the share of its motion in the
+        # kinetic energy of the mode
         energies = modes**2
         translations = np.sum(energies[~operator.is_rotation], axis=0)
         rotations = np.sum(energies[operator.is_rotation], axis=0)
-        # (2, modes) of translations and of rotations, as vectors are weighted with masses
-        self._energy_shares = np.stack([translations, rotations])
+        self._energy_shares = np.stack([translations, rotations])  # (2, modes)
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by a number of ``moments``.
@@ -288,8 +290,8 @@ class AllModes:
         n_modes = self._frequencies.size
         # the moments of all modes at once, (modes, moments), would take too much memory
         n_blocks = 1 + n_modes * moments // _BLOCK
-        for modes in np.array_split(np.arange(n_modes), n_blocks):
-            traces += self._energy_shares[:, modes] @ kernel.moments_of(self._frequencies[modes])
+        for block in np.array_split(np.arange(n_modes), n_blocks):
+            traces += self._energy_shares[:, block] @ kernel.moments_of(self._frequencies[block])
         translational, rotational = kernel.densities(traces / self._n_balls)
         no_error = np.zeros(kernel.count)
         return SpectralDensity(
@@ -347,16 +349,16 @@ class RandomVectors:
         signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
-    def _group_moments(self, vectors: int) -> list[Moments]:
-        """Return the moments of the first ``vectors`` random vectors, a number, in groups whose
-        vectors share products with D.
+    def _group_moments(self, n_vectors: int) -> list[Moments]:
+        """Return the moments of the first ``n_vectors`` random vectors, in groups whose vectors
+        share products with D.
 
         Groups are kept. A kept group is replaced by a new one if the number of its vectors is now
         another, as may happen to the last group.
         """
         groups = []
-        for number, first in enumerate(range(0, vectors, self._group_size)):
-            size = min(self._group_size, vectors - first)
+        for number, first in enumerate(range(0, n_vectors, self._group_size)):
+            size = min(self._group_size, n_vectors - first)
             is_new = number == len(self._groups)
             if is_new or self._groups[number][0] != size:
                 draws = [

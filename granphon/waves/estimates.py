@@ -115,7 +115,7 @@ class WaveEstimate:
 
     def _time_product(self, block_size: int) -> float:
         """Return the time, s, of a product of D with one of ``block_size`` vectors that share the
-        product; this machine is measured.
+        product, as one such product takes on this machine.
         """
         operator = self.operator
         shape = (operator.size,) if block_size == 1 else (operator.size, block_size)
@@ -130,9 +130,9 @@ class WaveEstimate:
         ``block_size`` share each product, plus ``memory``, bytes; ``words`` name the result.
         """
         n_balls = self.operator.balls.size
-        vectors = 8.0 * _HELD_VECTORS * self.operator.size * block_size
+        vector_bytes = 8.0 * _HELD_VECTORS * self.operator.size * block_size
         return Cost(
-            self._matrix_bytes + vectors + memory,
+            self._matrix_bytes + vector_bytes + memory,
             units=(Units(products, partial(self._time_product, block_size)),),
             parts=(f"{words} of {counted(n_balls, 'ball')}, {products:,.0f} products",),
         )
@@ -234,8 +234,8 @@ class WaveEstimate:
         return self._cost_products(words, 2.0 * len(wavevectors) * products, block_size, memory)
 
     def _find_counts(self, frequencies: Any) -> Cost:
-        """Return the cost of the numbers of modes below ``frequencies``, Hz: factors for each that
-        is not above the top, as all modes are below such a frequency.
+        """Return the cost of the numbers of modes below ``frequencies``, Hz: one factorisation for
+        each frequency up to the top. A frequency above the top takes none, as all modes are below.
         """
         hertz = finite_array("frequencies", frequencies, "Hz", "above zero")
         require_countable(self.operator)
@@ -255,7 +255,7 @@ class WaveEstimate:
         restitution: Any = 1.0,
         quantity: str = "displacement",
         direction: Any = None,
-        polarisation: Any = "longitudinal",
+        polarisation: Any = None,
         distance: float | None = None,
         method: str | None = None,
         tolerance: float = TOLERANCE,
@@ -309,8 +309,8 @@ class WaveEstimate:
         if work.by_slices:
             seconds += slice_seconds
         else:
-            # strips are mostly narrow: their factors cost less than those of a cube
-            factor_seconds, _bytes = self.operator.estimate_factors()
+            # the estimate of factors is that of a cube; a narrow strip, as most are, costs less
+            factor_seconds, _ = self.operator.estimate_factors()
             seconds += min(factor_seconds, slice_seconds)
         words = f"transmission at {counted(count, 'frequency', 'frequencies')}"
         return Cost(
@@ -329,14 +329,15 @@ class WaveEstimate:
         words = "moduli and sound"
         if operator.size <= MANY_COLUMNS:
             return self._cost_dense(words)
-        periods = int(np.count_nonzero(operator.network.pbc))
+        n_periods = int(np.count_nonzero(operator.network.pbc))
         if ContactLattice.from_network(operator.network).tries_iteration:
-            block_size = periods**2  # all gradients of a displacement
-            iterations = _ITERATIONS * operator.balls.size ** (1.0 / periods)
+            block_size = n_periods**2  # all components of the gradient of a displacement
+            iterations = _ITERATIONS * operator.balls.size ** (1.0 / n_periods)
             columns = _RELAXATIONS * block_size + PROBES
-            # conjugate gradients, with what they make in between, count as three recursions, of
-            # which _cost_products adds one; and the lattice has a matrix of its own
-            memory = 2.0 * 8.0 * _HELD_VECTORS * operator.size * block_size + self._matrix_bytes
+            # the vectors of conjugate gradients are those of three recursions, of which
+            # _cost_products adds one; and the lattice has a matrix of its own
+            vector_bytes = 2.0 * 8.0 * _HELD_VECTORS * operator.size * block_size
+            memory = vector_bytes + self._matrix_bytes
             return self._cost_products(words, iterations * columns, block_size, memory)
         return self._cost_factors(words, _FACTORS_OF_MODULI)
 
@@ -360,7 +361,6 @@ class WaveEstimate:
         frames: Any = (),
     ) -> Cost:
         """Return the cost of a pulse; arguments are those of ``Waves.transmit``."""
-        losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
             frequency,
             direction,
@@ -369,7 +369,11 @@ class WaveEstimate:
             polarisation,
             source=source,
             ends=ends,
-            losses=losses.with_tangential(tangential_damping),
+            damping=damping,
+            tangential_damping=tangential_damping,
+            drag=drag,
+            dashpot=dashpot,
+            restitution=restitution,
             duration=duration,
             planes=planes,
             frames=frames,

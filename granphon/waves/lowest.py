@@ -39,22 +39,26 @@ def estimate_lowest(operator: WaveOperator, block_size: int) -> tuple[float, flo
 
 
 def find_lowest(
-    operator: WaveOperator, matrix: Any, count: int, known: Any = None, q: Array | None = None
+    operator: WaveOperator,
+    matrix: Any,
+    count: int,
+    known_modes: Any = None,
+    q: Array | None = None,
 ) -> LowestModes:
     """Return the ``count`` lowest eigenvalues, (rad/s)^2, of a sparse ``matrix`` (size, size), and
     their vectors, in the order of motions of the ``operator``, with the norms of their residuals.
 
-    The matrix is D, or with a wave vector ``q`` (p,), in fractions, D of waves. ``known`` (size, k)
-    is a sparse array of orthonormal vectors whose eigenvalues are known; modes are sought among
-    vectors orthogonal to these, or among all vectors if it is None. The progress of the
-    ``operator`` is told how far the search has come. Raises
-    :class:`~granphon.base.errors.ConvergenceError` if the modes are not found.
+    The matrix is D, or with a wave vector ``q`` (p,), in fractions, D of waves. ``known_modes``
+    (size, k) is a sparse array of orthonormal eigenvectors that are known already: all others are
+    sought, orthogonal to these. If it is None, none is known. The progress of the ``operator`` is
+    told how far the search has come. Raises :class:`~granphon.base.errors.ConvergenceError` if the
+    modes are not found.
     """
     # the preconditioner takes motions ball by ball; the operator of an array orders them by fields
     order = operator.indices[operator.balls].ravel()
     is_by_balls = bool(np.all(np.diff(order) == 1))
     by_balls = matrix if is_by_balls else matrix[order][:, order]
-    known_by_balls = None if known is None else known.tocsr()[order]
+    known_by_balls = None if known_modes is None else known_modes.tocsr()[order]
     boxes = compose_boxes(_describe_balls(operator), q)
     precondition = TwoLevels(by_balls, operator.motions.count, boxes)
     tolerance = RESIDUAL * operator.top**2

@@ -10,17 +10,17 @@ There are four methods, for networks of more and more motions:
   (:mod:`granphon.waves.lowest`).
 - There, modes nearest to another frequency are filtered out of random vectors.
 
-Filters use the angle phi of omega = top cos(phi/2), in which the polynomials T_n(2 D / top^2 - 1)
-are cos(n phi). A filter is a sum of polynomials up to the order M, of which as much lies in a
-window of phi, of the width 2 H, as the order allows: its coefficients are one of Slepian's
-sequences (Bell Syst. Tech. J. 57, 1371 (1978)), and there are 2 M H / pi filters. All filters are
-applied to a few random vectors in one recursion. If the filtered vectors are well more than the
-modes in the window, they span these modes: filter diagonalisation (Wall and Neuhauser, J. Chem.
-Phys. 102, 8011 (1995)). The window that holds a number of modes follows from the density of states,
-by the kernel polynomial method.
+Filters use the angle phi of omega = top cos(phi/2), where top is an upper bound of all angular
+frequencies. The polynomials T_n(2 D / top^2 - 1) are cos(n phi). A filter is a sum of these
+polynomials up to the order M, and its coefficients are one of Slepian's sequences (Bell Syst. Tech.
+J. 57, 1371 (1978)): as much of the filter as the order allows lies in a window of phi of the width
+2 H. There are 2 M H / pi such filters. All filters are applied to a few random vectors in one
+recursion. If there are well more filtered vectors than modes in the window, they span these modes:
+filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102, 8011 (1995)). The window that holds
+a number of modes follows from the density of states, by the kernel polynomial method.
 
 Every mode has a share in a random vector. So after the modes are found, fresh random vectors are
-filtered, and what they have of the found modes is subtracted: the squares of the residuals count
+filtered, and their parts along the found modes are subtracted. The squares of what remains count
 the modes in the window that are missing.
 """
 
@@ -96,10 +96,10 @@ _WIDENING = 1.1
 _HELD_PER_REQUESTED = 2
 #: fewest fresh random vectors
 _FRESH = 4
-#: random vectors so far, over fresh ones
+#: number of random vectors so far over that of the fresh ones that are filtered next
 _GROWTH = 3
-#: time of a product with D and of the sums over filters for it, over the time of the product alone:
-#: the sums take as long
+#: time of a product with D and of the sums of its vector into filters, over the time of the product
+#: alone: the sums take as long as the product
 _PRODUCT_WITH_SUMS = 2.0
 #: factorisations of a search for modes: one at the shift, with its solutions, and two to count the
 #: modes below both ends of the interval that was searched
@@ -121,7 +121,7 @@ _VECTOR_COPIES = 3
 _MOST_PRODUCTS = 2_000_000
 #: rows of filtered vectors that are worked on at a time
 _ROWS = 2**9
-#: polynomials T_n x that are kept until they are summed together, times the coefficients of filters
+#: number of vectors T_n x that are kept, and then multiplied by the coefficients of all filters
 _KEPT_POLYNOMIALS = 32
 #: columns of a basis that are worked on at a time
 _COLUMNS = 32
@@ -166,25 +166,25 @@ class Eigenpairs(NamedTuple):
     omega : (m,) angular frequencies, rad/s, ascending.
     vectors : (size, m) modes, of norm one.
     residual : the largest norm of D x - omega^2 x of a mode x, over top^2.
-    zeros : number of all modes of the network that cost no energy; None if they were not counted.
+    n_zeros : number of all modes of the network that cost no energy; None if they were not counted.
     """
 
     omega: Array
     vectors: Array
     residual: float
-    zeros: int | None
+    n_zeros: int | None
 
 
 class Problem:
-    """The eigenvalue problem of D on the motions that some spring holds.
+    """The eigenvalue problem of D on the motions that some spring or static force acts on.
 
     Attributes
     ----------
     operator : D on all motions.
-    live : (n_live,) indices of the motions that some spring holds. In shapes, "live" is their
-        number.
+    live : (n_live,) indices of the motions that some spring or static force acts on. In shapes,
+        "live" is their number.
     top : bound of all angular frequencies, rad/s.
-    n_loose : number of the other motions, which nothing holds.
+    n_loose : number of the other motions, which nothing acts on.
     """
 
     def __init__(self, operator: WaveOperator, live: NDArray[np.intp]) -> None:
@@ -196,7 +196,7 @@ class Problem:
     @classmethod
     def of(cls, operator: WaveOperator) -> Self:
         """Return the problem of the motions that have an entry in the matrix of the ``operator``:
-        those that some spring holds.
+        those that some spring or static force acts on.
         """
         return cls(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
 
@@ -207,8 +207,9 @@ class Problem:
 
     @cached_property
     def free_motions(self) -> Any:
-        """Orthonormal motions (live, m), a sparse array, of single balls that deform no contact,
-        such as the rotation about the line through two contacts; none where static forces act.
+        """Orthonormal motions (live, n_free), a sparse array, of single balls that deform no
+        contact, such as the rotation about the line through two contacts; none with prestress.
+        Balls with a motion that nothing acts on are left out.
         """
         from scipy.sparse import csc_array
 
@@ -218,20 +219,18 @@ class Problem:
             return csc_array((size, 0))
         squares, vectors = np.linalg.eigh(operator.ball_blocks)
         balls, modes = np.nonzero(squares <= _FREE_SQUARE * self.top**2)
-        m = operator.motions.count
-        motions = operator.values(np.arange(operator.size))[balls]  # (k, m) indices in a vector
+        places = operator.values(np.arange(operator.size))[balls]  # (k, motions) in a vector
         live_index = np.full(operator.size, -1)
         live_index[self.live] = np.arange(size)
-        rows = live_index[motions]
-        # balls that nothing holds have no live motions, and are left out
-        is_held = np.all(rows >= 0, axis=1)
-        entries = vectors[balls, :, modes][is_held]
-        starts = m * np.arange(len(entries) + 1)
-        return csc_array((entries.ravel(), rows[is_held].ravel(), starts), (size, len(entries)))
+        rows = live_index[places]
+        is_live = np.all(rows >= 0, axis=1)
+        entries = vectors[balls, :, modes][is_live]
+        starts = operator.motions.count * np.arange(len(entries) + 1)
+        return csc_array((entries.ravel(), rows[is_live].ravel(), starts), (size, len(entries)))
 
     def collect_known_zeros(self) -> Any:
         """Return orthonormal motions (size, k), a sparse array, that are known to cost no energy:
-        each motion that no spring holds, and :attr:`free_motions`.
+        each motion that nothing acts on, and :attr:`free_motions`.
         """
         from scipy.sparse import eye_array, hstack
 
@@ -241,8 +240,9 @@ class Problem:
 
     @cached_property
     def _entries(self) -> list[Any]:
-        """A sparse matrix (live, live) that has an entry wherever D or the unit matrix has one, and
-        in the order of its entries those (entries,) of D, (rad/s)^2, and of the unit matrix.
+        """A sparse matrix (live, live) that has an entry wherever D or the unit matrix has one; and
+        in the order of its entries the numbers (entries,) of D, (rad/s)^2, and those of the unit
+        matrix.
         """
         from scipy.sparse import eye_array
 
@@ -324,7 +324,8 @@ def _find_singular(deformations: Array) -> tuple[Array, Array]:
     """Return the singular values (m,), ascending, and the right singular vectors (m, m) of the
     matrix ``deformations`` (rows, m); if it has fewer rows than m, the first values are zero.
     """
-    # the triangle R of A = QR has the singular values and right vectors of A, and far fewer rows
+    # the triangle of a QR decomposition has the same singular values and right vectors as the
+    # matrix, and far fewer rows
     triangle = np.asarray(np.linalg.qr(deformations, mode="r"))
     try:
         _, singular_values, right_rows = np.linalg.svd(triangle)
@@ -385,15 +386,21 @@ def require_motions(count: int, available: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a request of more modes, ``count``, than
     the number of motions that are ``available``.
     """
+    request = counted(count, "mode is", "modes are")
+    if not available:
+        raise InputError(
+            f"{request} asked for, and no motion of the network deforms a contact",
+            "Each ball is held, or touches nothing but its own images, which move with it",
+            "Repeat the network, or give it balls that move",
+        )
     if count > available:
-        request = counted(count, "mode is", "modes are")
         fault = f"{request} asked for, and the network has {counted(available, 'motion')}"
         raise InputError(fault, mend="Ask for fewer")
 
 
 def explain_too_few(available: int, count: int) -> InputError:
-    """Return the error for a request of ``count`` modes in a network of which only ``available``
-    modes, a number, cost energy.
+    """Return the error for a request of ``count`` modes where only ``available`` modes, a smaller
+    number, cost energy.
     """
     request = counted(count, "mode is", "modes are")
     among = f"only {available}" if available else "none"
@@ -402,14 +409,15 @@ def explain_too_few(available: int, count: int) -> InputError:
 
 @dataclass(frozen=True)
 class _Window:
-    """The window |phi - ``centre``| < ``half_width`` of modes, and its number of ``filters``.
+    """The window |phi - ``centre``| < ``half_width`` of modes, and the number ``n_filters`` of its
+    filters.
 
     The centre is 0 or pi for a window at an end of the spectrum: the highest or the lowest modes.
     """
 
     centre: float
     half_width: float
-    filters: int
+    n_filters: int
 
     @property
     def is_at_end(self) -> bool:
@@ -419,10 +427,10 @@ class _Window:
     @property
     def order(self) -> int:
         """M, the highest order of the polynomials of the filters, and so the number of products of
-        D with a vector: a window of the half width H has 2 M H/pi filters, and half of these at an
+        D with each vector. A window of the half width H has 2 M H/pi filters, or half as many at an
         end of the spectrum.
         """
-        order = math.ceil(math.pi * self.filters / (2.0 * self.half_width))
+        order = math.ceil(math.pi * self.n_filters / (2.0 * self.half_width))
         return 2 * order if self.is_at_end else order
 
     @cached_property
@@ -439,7 +447,8 @@ class _Window:
 
         # at an end of the spectrum a filter is its own image: only even sequences make filters
         stride = 2 if self.is_at_end else 1
-        count = stride * self.filters
+        count = stride * self.n_filters
+        # Slepian's product of bandwidth and length is half the number of sequences
         all_orders = dpss(2 * self.order + 1, count / 2, count)  # (count, 2 M + 1)
         sequences = all_orders[::stride, self.order :]
         angles = np.arange(self.order + 1) * self.centre
@@ -449,10 +458,10 @@ class _Window:
         return np.asarray(sequences)
 
     def weights(self, phi: Array) -> Array:
-        """Return the weights (filters, n) of filters at ``phi`` (n,): row m is the sum of the
-        squares of the first m + 1 filters.
+        """Return the weights (filters, n) of filters at the angles ``phi`` (n,): row k is the sum
+        of the squares of the first k + 1 filters.
         """
-        amplitudes = np.empty((self.filters, phi.size))
+        amplitudes = np.empty((self.n_filters, phi.size))
         orders = np.arange(self.order + 1)
         for column, angle in enumerate(phi.tolist()):
             amplitudes[:, column] = self.coefficients @ np.cos(angle * orders)
@@ -475,28 +484,28 @@ class _Window:
         progress of the ``operator`` is told of each product.
         """
         size, m = starts.shape
-        filtered = np.zeros((size, self.filters, m))
+        filtered = np.zeros((size, self.n_filters, m))
         recursion = polynomials(operator, starts)  # yields T_n x, of one order n after the other
         kept_polynomials = np.empty((_KEPT_POLYNOMIALS, size, m))
         with operator.progress.step("modes of a window", self.order + 1) as step:
             for first_order in range(0, self.order + 1, _KEPT_POLYNOMIALS):
-                last_order = first_order + _KEPT_POLYNOMIALS
-                coefficients = self.coefficients[:, first_order:last_order]
-                count = coefficients.shape[1]
+                end_order = first_order + _KEPT_POLYNOMIALS
+                coefficients = self.coefficients[:, first_order:end_order]
+                count = coefficients.shape[1]  # fewer polynomials at the end
                 for offset in range(count):
                     kept_polynomials[offset] = next(recursion)
                 for row in range(0, size, _ROWS):
                     block = slice(row, row + _ROWS)
                     polynomials_of_block = kept_polynomials[:count, block].reshape(count, -1)
                     sums = coefficients @ polynomials_of_block  # (filters, rows x m)
-                    filtered[block] += sums.reshape(self.filters, -1, m).swapaxes(0, 1)
+                    filtered[block] += sums.reshape(self.n_filters, -1, m).swapaxes(0, 1)
                 step.advance(count)
         return filtered.reshape(size, -1)
 
 
 class _Density:
-    """The density of modes in phi, by the kernel polynomial method, for the motions of a
-    ``problem`` that some spring holds; it estimates how many modes a window has.
+    """The density of modes in phi, by the kernel polynomial method, for the live motions of a
+    ``problem``; it estimates how many modes a window has.
 
     The constructor computes :data:`_MOMENTS` moments of :data:`_VECTORS` vectors, drawn from
     ``random``.
@@ -507,7 +516,7 @@ class _Density:
         # the mean over vectors of random signs is an estimate of the trace
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        starts = [vector.copy for vector in signs]
+        starts = [vector.copy for vector in signs]  # functions: each call makes the vector anew
         n_products = _VECTORS * _MOMENTS // 2
         with operator.progress.step("density of states", n_products) as step:
             moments = Moments(operator, starts).first(_MOMENTS, step)
@@ -515,8 +524,8 @@ class _Density:
 
     @property
     def zero_count(self) -> float:
-        """Number of modes that cost no energy, or next to none: those at phi = pi, within the width
-        of a line.
+        """Estimated number of modes that cost no energy, or next to none: those at phi = pi, within
+        the width of a line.
         """
         # the window about pi counts each mode twice, with its image
         return 0.5 * self.count_within(math.pi, _RESOLVED * math.pi / _MOMENTS)
@@ -532,8 +541,8 @@ class _Density:
         return density
 
     def count_within(self, centre: float, half_width: float) -> float:
-        """Return the number of modes at |phi - ``centre``| < ``half_width``; a mode at phi counts
-        again at its images -phi and 2 pi - phi if the window reaches there.
+        """Return the estimated number of modes at |phi - ``centre``| < ``half_width``; a mode at
+        phi counts again at its images -phi and 2 pi - phi if the window reaches there.
         """
         # the integral over the window of (mu_0 + 2 sum_n mu_n cos(n phi))/pi
         n = np.arange(1, _MOMENTS)
@@ -558,41 +567,41 @@ class _Density:
         return float(brentq(count_excess, 0.0, math.pi, xtol=1e-9))
 
     def choose_window(
-        self, target: float, requested: int, starts: int, least: float
+        self, target: float, n_requested: int, n_starts: int, least_half_width: float
     ) -> tuple[_Window, int]:
-        """Return the window for the ``requested`` modes, a number, nearest to phi = ``target``, and
-        the number of random vectors that its filters are applied to.
+        """Return the window for the ``n_requested`` modes nearest to phi = ``target``, and the
+        number of random vectors that its filters are applied to.
 
         The window without its ends holds :data:`_HELD_PER_REQUESTED` times the requested modes, and
-        has at least the half width ``least``. For each number of filters there is one such window,
-        with about ``starts`` random vectors; the window that takes the fewest filtered vectors is
-        returned.
+        has at least ``least_half_width``. For each number of filters of :data:`_FILTER_COUNTS`
+        there is one such window, with about ``n_starts`` random vectors for the fewest filters and
+        fewer for more. The window that takes the fewest filtered vectors is returned.
         """
-        n_held = _HELD_PER_REQUESTED * requested
-        least_middle = max(self.find_half_width(target, n_held), least)
+        n_held = _HELD_PER_REQUESTED * n_requested
+        least_middle = max(self.find_half_width(target, n_held), least_half_width)
         candidates = []
-        for filters in _FILTER_COUNTS:
+        for n_filters in _FILTER_COUNTS:
             # more filters take fewer random vectors for as many filtered vectors
-            vectors = max(_START_COUNTS[-1], starts * _FILTER_COUNTS[0] // filters)
-            n_spanned = vectors * filters / _VECTORS_PER_MODE  # modes that the vectors can span
-            least_half_width = least_middle / (1.0 - _EDGE_SHARE / filters)
+            n_vectors = max(_START_COUNTS[-1], n_starts * _FILTER_COUNTS[0] // n_filters)
+            n_spanned = n_vectors * n_filters / _VECTORS_PER_MODE  # modes that vectors can span
+            least_with_ends = least_middle / (1.0 - _EDGE_SHARE / n_filters)
             window, n_modes = self._place_window(
-                target, filters, n_held, n_spanned, least_half_width
+                target, n_filters, n_held, n_spanned, least_with_ends
             )
-            vectors = max(vectors, math.ceil(_VECTORS_PER_MODE * n_modes / filters))
-            candidates.append((filters * vectors, window, vectors))
-        _, window, vectors = min(candidates, key=lambda candidate: candidate[0])
-        return window, vectors
+            n_vectors = max(n_vectors, math.ceil(_VECTORS_PER_MODE * n_modes / n_filters))
+            candidates.append((n_filters * n_vectors, window, n_vectors))
+        _, window, n_vectors = min(candidates, key=lambda candidate: candidate[0])
+        return window, n_vectors
 
     def _place_window(
-        self, target: float, filters: int, n_held: int, n_spanned: float, least_half_width: float
+        self, target: float, n_filters: int, n_held: int, n_spanned: float, least_half_width: float
     ) -> tuple[_Window, float]:
-        """Return the window with so many ``filters``, and the number of modes in it.
+        """Return the window with ``n_filters`` filters, and the estimated number of modes in it.
 
         The window is centred on phi = ``target`` and holds ``n_spanned`` modes, or more if its half
-        width would be below ``least_half_width``. If such a window would reach beyond an end of the
-        spectrum, it is centred on this end, and holds all modes from the end to the target, and
-        beyond the target ``n_spanned`` modes, or ``n_held`` if these are more.
+        width would be below ``least_half_width``. A window that would reach beyond an end of the
+        spectrum is centred on this end. It then holds all modes from the end to the target, and
+        beyond the target the larger number of ``n_spanned`` and ``n_held``.
         """
         centre = target
         half_width = max(self.find_half_width(target, n_spanned), least_half_width)
@@ -608,12 +617,13 @@ class _Density:
                     self.find_half_width(end, 2.0 * n_modes), distance + least_half_width
                 )
                 n_modes = 0.5 * self.count_within(end, half_width)
-        return _Window(centre, min(half_width, math.pi), filters), n_modes
+        return _Window(centre, min(half_width, math.pi), n_filters), n_modes
 
 
 class _FoundModes(NamedTuple):
     """Modes that are found: their angular frequencies ``omega`` (m,), rad/s, ascending, their
-    ``vectors`` (size, m), and the norms ``residuals`` (m,) of D x - omega^2 x, over top^2.
+    ``vectors`` (size, m), of norm one, and the norms ``residuals`` (m,) of D x - omega^2 x of each
+    vector x, over top^2.
     """
 
     omega: Array
@@ -632,8 +642,8 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     """
     search = _FilterSearch(problem, count, target)
     while True:
-        window, starts = search.choose_window()
-        modes_of_window = search.filter(window, starts)
+        window, n_starts = search.choose_window()
+        modes_of_window = search.filter(window, n_starts)
         if modes_of_window is None:
             return None
         modes, is_complete = modes_of_window
@@ -647,6 +657,7 @@ class _FilterSearch:
 
     Attributes
     ----------
+    random : the generator of all random vectors; its seed is fixed, so that results repeat.
     density : estimate of the number of modes in a window.
     power : the mean square of a mode's share in a random vector is in proportion to
         (omega/top)^power. Above zero, random vectors have no share of the modes that cost no
@@ -686,30 +697,30 @@ class _FilterSearch:
         size = self.problem.operator.size
         phi = _find_phi(self.problem.top, self.target)
         for most_starts in _START_COUNTS:
-            window, starts = self.density.choose_window(
+            window, n_starts = self.density.choose_window(
                 phi, self.count, most_starts, self.least_half_width
             )
-            if _count_bytes(window, size, starts) <= _MOST_BYTES:
+            if _count_bytes(window, size, n_starts) <= _MOST_BYTES:
                 break
-        return window, starts
+        return window, n_starts
 
-    def filter(self, window: _Window, starts: int) -> tuple[_FoundModes, bool] | None:
+    def filter(self, window: _Window, n_starts: int) -> tuple[_FoundModes, bool] | None:
         """Return all modes of a ``window``, and whether the requested modes are among them; None if
         this takes more vectors than there are modes.
 
-        The search begins with ``starts`` random vectors. Then it filters fresh random vectors,
+        The search begins with ``n_starts`` random vectors. Then it filters fresh random vectors,
         which show whether a mode is missing: if so, the fresh vectors are added to the basis in
         which modes are sought, until no mode is missing. Raises what :func:`find_filtered` raises.
         """
         problem = self.problem
         basis = np.zeros((problem.operator.size, 0))
         modes = None
-        n_drawn = starts
+        n_drawn = n_starts
         while True:
-            n_vectors = window.filters * (starts + _count_fresh(starts))
+            n_vectors = window.n_filters * (n_starts + _count_fresh(n_starts))
             if n_vectors > problem.live.size:
                 return None
-            _require_affordable(problem, window, starts, self.count, self._error)
+            _require_affordable(problem, window, n_starts, self.count, self._error)
             self._error = ConvergenceError
             random_vectors = _draw_vectors(problem, self.random, n_drawn, self.power)
             filtered = window.apply(problem.operator, random_vectors)
@@ -719,10 +730,10 @@ class _FilterSearch:
                 n_missing = _estimate_missing(window, filtered, modes.vectors, searched, self.power)
                 if n_missing < _LEAST_RESIDUAL:
                     return modes, ends is not None
-                starts += n_drawn
+                n_starts += n_drawn
             basis = _extend_basis(basis, filtered)
             modes = _find_ritz_modes(problem, window, basis)
-            n_drawn = _count_fresh(starts)
+            n_drawn = _count_fresh(n_starts)
 
     def _find_ends(self, window: _Window, modes: _FoundModes) -> tuple[float, float] | None:
         """Return the lower and the upper end in phi between which the requested modes lie among the
@@ -741,7 +752,7 @@ class _FilterSearch:
         softest = _SOFTEST_SHARE * farthest if self.power else 0.0
         low = _find_phi(top, self.target + farthest)
         high = _find_phi(top, max(self.target - farthest, softest))
-        least, greatest = window.find_ends(1.0 - _EDGE_SHARE / window.filters)
+        least, greatest = window.find_ends(1.0 - _EDGE_SHARE / window.n_filters)
         return (low, high) if least <= low and high <= greatest else None
 
     def finish(self, modes: _FoundModes) -> Eigenpairs:
@@ -806,50 +817,51 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
         products, memory = estimate_lowest(operator, block_size)
         return ModesWork(products=products, block_size=block_size, memory=memory)
     search = _FilterSearch(problem, count, target)
-    window, starts = search.choose_window()
-    _require_affordable(problem, window, starts, count, InputError)
-    n_vectors = starts + _count_fresh(starts)
+    window, n_starts = search.choose_window()
+    _require_affordable(problem, window, n_starts, count, InputError)
+    n_vectors = n_starts + _count_fresh(n_starts)
     return ModesWork(
         products=float(_PRODUCT_WITH_SUMS * window.order * n_vectors),
-        block_size=starts,
-        memory=_count_bytes(window, operator.size, starts),
+        block_size=n_starts,
+        memory=_count_bytes(window, operator.size, n_starts),
     )
 
 
 def _is_dense(problem: Problem, count: int) -> bool:
-    """Whether all modes are found by a dense matrix, as the motions of the ``problem`` are few, or
-    the requested modes, ``count``, are many.
+    """Return whether all modes are found by a dense matrix: the live motions of the ``problem`` are
+    few, or the ``count`` requested modes are many of them.
     """
     size = problem.live.size
     return size <= DENSE or count * _ALL_OVER_FOUND > size
 
 
-def _count_fresh(starts: int) -> int:
-    """Return the number of fresh random vectors after ``starts`` random vectors."""
-    return max(_FRESH, starts // _GROWTH)
+def _count_fresh(n_starts: int) -> int:
+    """Return the number of fresh random vectors after ``n_starts`` random vectors."""
+    return max(_FRESH, n_starts // _GROWTH)
 
 
-def _count_bytes(window: _Window, size: int, starts: int) -> int:
+def _count_bytes(window: _Window, size: int, n_starts: int) -> int:
     """Return the memory, bytes, of all filtered vectors (size,) that a ``window`` makes of
-    ``starts`` random vectors and of the fresh vectors after these.
+    ``n_starts`` random vectors and of the fresh vectors after these.
     """
     bytes_per_number = 8
-    n_vectors = window.filters * (starts + _count_fresh(starts))
+    n_vectors = window.n_filters * (n_starts + _count_fresh(n_starts))
     return bytes_per_number * _VECTOR_COPIES * size * n_vectors
 
 
 def _require_affordable(
     problem: Problem,
     window: _Window,
-    starts: int,
+    n_starts: int,
     count: int,
     error: type[InputError | ConvergenceError],
 ) -> None:
-    """Raise the ``error`` if the filters of a window take too much memory or too many products,
-    with ``starts`` random vectors and the fresh vectors after these; ``count`` modes are requested.
+    """Raise an error of the class ``error`` if the filters of a ``window`` take too much memory or
+    too many products, with ``n_starts`` random vectors and the fresh vectors after these. The
+    message says that ``count`` modes were requested.
     """
-    products = window.order * (starts + _count_fresh(starts))
-    memory = _count_bytes(window, problem.operator.size, starts)
+    products = window.order * (n_starts + _count_fresh(n_starts))
+    memory = _count_bytes(window, problem.operator.size, n_starts)
     if memory <= _MOST_BYTES and products <= _MOST_PRODUCTS:
         return
     fault = (
@@ -950,9 +962,9 @@ def _estimate_missing(
 
     ``fresh`` (size, filters x n) are n filtered random vectors that were not used to find the known
     modes. On average a mode adds to the squares of each vector the sum of the squares of the
-    filters at its phi, times (omega / top)^``power``: what remains of these squares without the
-    known modes, over the least that a mode between the ends adds, is the estimate. Modes outside of
-    the ends add to the estimate.
+    filters at its phi, times (omega / top)^``power``. The known modes are taken out of the vectors;
+    the squares that remain, over the least that a mode between the ends adds, are the estimate.
+    Modes outside of the ends add to the estimate.
     """
     phi = np.linspace(*ends, _PHI_POINTS)
     omega_over_top = np.cos(0.5 * phi)
@@ -961,12 +973,12 @@ def _estimate_missing(
     # the fewest filters with enough weight are taken: the last filters lie mostly outside of the
     # window, and would add modes outside of the ends
     is_enough = least_weights >= _WEIGHT_SHARE * least_weights[-1]
-    n_filters = int(np.argmax(is_enough)) + 1
-    by_filter = fresh.reshape(len(fresh), window.filters, -1)[:, :n_filters]
+    n_used = int(np.argmax(is_enough)) + 1
+    by_filter = fresh.reshape(len(fresh), window.n_filters, -1)[:, :n_used]
     n_vectors = by_filter.shape[2]
     vectors = by_filter.reshape(len(fresh), -1)
     residuals = vectors - known_modes @ (known_modes.T @ vectors)
-    return float(np.sum(residuals**2) / (n_vectors * least_weights[n_filters - 1]))
+    return float(np.sum(residuals**2) / (n_vectors * least_weights[n_used - 1]))
 
 
 @result_class
@@ -976,19 +988,21 @@ class NetworkModes(Result):
     Attributes
     ----------
     frequencies : (m,) Hz, ascending.
-    vectors : (m, n_balls, motions) the modes, real, of norm one, in mass-weighted motions: M^1/2
-        times the displacement u of a ball, and M^1/2 w, with w = (I/M)^1/2 phi, of its rotation
-        phi. Balls that do not move have zeros. The number that is largest in size is above zero.
-        Modes that share one frequency are some basis of their space.
+    vectors : (m, n_balls, motions) the modes, real, of norm one, in mass-weighted motions: M^1/2 u
+        of the displacement u of a ball, and I^1/2 phi of its rotation phi, with its mass M and its
+        moment of inertia I. Balls that do not move have zeros. The number that is largest in size
+        is above zero. Modes that share one frequency are some basis of their space.
     displacements : number of the motions of a ball that are displacements; they come first, and
         the others are rotations.
     moving : number of the balls that move.
-    zero_modes : number of modes that cost no energy, with frequencies at or below 1e-6 of the top
-        frequency: motions of the whole network, of balls that nothing holds, and of mechanisms.
-        They are not among the modes. None if they were not counted: this is so in networks too
-        large to be factorised, unless the lowest modes are requested and held balls have about 48
-        zero modes or fewer.
-    residual : largest ``|D x - omega^2 x|`` / top^2 of a mode x.
+    zero_modes : number of modes that cost no energy: motions of the whole network, of balls that
+        nothing holds, and of mechanisms. Their frequencies are at or below 1e-6 of the top
+        frequency, an upper bound of all frequencies. They are not among the modes. None if they
+        were not counted. They are always counted in networks that can be factorised; in larger
+        ones, if the lowest modes are requested and balls that touch others have about 48 zero modes
+        or fewer.
+    residual : largest norm of D x - omega^2 x of a mode x over the square of the top angular
+        frequency, with the dynamical matrix D, (rad/s)^2, and the mode's angular frequency omega.
     network : the network whose modes these are.
     """
 
@@ -1013,7 +1027,7 @@ class NetworkModes(Result):
         all contacts, and the masses and moments of inertia of all balls.
 
         Modes whose frequencies agree to 1e-8 all get the derivative of their mean frequency. A mode
-        of that frequency that is not among these modes does not count: request some modes more if
+        of that frequency that is not among these modes does not count: request a few modes more if
         the last ones may share their frequency with others.
         """
         network = self.network
@@ -1045,18 +1059,20 @@ class NetworkModes(Result):
     def contact_shares(self) -> Array:
         """(m, n_c) share of each contact in the elastic energy of a mode.
 
-        The share is 2 d ln f / d ln k, where all stiffnesses of the contact change by the same
-        factor as k. The shares of a mode add up to one, less the share of springs to the ground
-        and, with ``prestress``, that of static forces. Where contacts are pressed, the energy of
-        static forces is below zero, so that the shares may add up to more than one.
+        The share is 2 d ln f / d ln k, where f is the frequency, and all stiffnesses of the contact
+        change by the same factor as k. The shares of a mode add up to one less the share of springs
+        to the ground and, with ``prestress``, less that of static forces. Where contacts are
+        pressed, the energy of static forces is below zero, so that the shares may add up to more
+        than one.
         """
         network = self.network
-        by_kind = self.sensitivities
-        slopes = by_kind.normal_stiffness * network.normal_stiffness
+        derivatives = self.sensitivities
+        # df/d ln k, Hz, summed over the stiffnesses k of a contact
+        slopes = derivatives.normal_stiffness * network.normal_stiffness
         for derivative, stiffness in (
-            (by_kind.shear_stiffness, network.shear_stiffness),
-            (by_kind.torsion, network.torsion_stiffness),
-            (by_kind.bending, network.bending_stiffness),
+            (derivatives.shear_stiffness, network.shear_stiffness),
+            (derivatives.torsion, network.torsion_stiffness),
+            (derivatives.bending, network.bending_stiffness),
         ):
             if derivative is not None:
                 slopes = slopes + derivative * stiffness
@@ -1065,7 +1081,7 @@ class NetworkModes(Result):
     def _square_deformations(self) -> dict[str, Array]:
         """Return for each kind of stiffness, by its name in
         :class:`~granphon.dynamics.sensitivities.FrequencySensitivities`, the sums (n_c, m) of the
-        squared deformations of contacts that it resists, in each mode.
+        squared deformations of contacts that this stiffness resists, in each mode.
         """
         network = self.network
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
@@ -1081,8 +1097,8 @@ class NetworkModes(Result):
 
     @property
     def _energies(self) -> Array:
-        """(m, n_balls, 2) share in the kinetic energy of a mode that each ball has by its
-        displacement, and by its rotation.
+        """(m, n_balls, 2) shares of each ball in the kinetic energy of a mode: that of its
+        displacement, and that of its rotation.
         """
         energies = self.vectors**2  # of each motion: vectors are weighted with masses
         translation = energies[..., : self.displacements].sum(axis=2)
@@ -1091,8 +1107,9 @@ class NetworkModes(Result):
 
     @property
     def participation_ratio(self) -> Array:
-        """(m,) (sum e)^2 / (N sum e^2), where e are the kinetic energies of the N balls that can
-        move: 1/N if a single ball moves in the mode, and 1 if all have the same energy.
+        """(m,) (sum e)^2 / (N sum e^2) of each mode, where e are the kinetic energies of the N
+        balls that can move: 1/N if a single ball moves in the mode, and 1 if all balls have the
+        same energy.
         """
         energies = self._energies.sum(axis=2)
         squares = np.sum(energies**2, axis=1)
@@ -1100,7 +1117,7 @@ class NetworkModes(Result):
 
     @property
     def rotational_fraction(self) -> Array:
-        """(m,) share of rotations in the kinetic energy."""
+        """(m,) share of rotations in the kinetic energy of each mode."""
         return np.asarray(self._energies[..., 1].sum(axis=1))
 
 
@@ -1131,7 +1148,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         vectors=vectors,
         displacements=len(motions.translations),
         moving=operator.balls.size,
-        zero_modes=pairs.zeros,
+        zero_modes=pairs.n_zeros,
         residual=pairs.residual,
         network=network,
     )
@@ -1142,8 +1159,8 @@ def read_request(operator: WaveOperator, count: int, nearest: float | None) -> t
     modes, the lowest or those nearest to the frequency ``nearest``, Hz.
 
     Raises :class:`~granphon.base.errors.InputError` for a number that is not whole or below 1, for
-    more modes than motions that some spring holds, and for a frequency below zero or above the
-    bound of all frequencies of the network of the ``operator``.
+    more modes than the network of the ``operator`` has live motions, and for a frequency below zero
+    or above the bound of all its frequencies.
     """
     count = whole_number("count", count, 1)
     target = _read_target(nearest)
@@ -1226,7 +1243,7 @@ def _find_unevenly_damped(
     # drag that differs between displacements and rotations couples zero modes to the others
     drags = losses.drag_of(operator.motions)
     is_coupled = bool(np.ptp(drags) > 0.0)
-    # the matrix of first order has twice the size of D, and each mode two of its rates
+    # the matrix of first order has twice the size of D; its eigenvalues are rates, two of each mode
     n_rates = 2 * live.size
     is_small = n_rates <= DENSE
     takes_most_rates = _ALL_OVER_FOUND * (2 * count + _SPARE) > n_rates
@@ -1539,12 +1556,12 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
 
 
 def find_falling_motions(operator: WaveOperator, fall: float) -> Array:
-    """Return the motions (size, m) by which a network that is not stable falls: all modes whose
-    squared frequency is below zero by more than ``fall``, (rad/s)^2, above zero.
+    """Return the motions (size, m) by which a network falls that is not stable by
+    :func:`is_stable`: all modes whose squared frequency is below -``fall``, (rad/s)^2.
 
-    With static tangential forces only the lowest mode is returned, as the sizes of its complex
-    numbers. Raises :class:`~granphon.base.errors.InstabilityError` for a network too large to be
-    factorised.
+    ``fall`` is above zero. If the network has :attr:`WaveOperator.whole`, only the lowest mode of
+    this matrix is returned, as the sizes of its complex numbers. Raises
+    :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
     """
     if not _has_factors(operator):
         raise explain_instability(operator.network)
@@ -1599,7 +1616,7 @@ def _find_lowest_of_whole(
 
 def _search_lowest(operator: WaveOperator) -> float:
     """Return the lowest Ritz value, (rad/s)^2, of D in the Krylov space of a random vector, by
-    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion; it is above the lowest eigenvalue of D.
+    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion. It is not below the lowest eigenvalue.
     """
     from scipy.linalg import eigvalsh_tridiagonal
 
@@ -1736,7 +1753,7 @@ def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
     that are not known.
 
     The block is made larger until it holds these zero modes as well as the requested modes. Returns
-    None if more than :data:`_MOST_ZEROS` of these zero modes are expected, and if the block would
+    None if more than :data:`_MOST_ZEROS` of these zero modes are expected, or if the block would
     have more than a third as many vectors as there are motions. Raises
     :class:`~granphon.base.errors.ConvergenceError` if the block does not converge, and what
     :func:`find_roots` raises.

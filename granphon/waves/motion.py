@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import one_direction
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
-from granphon.base.records import RecordFile, hold, read_records
+from granphon.base.records import RecordFile, lock_file, read_records
 from granphon.base.results import Result, held, plain, restore, result_class
 from granphon.base.staging import explaining, put_beside
 from granphon.base.text import counted
@@ -49,9 +49,9 @@ _ROUNDING = 1e-10
 _NO_CHANGE = 1e-300
 #: correlation of distances and times up to which they make no straight line
 _LEAST_CORRELATION = 0.9
-#: greatest change of the slope of times over distances from one end of a line to the other, as the
-#: quadratic part of a fitted parabola over its linear part: more is no straight line. A signal that
-#: diffuses, t ~ x^2, has a half
+#: greatest rise of the quadratic part of a parabola fitted to times over distances, over the rise
+#: of its linear part, both along the whole line: with more it is no straight line. A signal that
+#: diffuses, t ~ x^2, has one, and a third if the first distance is half of the last
 _MOST_BENDING = 0.25
 #: least number of frames in a period of the highest harmonic
 _FRAMES_PER_PERIOD = 2.5
@@ -110,7 +110,7 @@ class Motion(Result):
     met: Index = held(int, "m 2", default_factory=lambda: np.zeros((0, 2), np.intp))
 
     def __post_init__(self) -> None:
-        """Give ``met`` its shape (n_m, 2), also if it is empty, and check all fields."""
+        """Give ``met`` its shape (n_m, 2), also if it is empty, and make arrays read-only."""
         # plain data do not keep the shape of an array without numbers
         object.__setattr__(self, "met", np.reshape(self.met, (-1, 2)))
         super().__post_init__()
@@ -183,7 +183,7 @@ class Motion(Result):
 
     @property
     def energy(self) -> Array:
-        """Kinetic energy, and the energy stored since rest, together; (n_f,), J."""
+        """(n_f,) sum of the kinetic energies and of the energy stored since rest, J."""
         return self.translation + self.rotation + self.stored
 
     @property
@@ -194,7 +194,9 @@ class Motion(Result):
     @property
     def middles(self) -> Array:
         """(n_c + n_m, 3) positions of the contacts, m, with balls at their places at rest: first
-        of the contacts of the network, then of those in :attr:`met`, in which body j may be a wall.
+        of the contacts of the network, then of those in :attr:`met`. A contact of two balls that
+        came about is halfway between their centres; that of a ball and a flat wall j is at the foot
+        of the perpendicular from the ball.
         """
         network = self.network
         i, j = self.met.T
@@ -204,11 +206,10 @@ class Motion(Result):
         cells = np.rint(vectors @ np.linalg.pinv(periods))
         to_nearest_image = vectors - cells @ periods
         met_positions = centres + 0.5 * to_nearest_image
-        for wall, (point, inward) in network.walls.items():
-            # a ball touches a flat wall at the foot of the perpendicular from its centre
-            touches = j == wall
-            distances = (point - centres[touches]) @ inward
-            met_positions[touches] = centres[touches] + np.outer(distances, inward)
+        for wall, (point, normal) in network.walls.items():
+            is_at_wall = j == wall
+            distances = (point - centres[is_at_wall]) @ normal
+            met_positions[is_at_wall] = centres[is_at_wall] + np.outer(distances, normal)
         return np.concatenate([network.contact_places, met_positions])
 
     def sensor(self, receiver: Any, direction: ArrayLike | None = None) -> Array:
@@ -225,9 +226,9 @@ class Motion(Result):
             does not repeat, or x if there is none; of a flat wall it is the normal.
 
         Forces are those of springs: what dashpots add is not in :attr:`forces`. Raises
-        :class:`~granphon.base.errors.InputError` for bodies that are not there, two balls without a
-        contact or with several, a ball without a contact along the direction, and no floor, or
-        several.
+        :class:`~granphon.base.errors.InputError` for a body that is not there, for two balls
+        without a contact or with several, for a ball without a contact along the direction, and for
+        "floor" unless the network has exactly one flat wall.
         """
         places = self._sensor_places
         if is_contact(receiver):
@@ -260,19 +261,19 @@ class Motion(Result):
         )
 
     def peaks(self) -> tuple[Array, Array]:
-        """Return the times (n_c,), s, and the heights (n_c,), N, of the greatest normal force of
-        each contact.
+        """Return the times (n_c + n_m,), s, and the heights (n_c + n_m,), N, of the greatest normal
+        force of each contact, in the order of :attr:`forces`.
 
         Both are those of the top of a parabola through the frame of the greatest force and the
-        frames beside it. If that is the first or the last frame, its time and its force are
-        returned.
+        frames beside it. If the force is greatest in the first or the last frame, the time of this
+        frame and its force are returned.
         """
         return self._find_tops(np.argmax(self.forces, axis=0))
 
     def _find_tops(self, frames: Index) -> tuple[Array, Array]:
-        """Return the times (n_c,), s, and the heights (n_c,), N, of the tops of parabolas, one for
-        each contact, through its forces at its frame of ``frames`` (n_c,) and at both frames
-        beside.
+        """Return the times, s, and the heights, N, of the tops of parabolas, (n_c + n_m,) each. The
+        parabola of a contact goes through its forces at its frame of ``frames`` (n_c + n_m,) and at
+        both frames beside.
 
         The first and the last frame lack a frame beside them: there the time and the force of the
         frame are returned.
@@ -294,8 +295,9 @@ class Motion(Result):
         return self.times[frames] + 0.5 * shift * two_steps, force - 0.25 * fall * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return the times (n_c,), s, at which the change of each normal force since the first
-        frame comes to the part ``share`` of its first great change.
+        """Return the times (n_c + n_m,), s, at which the change of each normal force since the
+        first frame comes to the part ``share`` of its first great change; in the order of
+        :attr:`forces`.
 
         The first great change is the first maximum of the change that is at least half of the
         greatest change, so that a later echo does not count. If there is no such maximum, it is the
@@ -306,12 +308,12 @@ class Motion(Result):
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
         first_maximum = _find_first_maxima(change)
-        great_change = np.where(first_maximum > 0, first_maximum, np.argmax(change, axis=0))
+        great_frame = np.where(first_maximum > 0, first_maximum, np.argmax(change, axis=0))
         contacts = np.arange(change.shape[1])
-        level = share * change[great_change, contacts]
-        # the frame that reaches the level first, and the one before it
-        first_at_level = np.argmax(change >= level, axis=0)
-        following = np.clip(first_at_level, min(1, len(change) - 1), None)
+        level = share * change[great_frame, contacts]
+        # the frame that reaches the level first, but not frame 0, which has no frame before it
+        frame_at_level = np.argmax(change >= level, axis=0)
+        following = np.clip(frame_at_level, min(1, len(change) - 1), None)
         low = change[following - 1, contacts]
         high = change[following, contacts]
         fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
@@ -320,8 +322,8 @@ class Motion(Result):
         return np.where(level > 0.0, times, np.inf)
 
     def passages(self, of: Literal["peak", "front"] = "peak", share: float = 0.5) -> Array:
-        """Return the times (n_c,), s, at which a pulse passes each contact, that of its peak or of
-        its front.
+        """Return the times (n_c + n_m,), s, at which the peak or the front of a pulse passes each
+        contact, in the order of :attr:`forces`.
 
         The time of the peak is that of the first maximum of the force above its value at the start,
         if this maximum is at least half as high as the greatest. The time of the front is that of
@@ -341,9 +343,9 @@ class Motion(Result):
     def _find_passages(
         self, of: Literal["peak", "front"], share: float
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the times (n_c,), s, of :meth:`passages`, which here are not nan where frames are
-        too few, and for each contact whether the frames resolve the pulse, (n_c,). Arguments, and
-        what is raised, are those of :meth:`passages`.
+        """Return the times of :meth:`passages`, s, and for each contact whether the frames resolve
+        the pulse, (n_c + n_m,) each. Where they do not, times here are not nan. Arguments, and what
+        is raised, are those of :meth:`passages`.
         """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
@@ -353,7 +355,7 @@ class Motion(Result):
             _NO_CHANGE,
         )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
-        maximum = _find_first_maxima(height)  # (n_c,) frames; 0 without a maximum
+        maximum = _find_first_maxima(height)  # a frame of each contact; 0 without a maximum
         is_known = (change.max(axis=0, initial=0.0) > least_change) & (maximum > 0)
         if of == "peak":
             times, _ = self._find_tops(maximum)
@@ -375,8 +377,8 @@ class Motion(Result):
         of: Literal["peak", "front"] = "peak",
         share: float | None = None,
     ) -> float:
-        """Return the velocity, m/s, of a pulse, that of its peak or of its front, along
-        ``contacts`` (n,), indices in the order in which the pulse passes them.
+        """Return the velocity, m/s, of the peak or the front of a pulse along ``contacts`` (n,),
+        indices in :attr:`forces`, in the order in which the pulse passes these contacts.
 
         The velocity is the slope of a straight line fitted to distances over the times of
         :meth:`passages` (:func:`fit_velocity`). Distances are along the ``direction`` (3,), by
@@ -389,14 +391,14 @@ class Motion(Result):
         the first and the last contact are at one place and no ``direction`` is given; and for a
         ``share`` together with a peak.
         """
-        chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
-        if chosen.size < 2:
+        indices = index_array("contacts", contacts, self.forces.shape[1], "contacts")
+        if indices.size < 2:
             raise InputError(f"contacts are {brief(contacts)}", mend="Give two or more")
         if one_of("of", of, _PASSAGES) == "peak" and share is not None:
             raise InputError(
                 f"share is {brief(share)}, and a peak has none", mend='Give of="front" too'
             )
-        vectors = self.middles[chosen] - self.middles[chosen[0]]  # from the first contact, m
+        vectors = self.middles[indices] - self.middles[indices[0]]  # from the first contact, m
         if direction is None:
             direction = vectors[-1]
             if not np.any(direction):
@@ -406,9 +408,8 @@ class Motion(Result):
                 )
         unit_vector = one_direction(direction, 3)
         times, is_resolved = self._find_passages(of, 0.5 if share is None else share)
-        times_of_chosen = times[chosen]
-        self._require_passed(chosen, times_of_chosen, is_resolved[chosen])
-        velocity, reason = fit_velocity(vectors @ unit_vector, times_of_chosen)
+        self._require_passed(indices, times[indices], is_resolved[indices])
+        velocity, reason = fit_velocity(vectors @ unit_vector, times[indices])
         if reason:
             mend = (
                 "Give contacts in the order in which it comes to them, on one side of where it"
@@ -426,18 +427,20 @@ class Motion(Result):
         ``times`` (n,), s, are those at which the pulse passes, nan if it does not, and
         ``is_resolved`` (n,) says whether frames resolve the pulse.
         """
-        missed = contacts[np.isnan(times)]
-        if missed.size:
-            fault = f"the pulse does not pass contact {missed[0]}"
-            further = f", nor {missed.size - 1} others" if missed.size > 1 else ""
+        missed_contacts = contacts[np.isnan(times)]
+        n_missed = missed_contacts.size
+        if n_missed:
+            fault = f"the pulse does not pass contact {missed_contacts[0]}"
+            others = f", nor {n_missed - 1} others" if n_missed > 1 else ""
             why = "Its force does not change much, or still rises at the end"
             mend = "Run for longer, keep more frames, or give contacts that it has passed"
-            raise InputError(fault + further, why, mend)
-        unresolved = contacts[~is_resolved]
-        if unresolved.size:
+            raise InputError(fault + others, why, mend)
+        unresolved_contacts = contacts[~is_resolved]
+        if unresolved_contacts.size:
             step = float(self.times[1] - self.times[0])
             fault = (
-                f"the pulse at contact {unresolved[0]} is too short for frames {step:.3g} s apart"
+                f"the pulse at contact {unresolved_contacts[0]} is too short for frames"
+                f" {step:.3g} s apart"
             )
             why = "Fewer than three are within its width at half of its height"
             raise InputError(fault, why, "Keep more frames")
@@ -472,10 +475,10 @@ class Motion(Result):
     def harmonics(
         self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10
     ) -> NDArray[np.complex128]:
-        """Return the complex amplitudes (count, n), m, of a steady motion of all balls at the
-        multiples 1 to ``count`` of its ``frequency`` f, Hz.
+        """Return the complex amplitudes a_k (count, n), in m, of a steady motion of all balls at
+        the multiples k = 1 to ``count`` of its ``frequency`` f, Hz.
 
-        The sum Re sum_m a_m exp(-2 pi i m f t) and a mean are fitted, by least squares, to
+        The sum Re sum_k a_k exp(-2 pi i k f t) and a mean are fitted, by least squares, to
         displacements along an ``axis``, 0 to 2, in the last ``periods`` of the run. Raises
         :class:`~granphon.base.errors.InputError` if the run has fewer periods, or if a period of
         the highest multiple has fewer than 2.5 frames.
@@ -527,18 +530,18 @@ def _find_first_maxima(heights: Array) -> Index:
     is_maximum = (inner > heights[:-2]) & (inner >= heights[2:])
     is_high = (inner >= 0.5 * heights.max(axis=0, initial=0.0)) & (inner > 0.0)
     is_high_maximum = is_maximum & is_high
-    first = 1 + np.argmax(is_high_maximum, axis=0)  # inner frames begin with frame 1
-    return np.where(np.any(is_high_maximum, axis=0), first, 0)
+    first_frame = 1 + np.argmax(is_high_maximum, axis=0)  # inner frames begin with frame 1
+    return np.where(np.any(is_high_maximum, axis=0), first_frame, 0)
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     """Return the slope, m/s, of the line of least squares of ``distances`` (n,), m, over ``times``
-    (n,), s, two points or more, and an empty text.
+    (n,), s, and an empty text; n is 2 or more.
 
     If the points are on no straight line that rises, the slope is nan, and the text is the reason:
-    times do not grow with the distance, they scatter about the line (correlation of
-    :data:`_LEAST_CORRELATION` or less), or they lie on a line that bends, as those of a signal that
-    diffuses.
+    times do not grow with the distance; they scatter about the line, with a correlation of
+    :data:`_LEAST_CORRELATION` or less; or they lie on a line that bends, as those of a signal that
+    diffuses do.
     """
     # each condition is negated, so that nan does not pass as a straight line
     covariances = np.cov(times, distances)
@@ -709,26 +712,24 @@ class Frames:
         return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
 
     def join(self) -> Motion:
-        """Return all frames as one motion; frames from before a contact came about have zeros for
-        the contact.
+        """Return all frames, one or more, as one motion; frames from before a contact came about
+        have zeros for the contact.
         """
         if self._path is not None:
             return Motion.read(self._path)
-        last = self._frames[-1]
+        last_frame = self._frames[-1]  # it has the most columns
         arrays: dict[str, Any] = {}
-        for name in last:
-            shape = np.shape(last[name])
+        for name, values in last_frame.items():
+            shape = np.shape(values)
             arrays[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
         return Motion(**arrays, network=self._network, met=self._met, step=self.step)
 
 
 def _require_writable(path: Any) -> None:
-    """Check that a motion may be written to ``path``: that no file is there, or the file of a
-    motion that no run is writing.
-
-    Raises :class:`~granphon.base.errors.InputError` if it is no path, and
-    :class:`~granphon.base.errors.OutputError` for a file that is no motion, or that another run is
-    writing.
+    """Raise :class:`~granphon.base.errors.InputError` if ``path`` is no path, and
+    :class:`~granphon.base.errors.OutputError` if the file there is no motion, or if another run is
+    writing it. A path without a file, and the file of a motion that no run is writing, may be
+    written to.
     """
     is_path = isinstance(path, str | os.PathLike)
     if not is_path or not os.fspath(path) or "\0" in str(path):
@@ -741,7 +742,7 @@ def _require_writable(path: Any) -> None:
                 f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another"
             ) from None
         with open(path, "rb") as file:
-            hold(file)  # raises the error if another run holds the file
+            lock_file(file)  # raises the error if another run holds the file
 
 
 def _begin_file(

@@ -1,6 +1,7 @@
 """Balls of a network that move by the whole of the law of their contacts, in time.
 
-Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
+Mass-weighted motions x = M^1/2 u obey (of rotations phi, u is w = R_g phi with the radius of
+gyration R_g)
 
     x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) - Gamma x' + forces,    A = C M^-1/2
 
@@ -16,17 +17,16 @@ There are two schemes.
   The sum of energies, each known in closed form, differs from a constant by the square of the step.
   The difference wanders where contacts open, as the force has no second derivative there. The drag
   Gamma x' is that of the velocity at the end of a step, which follows in closed form.
-- "midpoint": steps take the velocity and the geometry at the middle of the step, and of each
-  contact a mean force. The mean normal force is the change of the energy over that of the overlap,
-  other mean forces are those of both ends of the step. So the work of forces is the change of
+- "midpoint": steps take the velocity and the geometry at the middle of the step, and a mean force
+  of each contact. The mean normal force is the change of the energy over that of the overlap, other
+  mean forces are those of both ends of the step. So the work of forces is the change of
   energies (the discrete gradient of D. Greenspan, Discrete Models, 1973, and O. Gonzalez, J.
   Nonlinear Sci. 6, 449, 1996), and the sum of energies is constant to rounding, with losses too.
   These steps are implicit, and solved by iteration.
 
 The force of some contacts jumps, as that of balls that adhere when they touch or part. There a step
-ends, and the next step begins with the other force: so both schemes stay of second order. The
-instant is that at which the contact, on the path that the step gives the balls, comes to the
-overlap of the jump.
+ends, and the next step begins with the other force: so both schemes stay of second order. A contact
+jumps at the instant at which it comes to the overlap of the jump on the path of the step.
 """
 
 from __future__ import annotations
@@ -125,6 +125,10 @@ _SAME_MATERIAL = 1e-2
 #: share of a step to which the instant of a jump is found: contacts that join or part within such a
 #: share do so at once, and no larger share of the energy of the jump is lost by that
 _SWITCH_SHARE = 1e-6
+#: displacement of a ball since pairs were listed, over the margin of the list, above which they are
+#: listed anew. At a half, two balls that are not listed may touch; the difference is for what balls
+#: move until the next check
+_RELISTED = 0.45
 #: most times that a contact may join or part within one step
 _MOST_SWITCHES = 20
 
@@ -173,7 +177,8 @@ class NonlinearWaves:
         contacts of balls that meet have their means. A collision of two balls has the
         ``restitution`` by Hertz's law alone; by other laws its restitution is another.
     viscous_pull : "whole": dashpots also pull while balls part. "limited": they pull by no more
-        than the law pushes, so that both together never pull; a collision then loses less.
+        than the law pushes, so that both together never pull; a collision then loses less. Without
+        dashpots, as with a restitution of 1, both are the same.
     coulomb : "elastic": the forces of springs obey Coulomb's limit, T <= mu f. "total": the forces
         of springs and dashpots together obey it, as in LAMMPS.
     geometry : "lattice": contacts are those of the network, in their directions at rest, and
@@ -190,7 +195,8 @@ class NonlinearWaves:
     InputError : if there is no network; for contacts without force, whose overlap is not known; for
         a law that needs the balls of a crystal; for a network with ``prestress`` and the geometry
         "lattice", in which its static forces act sideways; for one with ``prestress`` and the
-        ``slip_levers`` "yade"; for numbers out of range.
+        ``slip_levers`` "yade"; for numbers out of range; for a coefficient of friction above zero
+        where no contact resists slip, and ``coulomb="total"`` without a coefficient.
     """
 
     def __init__(
@@ -218,8 +224,14 @@ class NonlinearWaves:
                 "static forces act sideways in this network", why, 'Give geometry="exact"'
             )
         if network.prestress and network.slip_levers == "yade":
-            why = "Its slip is that of YADE, which motions of any amplitude do not have"
-            mend = 'Read it with slip_levers="radii", whose small motions differ by its overlaps'
+            why = (
+                "YADE counts slip (R_i + R_j)/r times, by the present distance r of the centres;"
+                " motions of any amplitude have slip by levers alone, arms or radii"
+            )
+            mend = (
+                'Read it with slip_levers="radii", whose small motions differ by parts of the order'
+                " of overlap/diameter, or take the small motions of gp.Waves"
+            )
             raise InputError('the network has slip_levers="yade"', why, mend)
         self._laws = self._find_laws(
             law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal)
@@ -232,6 +244,11 @@ class NonlinearWaves:
         )
         given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         self.losses = Losses.of(network, given)
+        require_slip(network, self.mu)
+        if coulomb == "total" and self.mu == math.inf:
+            why = "Without a friction_coefficient contacts do not slide"
+            mend = "Give a friction_coefficient, or leave coulomb out"
+            raise InputError('coulomb is "total", and there is no limit of slip', why, mend)
         self.rules = Rules(
             turns=geometry == "exact",
             mu=self.mu,
@@ -244,10 +261,10 @@ class NonlinearWaves:
         """Return the numbers of balls and contacts, and the exponent of the law if it is a
         power.
         """
-        of = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
+        law = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
         return (
             f"NonlinearWaves({self.network.n_balls:,} balls, {self.network.n_contacts:,}"
-            f" contacts{of})"
+            f" contacts{law})"
         )
 
     @property
@@ -288,7 +305,7 @@ class NonlinearWaves:
             walls = dict.fromkeys([*model.walls, *network.contact_model.walls])
             model = replace(model, walls=tuple(walls))
         walls_and_kinds = (*crystal.names, RIGID_PLANE.name, *(wall.name for wall in model.walls))
-        # of each name of a kind in the network, its name in the crystal
+        # the name in the crystal of each name of a kind in the network
         kinds = {name: name for name in walls_and_kinds}
         if not network.kinds and len(crystal.names) == 1:
             kinds[_BALL] = crystal.names[0]
@@ -298,7 +315,7 @@ class NonlinearWaves:
             )
 
         def find_pair(name: str, other: str) -> tuple[Any, Any, Any]:
-            """Return the law, kappa/2E*a and E*, Pa, of balls of two kinds."""
+            """Return the law, kappa/(2 E* a) and E*, Pa, of balls of two kinds."""
             return model.law_of(kinds[name], kinds[other])
 
         groups = list[tuple[Any, Index]]()
@@ -314,8 +331,8 @@ class NonlinearWaves:
         """Return the laws of contacts that all have one ``law``, with overlaps from their forces at
         rest.
 
-        kappa/2E*a and E* of a pair that meets are the means over the contacts of such balls in the
-        network, or over all contacts if there is none.
+        kappa/(2 E* a) and E* of a pair that meets are the means over the contacts of such balls in
+        the network, or over all contacts if there is none.
         """
         network = self.network
         force = network.normal_force
@@ -332,8 +349,8 @@ class NonlinearWaves:
         eta = network.shear_stiffness / punch
 
         def find_mean_law(*pair: str) -> tuple[Any, Any, Any]:
-            """Return the law, and the means of kappa/2E*a and E*, Pa, over contacts of a ``pair``
-            of kinds.
+            """Return the law, and the means of kappa/(2 E* a) and E*, Pa, over the contacts of a
+            ``pair`` of kinds.
             """
             contacts = pairs.get(pair, slice(None))
             return pair_law, np.mean(eta[contacts]), np.mean(modulus[contacts])
@@ -363,20 +380,22 @@ class NonlinearWaves:
         # a coefficient of Hertz's law grows with the root of the radius of the contact; that of
         # another power does not depend on radii, for which equal sizes stand
         sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
-        per_root = powers.coefficient / _root_radius(sizes, network.i, network.j)
+        coefficient_per_root = powers.coefficient / _root_radius(sizes, network.i, network.j)
 
         def find_mean_law(*pair: str) -> tuple[Any, Any, Any]:
-            """Return the means of the coefficient over the root of the radius and of kappa/2E*a
+            """Return the means of the coefficient over the root of the radius and of kappa/(2 E* a)
             over the contacts of a ``pair`` of kinds, and 1 in place of E*.
 
             Raises :class:`~granphon.base.errors.InputError` if the coefficients differ.
             """
             contacts = pairs.get(pair, slice(None))
-            if np.ptp(per_root[contacts]) > _SAME_MATERIAL * np.mean(per_root[contacts]):
+            coefficients = coefficient_per_root[contacts]
+            mean_coefficient = np.mean(coefficients)
+            if np.ptp(coefficients) > _SAME_MATERIAL * mean_coefficient:
                 raise InputError(
                     f"contacts of {pair} have no law that is known", mend="Give a Crystal"
                 )
-            return np.mean(per_root[contacts]), np.mean(eta[contacts]), 1.0
+            return mean_coefficient, np.mean(eta[contacts]), 1.0
 
         return _Laws(powers, powers, stiffness, find_mean_law, sizes)
 
@@ -393,17 +412,17 @@ class NonlinearWaves:
         self, i: Index, j: Index
     ) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
         """Return the laws of the contacts of the network and, behind them, of the pairs ``i``,
-        ``j`` (n_p,) of balls that may meet; kappa/2E*a (n_p,) of these pairs; and the pairs
+        ``j`` (n_p,) of balls that may meet; kappa/(2 E* a) (n_p,) of these pairs; and the pairs
         without a law.
 
-        Pairs at the overlap zero do not push. Pairs without a law never push: they are returned as
-        groups of the indices of their contacts, each with the message of the error that is to end
-        the run when they meet.
+        Pairs at the overlap zero do not push. Pairs without a law never push. They are returned in
+        groups: the indices of their contacts, and the message of the error that is to end the run
+        when they meet.
         """
-        laws = self._laws.known
+        laws = self._laws.springs
         n = self.network.n_contacts
         groups = []
-        unknown = list[tuple[Index, str]]()
+        unknown_groups = list[tuple[Index, str]]()
         overlap = np.append(self.overlap, np.zeros(len(i)))
         ratio = np.zeros(len(i))
         modulus = np.ones(len(i))
@@ -412,17 +431,17 @@ class NonlinearWaves:
                 law, ratio[members], modulus[members] = self._laws.find_pair_law(*pair)
                 groups.append((law, n + members))
             except InputError as error:
-                unknown.append((n + members, str(error).rstrip(".")))
+                unknown_groups.append((n + members, str(error).rstrip(".")))
         if isinstance(laws, ContactLaws):
             joint_laws = ContactLaws(
                 [*laws.groups, *groups], len(overlap), np.append(laws.modulus, modulus)
             )
-            return _simplify_laws(joint_laws, overlap, len(i)), ratio, unknown
+            return _simplify_laws(joint_laws, overlap, len(i)), ratio, unknown_groups
         coefficient = np.append(laws.coefficient, np.zeros(len(i)))
-        for per_root, members in groups:
+        for coefficient_per_root, members in groups:
             pair_roots = _root_radius(self._laws.sizes, i[members - n], j[members - n])
-            coefficient[members] = per_root * pair_roots
-        return Powers(laws.exponent, coefficient, overlap), ratio, unknown
+            coefficient[members] = coefficient_per_root * pair_roots
+        return Powers(laws.exponent, coefficient, overlap), ratio, unknown_groups
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
         """Return for each pair of kinds of balls, by their names, the indices of the contacts
@@ -430,10 +449,10 @@ class NonlinearWaves:
         """
         is_plane = np.isinf(self.network.radii)
         kinds = self.network.kinds or np.where(is_plane, RIGID_PLANE.name, _BALL)
-        names, code = np.unique(kinds, return_inverse=True)
-        codes = np.sort(code[[i, j]], axis=0)
-        # one whole number for each pair: its codes are the digits
-        keys = codes[0] * len(names) + codes[1]
+        names, code_of_ball = np.unique(kinds, return_inverse=True)
+        lower_code, higher_code = np.sort(code_of_ball[[i, j]], axis=0)
+        # one whole number for each pair of kinds: the codes are its digits
+        keys = lower_code * len(names) + higher_code
         pairs = {key: divmod(key, len(names)) for key in np.unique(keys).tolist()}
         return {
             (str(names[first]), str(names[second])): np.flatnonzero(keys == key)
@@ -471,8 +490,8 @@ class NonlinearWaves:
             end.
         step : time step, s; it is shortened so that a frame has a whole number of steps. The
             default is a sixtieth of the shortest period that the stiffest contact and its dashpots
-            allow at the start. If this period later comes to have fewer than 30 steps, as soon as
-            a drive presses balls that only touch, the default is halved and the run begins anew. A
+            allow at the start. If this period later comes to have fewer than 30 steps, as when a
+            drive presses balls that only touch, the default is halved and the run begins anew. A
             step is cut where a contact whose force jumps closes or opens.
         scheme : "verlet" is explicit and symplectic; its sum of energies differs from a constant by
             the square of the step, and wanders where contacts open. "midpoint" is implicit and
@@ -519,10 +538,8 @@ class NonlinearWaves:
             displacements = self._find_displacements(positions)
         drives = list(drive) if isinstance(drive, list | tuple) else [drive]
         system = _System(self, [] if drive is None else drives)
-        moved = system.read("displacements", displacements)
-        speeds = system.read("velocities", velocities)
-        x = moved + system.read("rotations", rotations)
-        v = speeds + system.read("spins", spins)
+        x = system.read("displacements", displacements) + system.read("rotations", rotations)
+        v = system.read("velocities", velocities) + system.read("spins", spins)
         chosen_step, top = self._choose_step(system, x, v, step)
         require_steps(length / chosen_step)  # also if the quotient is infinite
         trial_step = min(chosen_step, length / (count - 1))
@@ -534,31 +551,32 @@ class NonlinearWaves:
         while True:
             steps_per_frame = _count_steps(length, trial_step, count)
             schedule = _Schedule(steps_per_frame, count, least_per_period)
-            kept = Frames(self.network, length / (count - 1) / steps_per_frame, file)
+            recorder = Frames(self.network, length / (count - 1) / steps_per_frame, file)
             # numbers that leave the floating range end the run later, by _require_short
             floating = np.errstate(over="ignore", invalid="ignore")
             with (
-                kept,
+                recorder,
                 single_products(),
                 floating,
                 progress.step("motion", count - 1) as frame_progress,
             ):
-                stopped = _record(system, x, v, schedule, scheme, kept, frame_progress)
-            is_unstable = stopped in (_TOO_LONG, _UNSOLVED, _RATTLED)
+                stop_reason = _record(system, x, v, schedule, scheme, recorder, frame_progress)
+            is_unstable = stop_reason in (_TOO_LONG, _UNSOLVED, _RATTLED)
             if is_unstable and step is None and trial_step > least_step:
                 trial_step *= 0.5
                 continue
-            wide = check_limit("contact_radius", system.widest).warning
-            if wide is not None:
-                sentence = f"in the motion {wide[0].lower()}{wide[1:].rstrip('.')}"
+            warning = check_limit("contact_radius", system.widest).warning
+            if warning is not None:
+                sentence = f"in the motion {warning[0].lower()}{warning[1:].rstrip('.')}"
                 warnings.warn(sentence, LimitWarning, stacklevel=2)
-            if stopped:
-                early = StoppedEarlyWarning(
-                    f"the motion ends after {kept.last_time:.4g} s of {length:.4g} s: {stopped}"
+            if stop_reason:
+                stop_warning = StoppedEarlyWarning(
+                    f"the motion ends after {recorder.last_time:.4g} s of {length:.4g} s:"
+                    f" {stop_reason}"
                 )
-                early.interrupted = stopped == _CTRL_C
-                warnings.warn(early, stacklevel=2)
-            return kept.join()
+                stop_warning.interrupted = stop_reason == _CTRL_C
+                warnings.warn(stop_warning, stacklevel=2)
+            return recorder.join()
 
     def _choose_step(
         self, system: _System, x: Array, v: Array, step: float | None
@@ -574,16 +592,17 @@ class NonlinearWaves:
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
             largest_energy = 0.5 * float(np.max(squares, initial=0.0))  # of a ball, J
             stiffness = system.find_pressed_stiffness(x, largest_energy)
-            stable = system.choose_step(stiffness)
+            default_step = system.choose_step(stiffness)
             top = system.bound.find(stiffness)
-        chosen = stable if step is None else positive("step", step, "s")
-        if chosen * _LEAST_STABLE_STEPS > _STEPS_PER_PERIOD * stable:
+        chosen_step = default_step if step is None else positive("step", step, "s")
+        if chosen_step * _LEAST_STABLE_STEPS > _STEPS_PER_PERIOD * default_step:
             raise InputError(
-                f"the step of {chosen:.3g} s is too long for the stiffest contact, or its damping",
+                f"the step of {chosen_step:.3g} s is too long for the stiffest contact, or its"
+                f" damping",
                 "It would not be stable",
                 "Leave step out",
             )
-        return chosen, top
+        return chosen_step, top
 
     def find_step(self, speed: float = 0.0, force: float = 0.0, displacement: float = 0.0) -> float:
         """Return an estimate of the time step, s, of a :meth:`run` that is given none.
@@ -606,10 +625,10 @@ class NonlinearWaves:
         system = _System(self, [])
         masses = self.network.masses[self.network.moving]
         energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
-        at_rest = np.zeros(system.operator.size)
+        rest_motions = np.zeros(system.operator.size)
         with np.errstate(over="ignore", invalid="ignore"):
             return system.choose_step(
-                system.find_pressed_stiffness(at_rest, energy, force, displacement)
+                system.find_pressed_stiffness(rest_motions, energy, force, displacement)
             )
 
     def _require_frames_memory(self, count: int, *, to_file: bool) -> None:
@@ -655,6 +674,21 @@ def require_steps(count: float) -> None:
         )
 
 
+def require_slip(network: ContactNetwork, mu: float) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a coefficient of friction ``mu`` above
+    zero and not infinite, if no contact of the ``network`` resists slip, or if balls move along a
+    line, so that contacts do not slip.
+    """
+    slips = network.ball_motions.count > 1 and bool(np.any(network.shear_stiffness))
+    if slips or mu == 0.0 or mu == math.inf:
+        return
+    raise InputError(
+        f"friction_coefficient is {mu:g}, and no contact resists slip",
+        "The balls have no friction, or move along a line",
+        "Leave friction_coefficient out, or give a network with friction",
+    )
+
+
 def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
     """Return the acceleration (3,) of the balls, m/s2, from ``gravity``, (3,) or (d,), or zero for
     None.
@@ -695,12 +729,18 @@ def _count_steps(length: float, step: float, count: int) -> int:
 
 
 class _Schedule(NamedTuple):
-    """The numbers of a run: of steps from frame to frame, of frames, and the least number of steps
-    in the shortest period of contacts, below which the run stops.
+    """The numbers of a run.
+
+    Attributes
+    ----------
+    steps_per_frame : number of steps from frame to frame.
+    n_frames : number of frames, the start among them.
+    least_per_period : least number of steps in the shortest period of contacts; with fewer the run
+        stops.
     """
 
     steps_per_frame: int
-    frames: int
+    n_frames: int
     least_per_period: float
 
 
@@ -710,20 +750,22 @@ def _record(
     v: Array,
     schedule: _Schedule,
     scheme: str,
-    kept: Frames,
+    recorder: Frames,
     frame_progress: Any,
 ) -> str:
-    """Run the ``system`` from mass-weighted motions x with velocities v (size,), let ``kept`` take
-    its frames, and return the reason why the run ended early; an empty text if it did not.
+    """Run the ``system`` from mass-weighted motions x with velocities v (size,), let the
+    ``recorder`` take its frames, and return the reason why the run ended early; an empty text if it
+    did not.
 
-    ``frame_progress`` is told of each frame. A KeyboardInterrupt before the first frame is raised.
+    ``frame_progress`` is told of each frame after the start. A KeyboardInterrupt before the first
+    frame is raised.
     """
     try:
-        for frame in system.integrate(x, v, schedule, scheme, kept):
-            if frame:
+        for is_after_start in system.integrate(x, v, schedule, scheme, recorder):
+            if is_after_start:
                 frame_progress.advance()
     except KeyboardInterrupt:
-        if not len(kept):  # Ctrl-C came while loops were compiled, or a file was begun
+        if not len(recorder):  # Ctrl-C came while loops were compiled, or a file was begun
             raise
         return _CTRL_C
     except _Stop as stop:
@@ -735,7 +777,9 @@ class _Stop(Exception):
     """A run cannot go on; its text is the reason."""
 
 
+#: displacements or forces of no drives
 _NOTHING = np.zeros(0)
+#: reasons why a run ends early
 _CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
 _UNSOLVED = "an implicit step has no solution: scheme: verlet makes it"
@@ -748,12 +792,12 @@ class _Laws(NamedTuple):
     Attributes
     ----------
     normal : laws of the contacts, as functions of their elongation since rest.
-    known : the same laws, as groups of contacts with one law; :class:`Powers` if one exponent is
+    springs : the same laws, as groups of contacts with one law; :class:`Powers` if one exponent is
         given for all contacts.
     punch : (n_c,) stiffnesses 2 E* a of the contacts at rest, N/m; normal stiffnesses if laws know
         no radii a of contacts.
     find_pair_law : function of the names of two kinds of balls. It returns the law of such balls
-        that meet, kappa/2E*a and E*, Pa, or raises InputError if the law is not known. If one
+        that meet, kappa/(2 E* a) and E*, Pa, or raises InputError if the law is not known. If one
         exponent is given for all contacts, it returns the coefficient over the root of the radius
         in place of the law, and 1 in place of E*.
     sizes : (n,) numbers that stand for the radii of balls in coefficients, if one exponent is given
@@ -761,22 +805,23 @@ class _Laws(NamedTuple):
     """
 
     normal: Powers | PairLaws
-    known: Powers | ContactLaws
+    springs: Powers | ContactLaws
     punch: Array
     find_pair_law: Callable[..., tuple[Any, Any, Any]]
     sizes: Array = _NOTHING
 
 
-def _simplify_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers | PairLaws:
+def _simplify_laws(springs: ContactLaws, overlap: Array, n_apart: int = 0) -> Powers | PairLaws:
     """Return the laws ``springs`` of contacts with the ``overlap`` (n_c,), m, at rest as functions
-    of elongations: as :class:`Powers`, which are faster, if all are powers with one exponent.
+    of elongations: as :class:`Powers`, which are faster, if all are powers with one exponent, else
+    as :class:`PairLaws`.
 
-    ``apart`` is the number of the last contacts that are pairs of balls which may meet.
+    The last ``n_apart`` contacts are pairs of balls that may meet.
     """
     exponents = {getattr(law, "exponent", hertz.EXPONENT) for law, _ in springs.groups}
     are_powers = all(isinstance(law, HertzLaw | PowerLaw) for law, _ in springs.groups)
     if len(exponents) > 1 or not are_powers:
-        return PairLaws(springs, overlap, apart)
+        return PairLaws(springs, overlap, n_apart)
     coefficient = np.zeros(len(overlap))
     for law, contacts in springs.groups:
         coefficient[contacts] = law.coefficient  # type: ignore[attr-defined]  # a power
@@ -784,8 +829,8 @@ def _simplify_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powe
 
 
 def _root_radius(radii: Array, i: Index, j: Index) -> Array:
-    """Return the root (n,) of the radius R of contacts of balls ``i`` and ``j`` (n,), of which
-    ``radii`` are given: 1/R = 1/R_i + 1/R_j.
+    """Return the root (k,) of the radius R of contacts of balls ``i`` and ``j`` (k,), where
+    1/R = 1/R_i + 1/R_j with the ``radii`` (n,) of all balls.
     """
     return np.asarray(1.0 / np.sqrt(1.0 / radii[i] + 1.0 / radii[j]))
 
@@ -798,14 +843,14 @@ class _Trial(NamedTuple):
     Attributes
     ----------
     step : length of the step, s.
-    strokes, drive_forces : displacements, m, and forces, N, of drives at its end.
-    x : (size,) mass-weighted motions at its end.
-    drift : (size,) mean velocity of these in the step.
-    after : the contacts at its end.
+    strokes, drive_forces : displacements, m, and forces, N, of drives at the end of the step.
+    x : (size,) mass-weighted motions at the end of the step.
+    drift : (size,) mean velocity of these motions in the step.
+    end_moment : the contacts at the end of the step.
     acceleration : (size,) mean acceleration of an implicit step.
-    spent, damped : energies that slip, twist and rolling, and dashpots and drag, take up in an
-        implicit step, J.
-    resist : forces, N, that resist each displacement of a drive in an implicit step.
+    friction : energy that slip, twist and rolling take up in an implicit step, J.
+    damping : energy that dashpots and drag take up in an implicit step, J.
+    resistances : forces, N, that resist each displacement of a drive in an implicit step.
     """
 
     step: float
@@ -813,11 +858,11 @@ class _Trial(NamedTuple):
     drive_forces: Array
     x: Array
     drift: Array
-    after: Moment
+    end_moment: Moment
     acceleration: Any = None
-    spent: float = 0.0
-    damped: float = 0.0
-    resist: Any = None
+    friction: float = 0.0
+    damping: float = 0.0
+    resistances: Any = None
 
 
 @dataclass
@@ -855,14 +900,14 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
 def _read_drives(
     drives: Sequence[Any], network: ContactNetwork
 ) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
-    """Return the balls (k,) and the direction (3,), of length one, of each drive that is a
-    displacement, and in a second list those of each drive that is a force.
+    """Return the bodies (k,) and the direction (3,), of length one, of each of the ``drives`` that
+    is a displacement, and in a second list those of each drive that is a force.
 
     Raises :class:`~granphon.base.errors.InputError` for drives that :meth:`NonlinearWaves.run`
-    refuses.
+    refuses in this ``network``.
     """
-    moved = []
-    pushed = []
+    moved_bodies = []
+    pushed_balls = []
     for drive in drives:
         if not isinstance(drive, Drive) or (drive.displacement is None) == (drive.force is None):
             raise InputError(
@@ -875,23 +920,23 @@ def _read_drives(
                 mend="Give a function of the time, s, that returns a number",
             )
         balls = index_array("drive", drive.balls, network.n_balls)
-        along = read_vector("direction", drive.direction, network.dimension)
-        require_moves("drive", along, network)
+        direction = read_vector("direction", drive.direction, network.dimension)
+        require_moves("drive", direction, network)
         if drive.force is None:
-            moved.append((balls, along))
+            moved_bodies.append((balls, direction))
             continue
         if not np.all(network.moving[balls]):
             raise InputError("a force acts on a body that is held", mend="Give its displacement")
-        pushed.append((balls, along))
-    driven = np.concatenate([balls for balls, _ in moved] or [np.zeros(0, np.intp)])
-    is_moved_twice = len(np.unique(driven)) < len(driven)
-    if is_moved_twice or any(np.any(np.isin(balls, driven)) for balls, _ in pushed):
+        pushed_balls.append((balls, direction))
+    all_moved = np.concatenate([balls for balls, _ in moved_bodies] or [np.zeros(0, np.intp)])
+    is_moved_twice = len(np.unique(all_moved)) < len(all_moved)
+    if is_moved_twice or any(np.any(np.isin(balls, all_moved)) for balls, _ in pushed_balls):
         raise InputError(
             "a ball has two drives, of which one is a displacement",
             "It moves as the displacement says, whatever acts on it",
             "Give it one drive",
         )
-    return moved, pushed
+    return moved_bodies, pushed_balls
 
 
 class _RateBound:
@@ -905,29 +950,30 @@ class _RateBound:
     def __init__(self, operator: WaveOperator, punch: Array) -> None:
         rows = operator.law_rows
         self._ratios = [row.stiffness / punch for row in rows[1:]]
+        # a dashpot against slip has a viscosity of its own, and not the stiffness against slip
         slip = operator.network.shear_stiffness / punch
         self._per_slip = np.divide(1.0, slip, out=np.zeros_like(slip), where=slip > 0.0)
-        self._count = operator.network.n_contacts
+        self._n_contacts = operator.network.n_contacts
         deform = abs(operator.compose(rows))
         self._pull = deform.T.tocsr()
-        self._largest = deform @ np.ones(operator.size)
+        self._row_sums = deform @ np.ones(operator.size)
         self._anchors = operator.anchors
 
     def find(self, stiffness: Array) -> float:
         """Return a bound of the angular frequencies, rad/s, of contacts with the normal
         ``stiffness`` (n_c or more,), N/m, those of the network first.
 
-        Further contacts are of balls that have met. They may be at any ball, so that each contact
-        of the network counts as at least as stiff as the stiffest of them.
+        Further contacts are of balls that have met. These contacts may be at any ball, so that each
+        contact of the network counts as at least as stiff as the stiffest of them.
         """
-        stiffness = self._count_stiffest(stiffness)
+        stiffness = self._raise_stiffness(stiffness)
         return math.sqrt(np.max(self._bound(stiffness, stiffness) + self._anchors))
 
     def find_viscous(self, stiffness: Array, losses: Losses) -> float:
         """Return a bound of the rates, 1/s, at which all ``losses`` slow motions down, for contacts
         with the normal ``stiffness`` (n_c or more,), N/m, as for :meth:`find`.
         """
-        stiffness = self._count_stiffest(stiffness)
+        stiffness = self._raise_stiffness(stiffness)
         *_, normal, side, root = losses.dashpots
         rate = np.max(losses.drag)
         # most often there are no dashpots
@@ -935,8 +981,8 @@ class _RateBound:
         if longest > 0.0:
             rate = rate + longest * np.max(self._bound(stiffness, stiffness))
         if np.any(normal) or np.any(side) or np.any(root):
-            of_root = root * np.sqrt(stiffness)
-            viscous = self._bound(normal + of_root, (side + of_root) * self._per_slip)
+            root_dashpots = root * np.sqrt(stiffness)
+            viscous = self._bound(normal + root_dashpots, (side + root_dashpots) * self._per_slip)
             rate = rate + np.max(viscous)
         return float(rate)
 
@@ -949,29 +995,29 @@ class _RateBound:
         stiffness and its root. So the stiffness that each motion allows follows from the bounds of
         contacts of stiffness one.
         """
-        ones = np.ones(self._count)
+        ones = np.ones(self._n_contacts)
         bound = self._bound(ones, ones)
         *_, normal, side, root = losses.dashpots
         constant = self._bound(normal, side * self._per_slip) + np.max(losses.drag)
-        of_root = self._bound(root, root * self._per_slip)
-        of_stiffness = np.max(losses.damping) * np.max(bound)
-        room = frequency**2 - self._anchors
-        room_viscous = viscous - constant
-        if np.min(room) < 0.0 or np.min(room_viscous) < 0.0:
+        square_room = frequency**2 - self._anchors
+        rate_room = viscous - constant
+        if np.min(square_room) < 0.0 or np.min(rate_room) < 0.0:
             return 0.0
+        # the root x of the stiffness solves a x^2 + b x = rate_room; so written no digits are lost
+        a = np.max(losses.damping) * np.max(bound)
+        b = self._bound(root, root * self._per_slip)
+        denominator = b + np.sqrt(b**2 + 4.0 * a * rate_room)
         with np.errstate(divide="ignore", invalid="ignore"):
-            # the root x of the stiffness solves of_stiffness x^2 + of_root x = room_viscous; so
-            # written no digits are lost
-            denominator = of_root + np.sqrt(of_root**2 + 4.0 * of_stiffness * room_viscous)
-            largest_root = np.where(denominator > 0.0, 2.0 * room_viscous / denominator, math.inf)
-            largest = np.where(bound > 0.0, room / bound, math.inf)
-        return float(min(np.min(largest), np.min(largest_root) ** 2))
+            largest_root = np.where(denominator > 0.0, 2.0 * rate_room / denominator, math.inf)
+            largest_stiffness = np.where(bound > 0.0, square_room / bound, math.inf)
+        return float(min(np.min(largest_stiffness), np.min(largest_root) ** 2))
 
-    def _count_stiffest(self, stiffness: Array) -> Array:
-        """Return the stiffness (n_c,), N/m, of the contacts of the network, each raised to that of
-        the stiffest contact of balls that have met.
+    def _raise_stiffness(self, stiffness: Array) -> Array:
+        """Return the ``stiffness`` (n_c,), N/m, of the contacts of the network, raised to that of
+        the stiffest contact of balls that have met where it is below; the given stiffness, (n_c or
+        more,), has contacts of such balls last.
         """
-        count = self._count
+        count = self._n_contacts
         if len(stiffness) > count:  # balls have met
             return np.asarray(np.maximum(stiffness[:count], stiffness[count:].max()))
         return stiffness
@@ -985,7 +1031,7 @@ class _RateBound:
         punch.
         """
         weights = np.concatenate([normal, *(ratio * side for ratio in self._ratios)])
-        return np.asarray(self._pull @ (weights * self._largest))
+        return np.asarray(self._pull @ (weights * self._row_sums))
 
 
 class _System:
@@ -996,7 +1042,7 @@ class _System:
     Attributes
     ----------
     current : the contacts now.
-    joined : which contacts are joined, of those whose force jumps; None if no force jumps.
+    joined : (n_c,) whether each contact is joined, for laws whose force jumps; None for others.
     strokes, drive_forces : displacements, m, and forces, N, of the drives now.
     energies : energies since the start.
     """
@@ -1015,15 +1061,15 @@ class _System:
         network = waves.network
         self.waves = waves
         self.drives = drives
-        self.moved, pushed = _read_drives(drives, network)
+        self.moved_bodies, pushed_balls = _read_drives(drives, network)
         masses = network.masses.copy()
-        for balls, _ in self.moved:
+        for balls, _ in self.moved_bodies:
             masses[balls] = np.inf  # a drive moves them, and no force does
-        self.network = replace(network, masses=masses) if self.moved else network
+        self.network = replace(network, masses=masses) if self.moved_bodies else network
         operator = WaveOperator(self.network)
         self.operator = operator
         axes = list(operator.motions.translations)
-        self._along = [(balls, along[axes]) for balls, along in self.moved]
+        self._along = [(balls, direction[axes]) for balls, direction in self.moved_bodies]
         self.bound = _RateBound(operator, waves.punch)
         # index of each number of a vector in the flattened motions (n, m) of all balls, and the
         # motion over the mass-weighted one
@@ -1034,42 +1080,47 @@ class _System:
             drive.displacement for drive in drives if drive.displacement is not None
         ]
         self._force_functions = [drive.force for drive in drives if drive.force is not None]
-        pushes = [operator.push(*push, 1.0 / np.sqrt(masses[push[0]])) for push in pushed]
+        # mass-weighted accelerations by 1 N of each force, and by gravity
+        pushes = [
+            operator.push(balls, direction, 1.0 / np.sqrt(masses[balls]))
+            for balls, direction in pushed_balls
+        ]
         self._push = np.reshape(pushes, (-1, operator.size))
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._drag = operator.drag(waves.losses)
         self._has_drag = bool(np.any(self._drag))
-        self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
-        # margin of the list of pairs that may meet, m: pairs are listed anew when a ball may have
-        # moved by half of it
-        self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
+        moving = self.network.moving
+        self._least_root_mass = math.sqrt(float(np.min(masses[moving], initial=np.inf)))
+        self._mean_radius = float(np.mean(self.network.radii[moving]))
+        # margin of the list of pairs that may meet, m
+        self._skin = _SKIN * 2.0 * self._mean_radius
 
     def _set_contacts(self, i: Index, j: Index, shift: Index) -> None:
         """Make ``contacts`` anew: those of the network and, behind them, those of the pairs of
         balls ``i`` and ``j`` (n_p,) that may meet, ``shift`` (n_p, 3) periods apart.
 
-        The scheme must have been set before. Sets also the forces at rest, the laws, and the pairs
-        without a law, at whose contact the run ends. The caller sets the state of the contacts:
-        :meth:`_begin` that of the start, :meth:`_carry_over` the present one.
+        The scheme must have been set before. The method also sets the forces at rest, the laws, and
+        the pairs without a law, at whose contact the run ends. The caller sets the state of the
+        contacts: :meth:`_begin` that of the start, :meth:`_carry_over` the present one.
         """
         waves = self.waves
         law = waves.normal
         ratio = np.zeros(0)
-        self._unknown: list[tuple[Index, str]] = []
+        self._unknown_groups: list[tuple[Index, str]] = []
         radii = self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
         # radius of a contact by Hertz, over the radius of the smaller ball, for the overlap 1 m: it
         # grows with the root of the overlap
         self._width_ratio = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if len(i):
-            law, ratio, self._unknown = waves._join_laws(i, j)
+            law, ratio, self._unknown_groups = waves._join_laws(i, j)
         pairs = MetPairs(i, j, shift, ratio, self._extra_overlap if waves.rules.turns else 0.0)
         self.contacts = MovingContacts(
             self.network, pairs, law, waves.punch, waves.losses, waves.rules
         )
         load = -self._accelerate(self.contacts.still, np.zeros(self.operator.size))
         self._steady: Array = load + self._weight
-        self._knows_law = self.contacts.knows_law and self._explicit and not self._unknown
+        self._knows_law = self.contacts.knows_law and self._is_explicit and not self._unknown_groups
 
     def _accelerate(self, forces: Array, steady: Array) -> Array:
         """Return the mass-weighted accelerations (size,) by ``forces`` (n, m), N, on balls, plus
@@ -1094,26 +1145,26 @@ class _System:
         less the overlap of its balls by radii and positions; zero without contacts of two balls.
         """
         network = self.network
-        of_two_balls = np.flatnonzero(np.isfinite(self.network.distance))  # not with a flat wall
-        i = network.i[of_two_balls]
-        j = network.j[of_two_balls]
-        gaps = network.distance[of_two_balls] - network.radii[i] - network.radii[j]
-        return float(np.mean(self.waves.overlap[of_two_balls] + gaps)) if len(i) else 0.0
+        contacts = np.flatnonzero(np.isfinite(network.distance))  # those with a flat wall are not
+        i = network.i[contacts]
+        j = network.j[contacts]
+        gaps = network.distance[contacts] - network.radii[i] - network.radii[j]
+        return float(np.mean(self.waves.overlap[contacts] + gaps)) if len(i) else 0.0
 
-    def read(self, name: str, given: ArrayLike | None) -> Array:
-        """Return what the user has ``given`` for all balls, (n, 3) or (n, d), as mass-weighted
-        motions (size,); zeros for None.
+    def read(self, name: str, value: ArrayLike | None) -> Array:
+        """Return the ``value`` of an argument, vectors (n, 3) or (n, d) of all balls, as
+        mass-weighted motions (size,); zeros for None.
 
-        ``name`` is that of the argument of :meth:`NonlinearWaves.run`: it says whether the vectors
+        ``name`` is that of the argument of :meth:`NonlinearWaves.run`, which says whether vectors
         are of translations or of rotations. Raises :class:`~granphon.base.errors.InputError` for
         another shape, and for vectors that are not finite, along which balls do not move or turn,
         or of a ball that is held or that a drive displaces.
         """
         operator = self.operator
         network = self.network
-        if given is None:
+        if value is None:
             return np.zeros(operator.size)
-        values = real_array(name, given)
+        values = real_array(name, value)
         self.waves._require_shape(name, values)
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
@@ -1130,10 +1181,11 @@ class _System:
                 "It is held, or is displaced by a drive, whatever acts on it",
                 "Let them be zero",
             )
+        motions = np.zeros((network.n_balls, 6))  # displacements and rotations
+        columns = slice(3, 6) if turns else slice(0, 3)
+        motions[:, columns] = values
         places, scale = operator.flat_indices_and_scale
-        return np.asarray(
-            np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale
-        )
+        return np.asarray(motions.ravel()[places] / scale)
 
     def choose_step(self, stiffness: Array) -> float:
         """Return the default time step, s, for contacts with the normal ``stiffness`` (n_c,), N/m:
@@ -1167,7 +1219,7 @@ class _System:
         """
         normal = self.waves.normal
         motions = np.zeros(self.operator.indices.shape)
-        self._spread(x, np.zeros(len(self.moved)), motions)
+        self._spread(x, np.zeros(len(self.moved_bodies)), motions)
         e = measure_along(self.network, motions)
         if not (energy < math.inf and np.all(np.isfinite(e))):
             raise InputError(
@@ -1176,8 +1228,7 @@ class _System:
             )
         # the first of these depths at which the contact has taken up the energy and bears the
         # force, found for all contacts at once by bisection between the indices low and high
-        mean_radius = float(np.mean(self.network.radii[self.network.moving]))
-        depths = _LEAST_DEPTH * mean_radius * _DEPTH_RATIO ** np.arange(float(_N_DEPTHS))
+        depths = _LEAST_DEPTH * self._mean_radius * _DEPTH_RATIO ** np.arange(float(_N_DEPTHS))
         low = np.zeros(len(e), np.int16)
         is_pressed = energy > 0.0 or force > 0.0
         high = np.full(len(e), _N_DEPTHS - 1 if is_pressed else 0, np.int16)
@@ -1206,35 +1257,38 @@ class _System:
             self.bound.find(stiffness), 2.0 * self.bound.find_viscous(stiffness, self.waves.losses)
         )
 
-    def integrate(self, x: Array, v: Array, schedule: _Schedule, scheme: str, kept: Frames) -> Any:
-        """Run from mass-weighted motions x with velocities v (size,), let ``kept`` take a frame at
-        each time of the ``schedule``, and yield after each frame: False after the first, which is
-        the start, and True after all others.
+    def integrate(
+        self, x: Array, v: Array, schedule: _Schedule, scheme: str, recorder: Frames
+    ) -> Any:
+        """Run from mass-weighted motions x with velocities v (size,), let the ``recorder`` take a
+        frame at each time of the ``schedule``, and yield after each frame: False after the first,
+        which is the start, and True after all others.
 
         The ``scheme`` is "verlet" or "midpoint". Raises :class:`_Stop` when the run cannot go on,
         and :class:`~granphon.base.errors.InputError` as :meth:`_begin` does.
         """
-        explicit = scheme == "verlet"
-        step = kept.step
+        step = recorder.step
         steps_per_frame = schedule.steps_per_frame
-        self._begin(x, v, step, explicit)
-        self._keep_frame(0, kept)
+        self._begin(x, v, step, scheme)
+        self._keep_frame(0, recorder)
         yield False
         greatest_rate = 2.0 * math.pi / schedule.least_per_period / step
-        # of all rates, see :meth:`_bound_rates`
-        allowed = self.bound.find_allowed(greatest_rate, 0.5 * greatest_rate, self.waves.losses)
-        for number in range(1, steps_per_frame * (schedule.frames - 1) + 1):
+        # losses may have half of this rate, see :meth:`_bound_rates`
+        allowed_stiffness = self.bound.find_allowed(
+            greatest_rate, 0.5 * greatest_rate, self.waves.losses
+        )
+        for number in range(1, steps_per_frame * (schedule.n_frames - 1) + 1):
             if self.waves.geometry == "exact":
                 next_strokes, _ = self._evaluate_drives(number * step)
                 self._update_pairs(next_strokes)
-            self._advance(number * step, explicit)
+            self._advance(number * step)
             is_frame = number % steps_per_frame == 0
             # most steps need no look at all contacts: none is stiff enough
-            if is_frame or self.contacts.stiffest > allowed:
+            if is_frame or self.contacts.stiffest > allowed_stiffness:
                 self._refresh()
                 self._require_short(greatest_rate)
             if is_frame:
-                self._keep_frame(number, kept)
+                self._keep_frame(number, recorder)
                 yield True
                 if self.waves.geometry == "lattice":
                     self._require_places()
@@ -1244,35 +1298,37 @@ class _System:
         :meth:`_refresh` has set them, may have a rate above ``greatest_rate``, rad/s, or if motions
         are not finite.
         """
-        stiffest = np.maximum(self.current.k, self.current.punch)
+        stiffness = np.maximum(self.current.k, self.current.punch)
         is_finite = np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.current.e))
-        if not (self._bound_rates(stiffest) <= greatest_rate and is_finite):
+        if not (self._bound_rates(stiffness) <= greatest_rate and is_finite):
             raise _Stop(_TOO_LONG)
 
     def _require_places(self) -> None:
         """Raise :class:`_Stop` if a ball has left its place by :data:`_MOST_DISPLACEMENT` of the
         mean diameter.
         """
-        mean_diameter = 2.0 * float(np.mean(self.network.radii[self.network.moving]))
-        largest = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
-        if not largest < _MOST_DISPLACEMENT * mean_diameter:
+        displacements = self.operator.to_balls(self.x)[:, :3]
+        largest = float(np.max(np.abs(displacements), initial=0.0))
+        if not largest < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
             raise _Stop(
                 f"a ball has left its place by {largest:.3g} m, which needs geometry: exact"
             )
 
-    def _begin(self, x: Array, v: Array, step: float, explicit: bool) -> None:
-        """Begin a run with the time ``step``, s, at the time zero, from mass-weighted motions x
-        with velocities v (size,), which are copied; all attributes of a run are set.
+    def _begin(self, x: Array, v: Array, step: float, scheme: str) -> None:
+        """Begin a run of a ``scheme`` with the time ``step``, s, at the time zero, from
+        mass-weighted motions x with velocities v (size,), which are copied; all attributes of a run
+        are set.
 
-        The scheme is Verlet's if ``explicit``. Contacts come from rest to the start as
-        :meth:`MovingContacts.begin` says. Raises :class:`~granphon.base.errors.InputError` for a
-        drive whose displacement is not zero at the time zero, or that is not finite then.
+        Contacts come from rest to the start as :meth:`MovingContacts.begin` says. Raises
+        :class:`~granphon.base.errors.InputError` for a drive whose displacement is not zero at the
+        time zero, or that is not finite then.
         """
-        self._explicit = explicit  # first: what contacts set in a step depends on the scheme
-        none = np.zeros(0, np.intp)
+        # first, as what contacts set in a step depends on the scheme
+        self._is_explicit = scheme == "verlet"
+        no_balls = np.zeros(0, np.intp)
         # the pairs (i, j, shift) that may meet, each with the index of its contact
         self._keys: dict[tuple[int, ...], int] = {}
-        self._set_contacts(none, none, np.zeros((0, 3), np.intp))
+        self._set_contacts(no_balls, no_balls, np.zeros((0, 3), np.intp))
         self.x = x.copy()
         self.v = v.copy()
         self.step = step
@@ -1283,9 +1339,9 @@ class _System:
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
             )
         contacts = self.contacts
-        at_rest = contacts.make_moment()
-        contacts.press(at_rest, None)
-        self._shear_energy_at_rest = contacts.shear_energy(at_rest)
+        rest_moment = contacts.make_moment()
+        contacts.press(rest_moment, None)
+        self._shear_energy_at_rest = contacts.shear_energy(rest_moment)
         self.current = contacts.make_moment()
         self._spread(self.x, self.strokes, self.current.motions)
         self.joined = contacts.begin(self.current)
@@ -1296,19 +1352,20 @@ class _System:
             self._list_pairs()
         self._shear_energy_at_start = self.contacts.shear_energy(self.current)
         self.energies = _Energies()
-        # the speeds of drives follow from their displacements in the last step: they are zero yet
+        # the speeds of drives are those of the last step, and no step was made yet
         self._set_accelerations(np.zeros_like(self.strokes))
 
     def _make_spare(self) -> None:
         """Allocate the arrays into which a step is computed before it is made."""
-        self._spare = self.contacts.make_spare(self.current, has_pull=not self._explicit)
+        self._spare = self.contacts.make_spare(self.current, has_pull=not self._is_explicit)
         self._spare_x = np.empty_like(self.x)
         self._spare_v = np.empty_like(self.x)
         self._speeds = np.zeros_like(self.current.motions)
 
     def _set_accelerations(self, speeds: Array) -> None:
-        """Set the accelerations, and the forces that resist drives, with which a step begins, from
-        the present state and the ``speeds`` of drives, m/s.
+        """Set the accelerations with which a step begins, those of the step before, which are taken
+        to be the same, and the forces that resist drives, from the present state and the ``speeds``
+        of drives, m/s.
         """
         self._spread(self.v, speeds, self._speeds)
         self.contacts.act(self.current, self._speeds)
@@ -1317,8 +1374,8 @@ class _System:
         )
         if self._has_drag:
             self.acceleration -= self._drag * self.v
-        self.resist = self._find_drive_resistance()
-        self.last = self.acceleration
+        self.resistances = self._find_drive_resistance()
+        self.last_acceleration = self.acceleration
 
     def _steady_push(self, drive_forces: Array) -> Array:
         """Return the mass-weighted accelerations (size,) by the load, weights and the
@@ -1342,9 +1399,9 @@ class _System:
             self.contacts.measure(self.current)
             self.contacts.press(self.current, self.joined)
 
-    def _advance(self, end: float, explicit: bool) -> None:
-        """Make a step that ends at the time ``end``, s, by Verlet's scheme if ``explicit``. The
-        step is made in parts if contacts join or part within it.
+    def _advance(self, end: float) -> None:
+        """Make a step that ends at the time ``end``, s; in parts if contacts join or part within
+        the step.
 
         Raises :class:`_Stop` if a contact joins or parts too many times, and as :meth:`_try_step`
         does.
@@ -1353,16 +1410,17 @@ class _System:
         has_jumps = len(self.contacts.law.jumps) > 0
         n_switches: Index = np.zeros(len(self.current.e) if has_jumps else 0, np.intp)
         while remaining > 0.0:
-            trial = self._try_step(remaining, end, explicit)
-            if has_jumps and self._find_overshoot(trial.after) > 0.0:
-                trial = self._cut_to_switch(trial, end, explicit)
+            trial = self._try_step(remaining, end)
+            if has_jumps and self._find_overshoot(trial.end_moment) > 0.0:
+                trial = self._cut_to_switch(trial, end)
             speeds = (trial.strokes - self.strokes) / trial.step
             last_moment = self.current
             if len(trial.drive_forces):
                 mean_drive_forces = 0.5 * (self.drive_forces + trial.drive_forces)
-                moved = trial.step * (self._push @ trial.drift)
-                self.energies.work += float(mean_drive_forces @ moved)
-            if explicit:
+                # displacements of the pushed balls, summed for each force
+                displacements = trial.step * (self._push @ trial.drift)
+                self.energies.work += float(mean_drive_forces @ displacements)
+            if self._is_explicit:
                 self._finish_verlet(trial, speeds)
             else:
                 self._finish_midpoint(trial)
@@ -1371,10 +1429,10 @@ class _System:
             self.drive_forces = trial.drive_forces
             remaining -= trial.step
             if has_jumps and self._find_overshoot(self.current) > 0.0:
-                self.joined, switched, loss = self.contacts.switch(self.current, self.joined)
+                self.joined, contacts, loss = self.contacts.switch(self.current, self.joined)
                 self.energies.jumps += loss
                 self._set_accelerations(speeds)
-                n_switches[switched] += 1
+                n_switches[contacts] += 1
                 if np.max(n_switches) > _MOST_SWITCHES:
                     raise _Stop(_RATTLED)
 
@@ -1384,7 +1442,7 @@ class _System:
         """
         return float(np.max(self.contacts.pass_ends(moment.e, self.joined)))
 
-    def _cut_to_switch(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
+    def _cut_to_switch(self, trial: _Trial, end: float) -> _Trial:
         """Return a trial of the first part of the step of a ``trial`` that ends at the time
         ``end``, s: just after the first contact has joined or parted.
 
@@ -1392,55 +1450,55 @@ class _System:
         share :data:`_SWITCH_SHARE` of the step. The given trial may not be used any more, as its
         arrays are overwritten.
         """
-        whole = trial.step
-        start = end - trial.step
+        whole_step = trial.step
+        start = end - whole_step
         low = 0.0
-        high = whole
-        side = 0  # 1 or -1 if the last middle became the high or the low end
+        high = whole_step
+        last_side = 0  # 1 or -1 if the last middle became the high or the low end
         low_overshoot = self._find_overshoot(self.current)
-        high_overshoot = self._find_overshoot(trial.after)
-        near = _SWITCH_SHARE * self.step
-        while high - low > near:
+        high_overshoot = self._find_overshoot(trial.end_moment)
+        tolerance = _SWITCH_SHARE * self.step
+        while high - low > tolerance:
             middle = low - low_overshoot * (high - low) / (high_overshoot - low_overshoot)
-            middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
-            trial_to_middle = self._try_step(middle, start + middle, explicit)
-            passed = self._find_overshoot(trial_to_middle.after)
-            if passed > 0.0:
+            middle = min(max(middle, low + 0.5 * tolerance), high - 0.5 * tolerance)
+            trial_to_middle = self._try_step(middle, start + middle)
+            overshoot = self._find_overshoot(trial_to_middle.end_moment)
+            if overshoot > 0.0:
                 high = middle
-                high_overshoot = passed
+                high_overshoot = overshoot
                 # the same end twice: the method halves the value at the other end
-                low_overshoot *= 0.5 if side == 1 else 1.0
-                side = 1
+                low_overshoot *= 0.5 if last_side == 1 else 1.0
+                last_side = 1
             else:
                 low = middle
-                low_overshoot = passed
-                high_overshoot *= 0.5 if side == -1 else 1.0
-                side = -1
-        # tried again, as the arrays are those of the last trial; a rest too short to be a step of
-        # its own is added
-        if whole - high < near:
-            return self._try_step(whole, end, explicit)
-        return self._try_step(high, start + high, explicit)
+                low_overshoot = overshoot
+                high_overshoot *= 0.5 if last_side == -1 else 1.0
+                last_side = -1
+        # tried again, as the arrays are those of the last trial; a rest of the step too short to be
+        # a step of its own is added
+        if whole_step - high < tolerance:
+            return self._try_step(whole_step, end)
+        return self._try_step(high, start + high)
 
-    def _try_step(self, step: float, end: float, explicit: bool) -> _Trial:
-        """Return the trial of a ``step``, s, that ends at the time ``end``, s, and begins at the
-        present state, which stays as it is: by Verlet's scheme if ``explicit``, else by the
-        implicit one.
+    def _try_step(self, step: float, end: float) -> _Trial:
+        """Return the trial of a ``step``, s, of the scheme of the run that ends at the time
+        ``end``, s. The step begins at the present state, which stays as it is.
 
-        The next trial overwrites its arrays. Raises :class:`_Stop` if the implicit step has no
-        solution, or a drive is no finite number at ``end``.
+        The next trial overwrites the arrays of this one. Raises :class:`_Stop` if an implicit step
+        has no solution, or a drive is no finite number at ``end``.
         """
         strokes, drive_forces = self._evaluate_drives(end)
-        if not explicit:
+        if not self._is_explicit:
             return self._solve_midpoint(step, strokes, drive_forces)
         moment = self._drift(step, strokes, self.acceleration)
         return _Trial(step, strokes, drive_forces, self._spare_x, self._spare_v, moment)
 
     def _drift(self, step: float, strokes: Array, acceleration: Array) -> Moment:
         """Compute in spare arrays where balls come to in a ``step``, s, with a constant
-        ``acceleration`` (size,), and their mean velocity; driven bodies come to ``strokes``, m.
+        ``acceleration`` (size,), and the mean velocity of balls; driven bodies come to ``strokes``,
+        m.
 
-        Returns the contacts there, with the motions of balls; their elongations are set unless
+        Return the contacts there, with the motions of balls. Their elongations are set unless
         compiled loops know the law.
         """
         moment = self._spare
@@ -1456,75 +1514,73 @@ class _System:
         """
         contacts = self.contacts
         start = self.current
-        end = trial.after
+        end = trial.end_moment
         half = 0.5 * trial.step
         self.x, self._spare_x = trial.x, self.x
         self.v, self._spare_v = trial.drift, self.v
         if contacts.is_damped:
-            # the velocity at the end of the step, without what dashpots change by their change
-            end_speed = self.v + half * self.acceleration
-            self._spread(end_speed, speeds, self._speeds)
+            # the velocity at the end of the step, by the acceleration at its beginning
+            end_velocity = self.v + half * self.acceleration
+            self._spread(end_velocity, speeds, self._speeds)
         if not self._knows_law:
             contacts.press(end, self.joined)
-        spent, damped = contacts.follow(start, end, self._knows_law, self._speeds)
+        friction, damping = contacts.follow(start, end, self._knows_law, self._speeds)
         self.current = end
-        self.energies.friction += spent
-        self.energies.damping += damped
+        self.energies.friction += friction
+        self.energies.damping += damping
         steady = self._steady_push(trial.drive_forces)
         gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
         if self._has_drag:
             self.energies.damping += trial.step * float(self._drag @ self.v**2)
             self._slow_down(self.acceleration, self.v, half)
-        resist = self._find_drive_resistance()
-        mean_resistance = 0.5 * (self.resist + resist)
-        self.energies.work += float(mean_resistance @ (trial.strokes - self.strokes))
-        self.resist = resist
+        resistances = self._find_drive_resistance()
+        mean_resistances = 0.5 * (self.resistances + resistances)
+        self.energies.work += float(mean_resistances @ (trial.strokes - self.strokes))
+        self.resistances = resistances
         kick(self.v, self.acceleration, half)
 
     def _solve_midpoint(self, step: float, strokes: Array, drive_forces: Array) -> _Trial:
         """Return the trial of an implicit ``step``, s, whose energies add up, with ``strokes``, m,
         and ``drive_forces``, N, of drives at its end.
 
-        The mean acceleration is found by iteration; the first guess goes on from the last two
-        steps. Raises :class:`_Stop` if the iteration does not converge.
+        The mean acceleration is found by iteration; the first guess goes on linearly from the last
+        two steps. Raises :class:`_Stop` if the iteration does not converge.
         """
         contacts = self.contacts
         steady = self._steady_push(0.5 * (self.drive_forces + drive_forces))
-        guess = 2.0 * self.acceleration - self.last
+        guess = 2.0 * self.acceleration - self.last_acceleration
         change = math.inf
         for _ in range(_MOST_ITERATIONS):
             moment = self._drift(step, strokes, guess)
             contacts.press(moment, self.joined)
-            spent, damped = contacts.follow_mean(self.current, moment, self.joined, step)
+            friction, damping = contacts.follow_mean(self.current, moment, self.joined, step)
             acceleration = self._accelerate(contacts.on_balls, steady)
             if self._has_drag:
-                damped += step * float(self._drag @ self._spare_v**2)
+                damping += step * float(self._drag @ self._spare_v**2)
                 self._slow_down(acceleration, self.v, 0.5 * step)
-            last = change
+            last_change = change
             change = float(np.max(np.abs(acceleration - guess)))
             size = max(float(np.max(np.abs(acceleration))), float(np.max(np.abs(self.v))) / step)
-            is_rounding = last <= change <= _ROUNDED * size  # small, and no longer falls
+            is_rounding = last_change <= change <= _ROUNDED * size  # small, and no longer falls
             if change <= _SOLVED * size or is_rounding:
-                resist = self._find_drive_resistance()
-                x = self._spare_x
                 return _Trial(
                     step=step,
                     strokes=strokes,
                     drive_forces=drive_forces,
-                    x=x,
+                    x=self._spare_x,
                     drift=self._spare_v,
-                    after=moment,
-                    acceleration=guess,
-                    spent=spent,
-                    damped=damped,
-                    resist=resist,
+                    end_moment=moment,
+                    acceleration=guess,  # the one with which balls have come to the moment
+                    friction=friction,
+                    damping=damping,
+                    resistances=self._find_drive_resistance(),
                 )
             guess = acceleration
         raise _Stop(_UNSOLVED)
 
     def _slow_down(self, acceleration: Array, v: Array, span: float) -> None:
-        """Add drag to an ``acceleration`` (size,), in place: the drag of the velocity that balls
-        with the velocity ``v`` (size,) have after a ``span``, s, which itself slows them down.
+        """Add drag to an ``acceleration`` (size,), in place: that of the velocity which balls with
+        the velocity ``v`` (size,) have after a ``span``, s, in which the drag acts as well.
         """
         acceleration -= self._drag * (v + span * acceleration) / (1.0 + span * self._drag)
 
@@ -1532,19 +1588,19 @@ class _System:
         """Make the implicit step that was tried last: set the state at its end, and add to the
         energies.
         """
-        self.last = self.acceleration
+        self.last_acceleration = self.acceleration
         self.acceleration = trial.acceleration
-        self.current = trial.after
+        self.current = trial.end_moment
         self.x, self._spare_x = trial.x, self.x
         kick(self.v, trial.acceleration, trial.step)
-        self.energies.friction += trial.spent
-        self.energies.damping += trial.damped
-        self.energies.work += float(trial.resist @ (trial.strokes - self.strokes))
+        self.energies.friction += trial.friction
+        self.energies.damping += trial.damping
+        self.energies.work += float(trial.resistances @ (trial.strokes - self.strokes))
 
-    def _keep_frame(self, number: int, kept: Frames) -> None:
-        """Let ``kept`` take the frame of the present state, after this ``number`` of steps; raise
-        ``widest``, the greatest ratio in all frames of the radius of a contact to that of its
-        smaller ball.
+    def _keep_frame(self, number: int, recorder: Frames) -> None:
+        """Let the ``recorder`` take the frame of the present state, after this ``number`` of steps,
+        and update ``widest``: the greatest ratio, in all frames so far, of the radius of a contact
+        to that of its smaller ball.
 
         Elongations and normal forces must be the present ones, see :meth:`_refresh`.
         """
@@ -1554,7 +1610,7 @@ class _System:
         normal = contacts.law
         step = self.step
         operator = self.operator
-        square = self.v * self.v
+        squares = self.v * self.v
         shear_energy = contacts.shear_energy(moment)
         stored = (
             float(np.sum(normal.store(moment.e, joined)))
@@ -1564,24 +1620,24 @@ class _System:
         )
         # contacts still store a part of the energy that slip has taken up
         friction_loss = self.energies.friction - (shear_energy - self._shear_energy_at_start)
-        wide = self._width_ratio * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
-        self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
+        widths = self._width_ratio * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
+        self.widest = max(self.widest, float(np.max(widths, initial=0.0)))
         time = number * step
-        displacements, rotations = np.split(self._displace(), 2, axis=1)
+        displacements, rotations = np.split(self._find_motions(), 2, axis=1)
         speeds, spins = np.split(operator.to_balls(self.v), 2, axis=1)
         if self._stroke_functions:
             drive_speeds = self._find_drive_speeds(number)
-            for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
-                speeds[balls] = speed * along
-        kept.keep(
+            for (balls, direction), speed in zip(self.moved_bodies, drive_speeds, strict=True):
+                speeds[balls] = speed * direction
+        recorder.keep(
             {
                 "times": time,
                 "displacements": displacements,
                 "velocities": speeds,
                 "rotations": rotations,
                 "spins": spins,
-                "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
-                "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
+                "translation": 0.5 * float(np.sum(squares[~operator.is_rotation])),
+                "rotation": 0.5 * float(np.sum(squares[operator.is_rotation])),
                 "stored": stored + contacts.rest_energy(moment),
                 "lost": friction_loss + self.energies.damping + self.energies.jumps,
                 "work": self.energies.work,
@@ -1604,14 +1660,14 @@ class _System:
         try:
             end, _ = self._evaluate_drives(time + self.step)
         except _Stop:
-            end = self.strokes  # those now
+            end = self.strokes  # those of the present time
             n_steps = 1
         return (end - start) / (n_steps * self.step)
 
     def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
         """Return the displacements, m, and the forces, N, of all drives at a ``time``, s.
 
-        If one is not finite, :class:`_Stop` is raised, or at the time zero
+        Raises :class:`_Stop` for a number that is not finite; at the time zero
         :class:`~granphon.base.errors.InputError`.
         """
         if not self.drives:
@@ -1627,35 +1683,35 @@ class _System:
             raise InputError(fault, mend="Give a function of the time that returns one")
         return strokes, drive_forces
 
-    def _displace(self) -> Array:
+    def _find_motions(self) -> Array:
         """Return the present displacements, m, and rotations, rad, (n, 6) of all balls and
         bodies.
         """
         motions = self.operator.to_balls(self.x)
-        for (balls, along), stroke in zip(self.moved, self.strokes, strict=True):
-            motions[balls, :3] = stroke * along
+        for (balls, direction), stroke in zip(self.moved_bodies, self.strokes, strict=True):
+            motions[balls, :3] = stroke * direction
         return motions
 
     def _update_pairs(self, strokes: Array) -> None:
-        """List anew the pairs that may meet, if a ball may have moved by nearly half of the margin
-        since they were listed, at the end of a step to ``strokes``, m.
+        """List anew the pairs that may meet, if a ball may have moved by :data:`_RELISTED` times
+        the margin since they were listed, before a step that moves driven bodies to ``strokes``, m.
 
         Raises :class:`_Stop` if balls without a law have met.
         """
         from scipy.linalg.blas import idamax
 
-        for contacts, reason in self._unknown:
+        for contacts, reason in self._unknown_groups:
             if np.any(self.current.e[contacts] < 0.0):
                 raise _Stop(reason)
         # a bound of all speeds: the largest of three components over the root of the least mass
-        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest
-        self._travelled += self.step * speed + (
-            float(np.max(np.abs(strokes - self.strokes))) if len(strokes) else 0.0
-        )
-        if self._travelled > 0.5 * self._skin:
-            gone = self.network.positions + self._displace()[:, :3] - self._listed_positions
-            self._travelled = math.sqrt(np.max(np.sum(gone * gone, axis=1)))
-            if self._travelled > 0.45 * self._skin:
+        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._least_root_mass
+        self._travelled += self.step * speed
+        self._travelled += float(np.max(np.abs(strokes - self.strokes), initial=0.0))
+        if self._travelled > 0.5 * self._skin:  # the bound adds up all steps: now it is measured
+            positions = self.network.positions + self._find_motions()[:, :3]
+            displacements = positions - self._listed_positions
+            self._travelled = math.sqrt(np.max(np.sum(displacements**2, axis=1)))
+            if self._travelled > _RELISTED * self._skin:
                 self._list_pairs()
 
     def _list_pairs(self) -> None:
@@ -1663,18 +1719,19 @@ class _System:
         list has changed; contacts that are listed again keep their state.
         """
         self._travelled = 0.0
-        self._listed_positions = self.network.positions + self._displace()[:, :3]
+        self._listed_positions = self.network.positions + self._find_motions()[:, :3]
         table = self._find_pairs(self._listed_positions)
         n = self.network.n_contacts
         keys = [tuple(key) for key in table.tolist()]
         if set(keys) == set(self._keys):
             return
-        # of each pair, the index that its contact had until now, or -1
-        numbers = np.array([self._keys.get(key, -1) for key in keys], np.intp)
+        # the index that the contact of each pair had until now, or -1
+        old_numbers = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
-        dash = self.contacts.dash
+        old_dash = self.contacts.dash
         self._set_contacts(table[:, 0], table[:, 1], table[:, 2:])
-        self._carry_over(np.flatnonzero(numbers >= 0), numbers[numbers >= 0], dash)
+        is_old = old_numbers >= 0
+        self._carry_over(np.flatnonzero(is_old), old_numbers[is_old], old_dash)
 
     def _find_pairs(self, positions: Array) -> Index:
         """Return the pairs (n_p, 5) that may meet, each once as (i, j, shift): two balls, or a ball
@@ -1684,44 +1741,45 @@ class _System:
         """
         network = self.network
         radii = network.radii
-        round_ones = np.flatnonzero(np.isfinite(radii))
+        balls = np.flatnonzero(np.isfinite(radii))  # without flat walls
         periods = network.cell[list(network.pbc)]
         margin = self._skin + max(self._extra_overlap, 0.0)
-        i, j, cells, apart = find_pairs(
-            positions[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin
-        )
-        near = np.linalg.norm(apart, axis=1) < radii[round_ones[i]] + radii[round_ones[j]] + margin
-        i = round_ones[i[near]]
-        j = round_ones[j[near]]
-        shift = np.zeros((np.count_nonzero(near), 3), np.intp)
-        shift[:, list(network.pbc)] = cells[near]
+        reach = 2.0 * float(np.max(radii[balls])) + margin
+        i, j, cells, vectors = find_pairs(positions[balls], periods, reach)
+        i = balls[i]
+        j = balls[j]
+        is_near = np.linalg.norm(vectors, axis=1) < radii[i] + radii[j] + margin
+        i = i[is_near]
+        j = j[is_near]
+        shift = np.zeros((len(i), 3), np.intp)
+        shift[:, list(network.pbc)] = cells[is_near]
         for wall, (point, toward) in network.walls.items():
-            moved = positions[wall] - network.positions[wall]
-            gap = (point + moved - positions[round_ones]) @ toward - radii[round_ones]
-            balls = round_ones[gap < self._skin]
-            i = np.append(i, balls)
-            j = np.append(j, np.full(len(balls), wall))
-            shift = np.concatenate([shift, np.zeros((len(balls), 3), np.intp)])
+            displacement = positions[wall] - network.positions[wall]
+            gaps = (point + displacement - positions[balls]) @ toward - radii[balls]
+            near_balls = balls[gaps < self._skin]
+            i = np.append(i, near_balls)
+            j = np.append(j, np.full(len(near_balls), wall))
+            shift = np.concatenate([shift, np.zeros((len(near_balls), 3), np.intp)])
         # the contacts of the network are written as pairs are, so that the same ones can be left
         # out: reversed if pairs begin with the other ball, and without a shift to a flat wall,
         # which has none
-        flat = np.isinf(network.distance)
+        is_flat = np.isinf(network.distance)
         contacts = np.column_stack(
-            [network.i, network.j, np.where(flat[:, None], 0, network.shift)]
+            [network.i, network.j, np.where(is_flat[:, None], 0, network.shift)]
         )
-        is_reversed = ~(select_once(network.i, network.j, network.shift) | flat)
-        reverse = np.column_stack([network.j, network.i, -network.shift])
-        contacts[is_reversed] = reverse[is_reversed]
+        is_reversed = ~(select_once(network.i, network.j, network.shift) | is_flat)
+        reversed_contacts = np.column_stack([network.j, network.i, -network.shift])
+        contacts[is_reversed] = reversed_contacts[is_reversed]
         pairs = np.column_stack([i, j, shift])[network.moving[i] | network.moving[j]]
-        table, first = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
-        return np.asarray(table[first >= network.n_contacts])
+        table, first_rows = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
+        return np.asarray(table[first_rows >= network.n_contacts])
 
-    def _carry_over(self, listed: Index, numbers: Index, dash: Array) -> None:
-        """Give new contacts, which :meth:`_set_contacts` has just made, the state that they had
-        among the old ones: those of the network, and the pairs ``listed`` (k,), numbered from zero,
-        whose old contacts had the indices ``numbers`` (k,).
+    def _carry_over(self, old_pairs: Index, old_numbers: Index, old_dash: Array) -> None:
+        """Give the contacts that :meth:`_set_contacts` has just made the state that they had among
+        the old contacts. Old are the contacts of the network, and the ``old_pairs`` (k,), numbered
+        from zero, whose contacts had the indices ``old_numbers`` (k,).
 
-        ``dash`` (rows, old n_c) are the forces of the old dashpots. Pairs that are new have no
+        ``old_dash`` (rows, old n_c) are the forces of the old dashpots. Pairs that are new have no
         forces. Spare arrays are made anew.
         """
         contacts = self.contacts
@@ -1734,14 +1792,14 @@ class _System:
         joined = contacts.law.begin(self.current.e)
         if joined is not None and old_joined is not None:
             joined[:n] = old_joined[:n]
-            joined[n + listed] = old_joined[numbers]
+            joined[n + old_pairs] = old_joined[old_numbers]
         self.joined = joined
-        pairs = [(self.current.pull, old.pull)]
+        forces_and_old_forces = [(self.current.pull, old.pull)]
         if contacts.is_damped:
-            pairs.append((contacts.dash, dash))
-        for rows, old_rows in pairs:
-            rows[:] = 0.0
-            rows[:, :n] = old_rows[:, :n]
-            rows[:, n + listed] = old_rows[:, numbers]
+            forces_and_old_forces.append((contacts.dash, old_dash))
+        for forces, old_forces in forces_and_old_forces:
+            forces[:] = 0.0
+            forces[:, :n] = old_forces[:, :n]
+            forces[:, n + old_pairs] = old_forces[:, old_numbers]
         contacts.press(self.current, joined)
         self._make_spare()

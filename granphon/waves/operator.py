@@ -6,21 +6,21 @@ the masses M,
     A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B.
 
 The second term is the prestress, in networks that have it: f is the static normal force of a
-contact, N, below zero where the contact pulls, r the distance of its balls, and the rows of B make
-displacements across contacts of mass-weighted motions. A spring to the ground is one more row of C,
+contact, N, below zero where the contact pulls, and r the distance of its balls. B maps
+mass-weighted motions to displacements across contacts. A spring to the ground is one more row of C,
 of one motion of a ball. The eigenvalues of D are squared angular frequencies, (rad/s)^2, and
 singular values of A are angular frequencies. A vector (size,) holds, for each ball that moves, its
 mass-weighted motions: M^1/2 u and M^1/2 w of its displacement u and its rotation phi, with
 w = (I/M)^1/2 phi.
 
-Static tangential forces T add a matrix G (:func:`granphon.dynamics.deformation_rows.carry_rows`),
-and so do static torques of contacts (:func:`granphon.dynamics.deformation_rows.torque_pairs`), and
-slip by levers that exceed the arms of contacts
-(:func:`granphon.dynamics.deformation_rows.excess_pairs`). G is not symmetric, as such forces, which
-follow the laws of discrete elements, have no potential. D has the symmetric part of G. The
-antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r) and in
-the overlap over r. This matters where an eigenvalue is zero: a ball with two contacts in space
-turns freely about the line through the contacts, as its forces are along this line, but the
+A matrix G is added to this D by static tangential forces T
+(:func:`granphon.dynamics.deformation_rows.carry_rows`), by static torques of contacts
+(:func:`granphon.dynamics.deformation_rows.torque_pairs`), and by slip whose levers exceed the arms
+of contacts (:func:`granphon.dynamics.deformation_rows.excess_pairs`). These forces follow the laws
+of discrete elements. They have no potential, and so G is not symmetric. D has the symmetric part of
+G. The antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r)
+and in the overlap over r. This matters where an eigenvalue is zero: a ball with two contacts in
+space turns freely about the line through the contacts, as its forces are along this line, but the
 eigenvalue of D is a little less than zero. So :attr:`WaveOperator.whole`, D with the antisymmetric
 part, tells whether the network is stable.
 
@@ -71,8 +71,8 @@ _LEAST_BALLS = 2500
 
 
 def explain_instability(network: ContactNetwork) -> InstabilityError:
-    """Return the error of a ``network`` that static forces make unstable. The message tells the
-    imbalance of the forces if they enter the stiffness, as ``network.prestress`` says.
+    """Return the error of a ``network`` that static forces make unstable. With prestress the
+    message tells by how much these forces are out of balance.
     """
     why = "Its static forces exceed what its springs hold, so that it would buckle"
     fault = message("the network is not stable: a squared frequency is below zero", why)
@@ -85,11 +85,12 @@ def explain_instability(network: ContactNetwork) -> InstabilityError:
 
 
 class Parts(NamedTuple):
-    """D = R^T W R as three functions, with a matrix R (rows, size) and a diagonal W.
+    """D without G as three functions: R^T W R, with a matrix R (rows, size) and a diagonal W.
 
-    ``deform`` returns the deformations R x (rows,) of a vector x (size,), and ``pull`` the forces
-    R^T t (size,) of tensions t (rows,). ``weigh`` returns the diagonal of W (rows,), or with
-    weights of deformations that of the weighted W, as :meth:`WaveOperator.row_weights` says.
+    ``deform(x)`` returns the deformations R x (rows,) of a vector x (size,), and ``pull(t)`` the
+    forces R^T t (size,) of tensions t (rows,). ``weigh()`` returns the diagonal of W (rows,).
+    ``weigh(weights)`` returns the diagonal of springs alone, each times its weight: ``weights``
+    (2, n_c) are those of the elongation and of the other deformations.
     """
 
     deform: Callable[[NDArray[Any]], NDArray[Any]]
@@ -98,7 +99,8 @@ class Parts(NamedTuple):
 
 
 class WaveOperator(LinearOperator):
-    """D of a network, as sparse matrices, (rad/s)^2.
+    """D of a network, (rad/s)^2, as a linear operator on vectors (size,) of mass-weighted motions,
+    made of sparse matrices; the head of this module defines both.
 
     Raises :class:`~granphon.base.errors.InputError` if no ball moves, or there is no contact.
 
@@ -110,11 +112,11 @@ class WaveOperator(LinearOperator):
     progress : is told how far long work with D has come.
     """
 
-    #: time of a product with a vector, with the sums for the vector in a Krylov space, s for each
+    #: time of a product with a vector and of the sums for this vector in a Krylov space, s per
     #: motion, by the dimension of the network
     product_time: ClassVar = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
-    #: number of vectors that share a product if there are many vectors: each then takes a third of
-    #: the time, as the matrix is read once
+    #: number of vectors that share a product if there are many vectors: each vector then takes a
+    #: third of the time, as the matrix is read once
     vectors_at_once: ClassVar = 10
 
     def __init__(self, network: ContactNetwork, progress: Progress = silent) -> None:
@@ -135,8 +137,8 @@ class WaveOperator(LinearOperator):
         return int(self.shape[0])
 
     def estimate_factors(self) -> tuple[float, float]:
-        """Return the time, s, and bytes of factors of D less a complex number; both are infinite if
-        D is too large to be factorised.
+        """Return the time, s, and the bytes of the factors of D less a complex multiple of the unit
+        matrix; both are infinite if D is too large to be factorised.
         """
         contacts_per_ball = 2.0 * self.network.n_contacts / self.balls.size
         return estimate_factors(self.size, self.network.dimension, contacts_per_ball)
@@ -169,8 +171,8 @@ class WaveOperator(LinearOperator):
     @cached_property
     def flat_indices_and_scale(self) -> tuple[NDArray[np.uintp], Array]:
         """For each motion in a vector, its index (size,) in the flattened array (n, 6) of three
-        displacements and three rotations of all balls, and the scale (size,), kg^-1/2 or
-        kg^-1/2/m, that turns the mass-weighted motion into a displacement or a rotation.
+        displacements and three rotations of all balls, and the scale (size,), by which a
+        mass-weighted motion becomes a displacement (kg^-1/2) or a rotation (kg^-1/2/m).
         """
         network = self.network
         rotation_columns = [3 + axis for axis in self.motions.rotations]
@@ -183,22 +185,22 @@ class WaveOperator(LinearOperator):
         return indices, self.vector(scale)
 
     def to_balls(self, vector: Array) -> Array:
-        """Return the displacements, m, and rotations, rad, (n, 6) of all balls, of mass-weighted
-        motions ``vector`` (size,); zero for motions that the vector does not have.
+        """Return the three displacements, m, and the three rotations, rad, of each ball (n, 6) that
+        the mass-weighted motions ``vector`` (size,) are; zero for motions that vectors do not have.
         """
         motions = np.zeros((self.network.n_balls, 6))
         indices, scale = self.flat_indices_and_scale
         motions.reshape(-1)[indices] = scale * vector
         return motions
 
-    def push(self, balls: Index, along: Array, weights: Array) -> Array:
-        """Return the vector (size,) in which each of the ``balls`` (k,), indices of balls that
-        move, is pushed in the direction ``along`` (3,) with its weight of ``weights`` (k,); all
-        other numbers are zero.
+    def push(self, balls: Index, direction: Array, weights: Array) -> Array:
+        """Return the vector (size,) in which the displacements of each of the ``balls`` (k,),
+        indices of balls that move, are the ``direction`` (3,) times the ball's entry of ``weights``
+        (k,), and all other numbers are zero. Components along which balls do not move are left out.
         """
         vector = np.zeros(self.size)
-        axes = list(self.motions.translations)
-        vector[self.indices[balls, : len(axes)]] = along[axes] * weights[:, None]
+        axes = list(self.motions.translations)  # displacements come first among the motions
+        vector[self.indices[balls, : len(axes)]] = direction[axes] * weights[:, None]
         return vector
 
     # -- matrices ----------------------------------------------------------------------------------
@@ -209,15 +211,15 @@ class WaveOperator(LinearOperator):
         """Return the matrix (kinds x n_c, size) that maps a vector to deformations of contacts,
         kind by kind.
 
-        Each of the ``rows`` is a kind of deformation of all n_c contacts, which counts times its
-        factors in ``factors``, numbers or (n_c,). Balls j of contacts move with the ``phase``, 1 or
-        (n_c,).
+        Each of the ``rows`` is a kind of deformation of all n_c contacts. Its entry of ``factors``,
+        a number or (n_c,), multiplies it. The factor ``phase``, 1 or (n_c,), multiplies the motions
+        of balls j of contacts.
         """
         from scipy.sparse import csr_array  # imported here: most simulations do not need it
 
         network = self.network
         m = self.motions.count
-        # from mass-weighted motions to motions; those of balls that are held are no part of vectors
+        # from mass-weighted motions to motions; balls that are held are no part of vectors
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
         scale_i = scale[network.i]
         scale_j = scale[network.j]
@@ -258,12 +260,12 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def full_root(self) -> csr_array[Any]:
-        """The matrix R (rows, size), rad/s, of D = R^T W R, in which the diagonal W, of
-        :meth:`row_weights`, has signs alone.
+        """The matrix R (rows, size), rad/s, of D without G, which is R^T W R. The entries of the
+        diagonal W, those of :meth:`row_weights`, are 1, -1 or 0.
 
-        From the top to the bottom R has the rows A = K^1/2 C M^-1/2 of contacts, the rows
-        (|f|/r)^1/2 B of static normal forces if the network has prestress, and one row for each
-        spring to the ground.
+        From the top to the bottom R has the rows K^1/2 C M^-1/2 of contacts, the rows (|f|/r)^1/2 B
+        of static normal forces if the network has prestress, and one row for each spring to the
+        ground.
         """
         return self._make_full_root()
 
@@ -271,19 +273,18 @@ class WaveOperator(LinearOperator):
         """Return :attr:`full_root` of waves in which balls j of contacts move with a ``phase``
         (n_c,).
         """
-        of_contacts = self._make_matrix(*self._rows_and_factors, phase)
-        return self._add_anchors(of_contacts)
+        return self._add_anchors(self._make_matrix(*self._rows_and_factors, phase))
 
-    def _add_anchors(self, of_contacts: csr_array[Any]) -> csr_array[Any]:
-        """Return the rows ``of_contacts`` (rows, size), rad/s, with one row for each spring to the
-        ground below them.
+    def _add_anchors(self, contact_rows: csr_array[Any]) -> csr_array[Any]:
+        """Return the matrix of ``contact_rows`` (rows, size), rad/s, and below these one row for
+        each spring to the ground.
         """
         if not self._n_anchors:
-            return of_contacts
+            return contact_rows
         from scipy.sparse import diags_array, vstack
 
-        springs = diags_array(np.sqrt(self.anchors)).tocsr()[np.flatnonzero(self.anchors)]
-        rows: csr_array[Any] = vstack([of_contacts, springs], format="csr")
+        anchor_rows = diags_array(np.sqrt(self.anchors)).tocsr()[np.flatnonzero(self.anchors)]
+        rows: csr_array[Any] = vstack([contact_rows, anchor_rows], format="csr")
         return rows
 
     @cached_property
@@ -294,9 +295,10 @@ class WaveOperator(LinearOperator):
         stiffness = find_anchors(self.network)
         if stiffness is None:
             return np.zeros(self.size)
-        masses = self.network.masses[self.balls]
-        of_balls = stiffness[self.balls, : self.motions.count]
-        return np.asarray(self.vector(of_balls / masses[:, None]))
+        masses = self.network.masses[self.balls, None]
+        # the network may name rotations that no contact resists, and that balls do not have
+        stiffness_of_motions = stiffness[self.balls, : self.motions.count]
+        return np.asarray(self.vector(stiffness_of_motions / masses))
 
     @cached_property
     def _n_anchors(self) -> int:
@@ -312,8 +314,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _rows_and_factors(self) -> tuple[list[Row], list[Array]]:
-        """The kinds of rows of :attr:`full_root` that contacts have, and the factors (n_c,) of each
-        kind: the root of its stiffness, N/m, or of |f|/r.
+        """The kinds of rows of :attr:`full_root` that contacts have, and for each kind the factors
+        (n_c,), (N/m)^1/2: the roots of its stiffnesses, or of |f|/r for static normal forces.
         """
         network = self.network
         roots = [np.sqrt(row.stiffness) for row in self.rows]
@@ -335,13 +337,13 @@ class WaveOperator(LinearOperator):
         return push_rows(network.normal[:, : network.dimension], self.motions)
 
     def row_weights(self, weights: Array | None = None) -> Array:
-        """Return the diagonal (rows,) of W in D = R^T W R, where R is :attr:`full_root`: one weight
-        for each row of R.
+        """Return the diagonal (rows,) of W in R^T W R, which is D without G, where R is
+        :attr:`full_root`: one weight for each row of R.
 
         Rows of springs have the weight 1. Rows of static forces have -1 where contacts are pressed,
-        and 1 where they pull, as tension holds contacts straight. If ``weights`` (2, n_c) are
-        given, those of the elongation and of the other deformations, rows of contacts have these
-        weights instead, and rows of static forces and of springs to the ground have 0.
+        1 where they pull, as tension holds contacts straight, and 0 where they exert no force.
+        Given ``weights`` (2, n_c) are those of the elongation and of the other deformations: rows
+        of springs of contacts then have these weights, and all other rows have 0.
         """
         network = self.network
         if weights is None:
@@ -352,12 +354,12 @@ class WaveOperator(LinearOperator):
             static_weight = np.zeros(network.n_contacts)
         static_weights = [static_weight for _ in self._static_rows]
         anchor_weights = np.full(self._n_anchors, 1.0 if weights is None else 0.0)
-        of_contacts = weigh_rows(self.rows, spring_weights)
-        return np.concatenate([*of_contacts, *static_weights, anchor_weights])
+        contact_weights = weigh_rows(self.rows, spring_weights)
+        return np.concatenate([*contact_weights, *static_weights, anchor_weights])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
         """Return R^H W R, (size, size), (rad/s)^2, with R of :attr:`full_root` and W of
-        :meth:`row_weights`; without ``weights`` (2, n_c) this is D, but for G.
+        :meth:`row_weights` for ``weights`` (2, n_c); without weights this is D without G.
 
         With a ``phase`` (n_c,) the matrix is that of waves in which balls j of contacts move with
         that phase.
@@ -368,15 +370,16 @@ class WaveOperator(LinearOperator):
         return product
 
     def drag(self, losses: Losses) -> Array:
-        """Return the drag (size,), 1/s, of each motion, Gamma of :mod:`granphon.dynamics.damping`;
-        all balls have the same.
+        """Return the drag (size,), 1/s, of each motion, the diagonal of Gamma of
+        :mod:`granphon.dynamics.damping`; the drag is the same for all balls.
         """
         shape = (self.balls.size, self.motions.count)
         return self.vector(np.broadcast_to(losses.drag_of(self.motions), shape))
 
     def resist(self, losses: Losses, phase: Any = None) -> csr_array[Any]:
-        """Return A^H tau A + Gamma, (size, size), 1/s, with which dashpots of the times tau and the
-        drag Gamma resist velocities; ``phase`` (n_c,) is that of :meth:`weigh`.
+        """Return A^H tau A + Gamma, (size, size), 1/s, the matrix by which dashpots of the times
+        tau, s, and the drag Gamma, 1/s, resist velocities. Springs to the ground have no dashpots.
+        ``phase`` (n_c,) is that of :meth:`weigh`.
         """
         from scipy.sparse import diags_array
 
@@ -410,15 +413,17 @@ class WaveOperator(LinearOperator):
         return matrix
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
-        """Return the function that multiplies D + i A^T eta A, (rad/s)^2, by a vector (size,); eta
-        are ``losses`` (2, n_c), loss factors of the elongation and of the other deformations.
+        """Return the function that multiplies D + i A^T eta A, (rad/s)^2, by a vector (size,).
+
+        The loss factors eta are ``losses`` (2, n_c) of the elongation and of the other deformations
+        of contacts. Springs to the ground lose nothing.
         """
         matrix = (self.matrix + 1j * self.weigh(losses)).tocsr()
         return lambda x: np.asarray(matrix @ x)
 
     @cached_property
     def parts(self) -> Parts:
-        """D, but for G, as three functions; the rows are those of :attr:`full_root`."""
+        """D without G as three functions; the rows are those of :attr:`full_root`."""
         root = self.full_root
         transposed = root.T.tocsr()
         return Parts(
@@ -428,10 +433,10 @@ class WaveOperator(LinearOperator):
         )
 
     def store(self, x: Array) -> float:
-        """Return the energy x D x / 2, J, that mass-weighted motions x (size,) store in contacts.
+        """Return the energy x D x / 2, J, that mass-weighted motions ``x`` (size,) store.
 
-        The energy is a sum over deformations, in which a drift of all balls costs no digits, as it
-        would in the product D x.
+        The energy is summed over deformations: in the product D x a drift of all balls would cost
+        digits.
         """
         double_energy = self.parts.weigh() @ self.parts.deform(x) ** 2
         if self._pairs:  # x G x, which is the same for the symmetric part of G
@@ -444,31 +449,31 @@ class WaveOperator(LinearOperator):
     def stretch(
         self, moved: Array, rows_and_factors: tuple[list[Row], list[Array]] | None = None
     ) -> Array:
-        """Return the deformations (kinds x n_c,) of contacts that displacements ``moved``
-        (n, motions), m, of bodies that are held make, each times the factor of its row.
+        """Return the deformations (kinds x n_c,) of contacts, each times the factor of its kind,
+        when bodies that are held are moved.
 
-        ``rows_and_factors`` are kinds of rows, and of each kind the factors (n_c,) or a number. By
-        default all rows of :attr:`full_root` are taken, (rows,); springs to the ground tie balls
-        that move, and so have the deformation zero.
+        ``moved`` (n, motions) are the motions u and w of these bodies, m, and zero for balls that
+        move. ``rows_and_factors`` are kinds of rows, and for each kind its factors (n_c,). By
+        default all rows of :attr:`full_root` are taken, and the deformations are (rows,): those of
+        springs to the ground are zero, as these tie balls that move.
         """
         moved_i = moved[self.network.i]
         moved_j = moved[self.network.j]
         rows, factors = rows_and_factors or self._rows_and_factors
         deformations = list[Array]()
-        for row, factor in zip(rows, factors, strict=True):
-            deformation = np.sum(row.head * moved_j - row.tail * moved_i, axis=1)
-            deformations.append(factor * deformation)
+        for row, row_factors in zip(rows, factors, strict=True):
+            row_deformations = np.sum(row.head * moved_j - row.tail * moved_i, axis=1)
+            deformations.append(row_factors * row_deformations)
         if rows_and_factors is None:
             deformations.append(np.zeros(self._n_anchors))
         return np.concatenate(deformations)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
-        """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that
-        are held are displaced.
+        """Return the mass-weighted forces (size,), N/kg^1/2, that act on balls that move when
+        bodies that are held are moved; ``moved`` (n, motions) is that of :meth:`stretch`.
 
-        ``moved`` (n, motions) are the displacements of these bodies, m, and zero for balls that
-        move. Springs and static forces act; with ``weights`` (2, n_c), those of
-        :meth:`row_weights`, only the springs of contacts act, each times its weight.
+        Springs and static forces act. With ``weights`` (2, n_c), those of :meth:`row_weights`, only
+        the springs of contacts act, each times its weight.
         """
         tensions = self.row_weights(weights) * self.stretch(moved)
         forces = -(self.full_root.T @ tensions)
@@ -487,25 +492,25 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
-        """The rows "pull" and the rows "move", each with their factors, of which G = pull^H move is
-        the product; an empty tuple if no static tangential forces or torques act, and no lever of
-        slip exceeds its arm.
+        """The two matrices "pull" and "move" of G = pull^H move, each as kinds of rows with their
+        factors (n_c,); an empty tuple if no static tangential forces or torques act, and no lever
+        of slip exceeds its arm.
         """
-        of_forces = self._find_carried_pairs()
-        of_levers = self._find_excess_pairs()
-        pairs = of_forces + of_levers
+        force_pairs = self._find_carried_pairs()
+        lever_pairs = self._find_excess_pairs()
+        pairs = force_pairs + lever_pairs
         if not pairs:
             return ()
         ones = np.ones(self.network.n_contacts)
-        pull_factors = [ones for _ in of_forces]
-        pull_factors += [self.network.shear_stiffness for _ in of_levers]
+        pull_factors = [ones for _ in force_pairs]
+        pull_factors += [self.network.shear_stiffness for _ in lever_pairs]
         pull_rows = [pull for pull, _ in pairs]
         move_rows = [move for _, move in pairs]
         return (pull_rows, pull_factors), (move_rows, [ones for _ in pairs])
 
     def _find_excess_pairs(self) -> list[tuple[Row, Row]]:
         """Return the pairs (pull, move) of rows of slip by levers that exceed the arms of contacts,
-        without the stiffness of slip; none if no lever does.
+        without the stiffness of slip; none if no lever exceeds its arm.
         """
         network = self.network
         if network.lever_excesses is None:
@@ -522,7 +527,7 @@ class WaveOperator(LinearOperator):
 
     def _find_carried_pairs(self) -> list[tuple[Row, Row]]:
         """Return the pairs (pull, move) of rows of static torques and of static tangential forces;
-        none if none act.
+        an empty list if there are no such torques and forces, and without prestress.
         """
         network = self.network
         if not network.prestress:
@@ -532,8 +537,10 @@ class WaveOperator(LinearOperator):
         gyration_j = gyration[network.j]
         pairs: list[tuple[Row, Row]] = []
         torque = network.contact_torque
-        # in a plane torques are about the axis across it, which motions in the plane do not turn
-        if torque is not None and np.any(torque) and network.dimension == 3:
+        # torques along a line, or about the axis across a plane, are not turned by motions within
+        leaves_network = max(self.motions.translations) >= network.dimension
+        turns_torques = network.dimension == 3 or leaves_network
+        if torque is not None and np.any(torque) and turns_torques:
             pairs += torque_pairs(
                 network.normal,
                 torque,
@@ -577,8 +584,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
-        """D with all of G, also its antisymmetric part, (size, size), (rad/s)^2; None if all that
-        acts has a potential, so that D is already whole.
+        """D with the antisymmetric part of G too, (size, size), (rad/s)^2; None if all that acts
+        has a potential, so that D is already whole.
         """
         if self._carried is None:
             return None
@@ -588,9 +595,9 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def ball_blocks(self) -> Array:
-        """(n_free, motions, motions) block of D, (rad/s)^2, of each ball when it moves alone, from
-        springs and from the static forces of contacts that pull; pressed contacts, which lower D,
-        are left out, so that the blocks are upper bounds.
+        """(n_free, motions, motions) block of D without G, (rad/s)^2, of each ball when it moves
+        alone. The static forces of pressed contacts, which lower D, are left out, so that the
+        blocks are upper bounds.
         """
         network = self.network
         m = self.motions.count
@@ -607,18 +614,18 @@ class WaveOperator(LinearOperator):
                     if np.any(weights):
                         blocks[a, b] += np.bincount(ball, weights, network.n_balls)
         masses = network.masses[self.balls, None, None]
-        of_balls = np.asarray(blocks[:, :, self.balls].transpose(2, 0, 1) / masses)
-        of_balls[:, np.arange(m), np.arange(m)] += self.values(self.anchors)
-        return of_balls
+        blocks_of_balls = np.asarray(blocks[:, :, self.balls].transpose(2, 0, 1) / masses)
+        blocks_of_balls[:, np.arange(m), np.arange(m)] += self.values(self.anchors)
+        return blocks_of_balls
 
     @cached_property
     def top(self) -> float:
-        """An upper bound of all angular frequencies, rad/s: 2^1/2 times the highest frequency at
-        which a ball moves alone, and a margin.
+        """An upper bound of all angular frequencies, rad/s, with a margin.
 
         The energy of a contact is at most twice the sum of its energies with one ball moving at a
-        time. Contacts that are pressed lower D. Static tangential forces raise omega^2 by at most
-        the largest sum over a row of |G + G^T| / 2.
+        time. So omega^2 without G is at most twice the highest square of a ball that moves alone;
+        static forces of pressed contacts lower D. G raises omega^2 by at most the largest sum over
+        a row of |G + G^T| / 2.
         """
         highest_alone = float(np.max(np.linalg.eigvalsh(self.ball_blocks)))
         square_bound = 2.0 * highest_alone
@@ -645,6 +652,7 @@ class WaveOperator(LinearOperator):
         """Return D x, (size,) or (size, m): what ``operator @ x`` calls."""
         return np.asarray(self.matrix @ x)
 
+    # bound to the function of this class: an array too multiplies several vectors by the matrix
     _matmat = _matvec
 
     def _adjoint(self) -> WaveOperator:
@@ -670,10 +678,10 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     """Return the kind (n_c,) of each contact, its row in the table of contacts of the lattice; None
     if the network is no array that stencils describe.
 
-    The array must have all balls, three cells or more along each axis, and neither prestress nor
-    springs to the ground. Masses must be equal, as must moments of inertia. Contacts must have the
-    directions and arms of the lattice, each from ball i to ball j of the table; and no ball may
-    touch another twice.
+    The array must have all balls, at least one contact, three cells or more along each axis, and
+    neither prestress nor springs to the ground. Masses must be equal, and so must moments of
+    inertia. Contacts must have the directions of the lattice, each from ball i to ball j of the
+    table, and arms in proportion to those of the lattice. No ball may touch another twice.
     """
     lattice = network.lattice
     shape = network.shape
@@ -682,14 +690,14 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     is_short = min(shape) < 3  # along an axis of two cells a ball meets its neighbour twice
     is_full = network.n_balls == lattice.n_balls * math.prod(shape)
     has_springs_alone = not network.prestress and network.on_site is None
-    if is_short or not is_full or not has_springs_alone:
+    if is_short or not is_full or not has_springs_alone or not network.n_contacts:
         return None
     if not _are_equal(network.masses) or not _are_equal(network.inertias):
         return None
     kinds = _find_table_rows(network, lattice, shape)
     if np.any(kinds < 0):
         return None
-    # one number for each pair of a kind and a ball i: it comes twice if balls touch twice
+    # each pair of a kind and a ball i has its own number, which occurs twice if balls touch twice
     kind_and_ball = kinds * network.n_balls + network.i
     if len(np.unique(kind_and_ball)) < kinds.size:
         return None
@@ -713,9 +721,9 @@ def _is_as_tabulated(network: ContactNetwork, lattice: Lattice, kinds: NDArray[n
 def _find_table_rows(
     network: ContactNetwork, lattice: Lattice, shape: tuple[int, ...]
 ) -> NDArray[np.intp]:
-    """Return for each contact (n_c,) of an array of ``shape`` (p,) cells its kind: the row of the
+    """Return the kind (n_c,) of each contact of an array of ``shape`` (p,) cells: the row of the
     table of contacts of the ``lattice`` that joins the same balls of the cell by the same step from
-    cell to cell; -1 if there is none.
+    cell to cell; -1 if no row does.
     """
     table = lattice.contacts
     n = lattice.n_balls
@@ -733,7 +741,7 @@ def _find_table_rows(
 
 
 def _are_equal(values: Array) -> bool:
-    """Return whether all ``values`` (n,) are finite and, but for rounding, the same."""
+    """Return whether all ``values`` (n,), at least one, are finite and equal but for rounding."""
     if not np.all(np.isfinite(values)):
         return False
     return bool(np.ptp(values) <= ALIKE * np.max(np.abs(values), initial=0.0))
@@ -744,35 +752,41 @@ class ArrayOperator(WaveOperator):
 
     A field is one motion of one ball of the cell, as a function of the cell. The numbers of a
     vector (size,) are in the order of fields, and within each field in the order of cells.
-    ``kinds`` (n_c,) are the rows of contacts in the table of the lattice, of :func:`find_kinds`.
+    ``kinds`` (n_c,) are the rows of contacts in the table of the lattice, of :func:`find_kinds`,
+    which must not be None for the network.
+
+    Attributes
+    ----------
+    lattice : the lattice of the array.
+    cells : (p,) number of cells along each axis.
     """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
-    #: one vector needs no matrix
+    #: stencils multiply one vector at a time, and so never need the matrix
     vectors_at_once: ClassVar = 1
 
     def __init__(
         self, network: ContactNetwork, kinds: NDArray[np.intp], progress: Progress = silent
     ) -> None:
         super().__init__(network, progress)
-        assert network.lattice is not None  # find_kinds has required a lattice and a shape
-        assert network.shape is not None
+        assert network.lattice is not None  # find_kinds has required a lattice
+        assert network.shape is not None  # and a shape
         self.lattice = network.lattice
         self.cells = network.shape
         self._kinds = kinds
-        self._fields = self.lattice.n_balls * self.motions.count  # number of fields
+        self._n_fields = self.lattice.n_balls * self.motions.count
 
     def vector(self, values: ArrayLike) -> NDArray[Any]:
         """Return the vector (size, ...) of values (n, motions, ...) of all balls, which move."""
         values = np.asarray(values)
-        by_cell = values.reshape(-1, self._fields, *values.shape[2:])
+        by_cell = values.reshape(-1, self._n_fields, *values.shape[2:])
         by_field = np.ascontiguousarray(by_cell.swapaxes(0, 1))
         return by_field.reshape(self.size, *values.shape[2:])
 
     def values(self, vector: ArrayLike) -> NDArray[Any]:
         """Return the values (n, motions, ...) of all balls in a vector (size, ...)."""
         vector = np.asarray(vector)
-        by_cell = vector.reshape(self._fields, -1, *vector.shape[1:]).swapaxes(0, 1)
+        by_cell = vector.reshape(self._n_fields, -1, *vector.shape[1:]).swapaxes(0, 1)
         return by_cell.reshape(-1, self.motions.count, *vector.shape[1:])
 
     @cached_property
@@ -801,11 +815,13 @@ class ArrayOperator(WaveOperator):
         m = self.motions.count
         n_kinds = len(table)
         # coefficients of fields (stencils, fields), of balls j in head and of balls i in tail
-        head = np.zeros((len(self.rows) * n_kinds, self._fields))
-        tail = np.zeros((len(self.rows) * n_kinds, self._fields))
+        head = np.zeros((len(self.rows) * n_kinds, self._n_fields))
+        tail = np.zeros((len(self.rows) * n_kinds, self._n_fields))
         for number, row in enumerate(self.rows):
-            kinds = zip(table.i.tolist(), table.j.tolist(), self._contacts_of_kind, strict=True)
-            for stencil, (i, j, contacts) in enumerate(kinds, start=number * n_kinds):
+            table_rows = zip(
+                table.i.tolist(), table.j.tolist(), self._contacts_of_kind, strict=True
+            )
+            for stencil, (i, j, contacts) in enumerate(table_rows, start=number * n_kinds):
                 if contacts.size:  # all contacts of a kind have the coefficients of the first
                     fields_j = slice(m * j, m * (j + 1))
                     fields_i = slice(m * i, m * (i + 1))
@@ -816,8 +832,9 @@ class ArrayOperator(WaveOperator):
 
     def _spread_over_cells(self, weights: NDArray[Any]) -> NDArray[Any]:
         """Return the stiffnesses of contacts times ``weights`` (rows, n_c) over the mass of a ball,
-        (rad/s)^2, as an array (rows, kinds, *cells): each contact at the cell of its ball i, for
-        each kind of deformation and its kind of contact; zero where two balls have no contact.
+        (rad/s)^2, as an array (rows, kinds, *cells), where "rows" are kinds of deformation and
+        "kinds" kinds of contact. Each contact stands at the cell of its ball i; the numbers are
+        zero where two balls have no contact.
         """
         shape = (len(self.rows), len(self._contacts_of_kind), *self.cells)
         springs = np.zeros(shape, weights.dtype)
@@ -831,14 +848,14 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def parts(self) -> Parts:
-        """D as three functions; the rows (stencils x cells,) are deformations in the order of the
-        stencils, and in each of cells.
+        """D as three functions; the rows (stencils x cells,) are in the order of stencils, and
+        within each stencil in the order of cells.
         """
         contacts = self._contacts
 
         def deform(x: NDArray[Any]) -> NDArray[Any]:
             """Return the deformations (rows,) of a vector x (size,)."""
-            return contacts.deform(x.reshape(self._fields, *self.cells)).ravel()
+            return contacts.deform(x.reshape(self._n_fields, *self.cells)).ravel()
 
         def pull(tension: NDArray[Any]) -> NDArray[Any]:
             """Return the forces (size,) of the tensions (rows,) of all deformations."""
@@ -848,8 +865,9 @@ class ArrayOperator(WaveOperator):
             """Return the stiffnesses over the mass (rows,), (rad/s)^2, times ``weights`` (2, n_c)
             of the elongation and of the other deformations, if given.
             """
-            given_weights = np.ones((2, self.network.n_contacts)) if weights is None else weights
-            weights_of_rows = np.asarray(weigh_rows(self.rows, given_weights))
+            if weights is None:
+                weights = np.ones((2, self.network.n_contacts))
+            weights_of_rows = np.asarray(weigh_rows(self.rows, weights))
             return self._spread_over_cells(weights_of_rows).ravel()
 
         return Parts(deform, pull, weigh)
@@ -862,7 +880,7 @@ class ArrayOperator(WaveOperator):
         if current.ndim > 1:  # the matrix is faster, as it is read once for all vectors
             return super().advance(current, previous)
         # T_n+1 x = (4 D / top^2 - 2) T_n x - T_n-1 x
-        product, _ = self._product(current.reshape(self._fields, *self.cells))
+        product, _ = self._product(current.reshape(self._n_fields, *self.cells))
         following = product.ravel()
         following -= 2.0 * current
         following -= previous
@@ -873,7 +891,7 @@ class ArrayOperator(WaveOperator):
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))
-        product = self._product(x.reshape(self._fields, *self.cells))[0].ravel()
+        product = self._product(x.reshape(self._n_fields, *self.cells))[0].ravel()
         return np.asarray(0.25 * self.top**2 * product)
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
@@ -886,7 +904,7 @@ class ArrayOperator(WaveOperator):
 
         def multiply(x: Complex) -> Complex:
             """Return (D + i A^T eta A) x of a vector x (size,)."""
-            product, _ = lossy_hessian(x.reshape(self._fields, *self.cells))
+            product, _ = lossy_hessian(x.reshape(self._n_fields, *self.cells))
             return np.asarray(product.ravel())
 
         return multiply

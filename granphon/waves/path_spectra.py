@@ -68,9 +68,9 @@ class PathSpectra(Result):
     ) -> Self:
         """Return the ``spectra`` of a packing, without bands, as a packing has no lattice.
 
-        ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, along the ``path``;
-        its corners have the distances ``corners`` (m,), 1/m, and the names ``labels``, which
-        :func:`join_labels` joins.
+        ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, along the ``path``,
+        and ``corners`` (m,), 1/m, are the distances of its corners. ``labels`` name the corners of
+        all pieces of the path, and :func:`join_labels` joins the two names at each jump.
         """
         corner_labels = join_labels(path, labels)
         no_distances = np.zeros(0)
@@ -88,9 +88,8 @@ class PathSpectra(Result):
         path: Sequence[ArrayLike],
         labels: Sequence[str],
     ) -> Self:
-        """Return the ``spectra`` together with the bands of a ``lattice`` along the ``path``, which
-        this method computes at :data:`_BAND_POINTS` points from each corner to the next, both
-        counted.
+        """Return the ``spectra`` together with the bands of a ``lattice`` along the ``path``. Bands
+        are computed at :data:`_BAND_POINTS` points from each corner to the next, both counted.
 
         ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, and ``corners``
         (m,), 1/m, are the distances of the corners; the other arguments are those of
@@ -127,7 +126,7 @@ class PathSpectra(Result):
         The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak
         and width, Hz, whether the width is resolved (1 or 0), the mean free path, m, and the
         attenuation, 1/m. ``errors`` are standard errors (polarisations, n), in the units of the
-        columns, by the names of :attr:`numbers`, for further columns, as peak_error.
+        columns, by the names of :attr:`numbers`; further columns, such as peak_error, hold these.
 
         Raises :class:`~granphon.base.errors.InputError` for errors of another name or shape.
         """
@@ -292,8 +291,9 @@ def find_path_points(
     each leg of a path, as waves with a whole number of periods in the cell.
 
     Left out are wave vectors of Gamma, those farther off the path than half the distance of two
-    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path``, in
-    which no corner is that before it, and the errors raised are those of :func:`find_path_spectra`.
+    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m. No corner of
+    the ``path`` may be the same as the corner before it. The form of the path, and what is raised,
+    are those of :func:`find_path_spectra`.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m
@@ -333,11 +333,11 @@ def find_packing_points(
     wave vector is a sum of whole numbers of its reciprocal vectors.
 
     The ``path`` has pieces, each the corners (n, p) or (n, 3) of a line without a jump, in
-    fractions of the reciprocal vectors of the p periods, in their order; further components are
-    zero. No corner is that before it, and corners may lie in any zone. Left out are the wave vector
-    zero, those farther off the path than half the distance of two points, and repeated ones. Raises
-    :class:`~granphon.base.errors.InputError` for fewer than two points, and if no wave vector is
-    left.
+    fractions of the reciprocal vectors of the p periods, in their order; further components are not
+    used. Corners may lie in any zone, but none may be the same as the corner before it. Left out
+    are the wave vector zero, those farther off the path than half the distance of two points, and
+    repeated ones. Raises :class:`~granphon.base.errors.InputError` for fewer than two points, and
+    if no wave vector is left.
     """
     count = whole_number("points", points, 2)
     periods = network.cell[list(network.pbc)][:, : network.dimension]

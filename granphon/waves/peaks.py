@@ -116,9 +116,9 @@ def find_peaks(
     if solve is not None and rows.size:
         windows = _find_windows(frequencies, magnitude, rows, is_top)
         starts = _place_starts(tops, fits, windows, solve)
-        refined, is_settled = _refine_peaks(starts, windows, is_top, solve)
-        is_better = is_settled & (refined.heights >= _LEAST_HEIGHT * tops.heights)
-        fits = fits.replace_where(is_better, refined)
+        refined_fits, is_settled = _refine_peaks(starts, windows, is_top, solve)
+        is_better = is_settled & (refined_fits.heights >= _LEAST_HEIGHT * tops.heights)
+        fits = fits.replace_where(is_better, refined_fits)
     peaks = []
     for receiver, is_peak in enumerate(is_top.T):
         peak_frequencies = np.sqrt(fits.squares[is_peak, receiver])
@@ -185,24 +185,26 @@ class _PeakFits(NamedTuple):
 
 
 def _place_starts(tops: _Tops, fits: _PeakFits, windows: _Windows, solve: Solve) -> _PeakFits:
-    """Return the ``fits`` of the maxima ``tops``, of which those that are narrower than the step of
-    the frequencies are moved to the lines at which the response was solved.
+    """Return the ``fits`` of the maxima ``tops``. Fits of lines narrower than the step of the
+    frequencies are moved to the lines that ``solve`` finds.
 
-    If all receivers with a maximum in a row have the line, its window in ``windows`` is replaced by
-    that of the line.
+    If all receivers with a maximum in a row have one narrow line, the window of the row in
+    ``windows`` is replaced by a window about this line.
     """
     is_narrow = tops.is_top & ~fits.is_broad
     lines = np.flatnonzero(np.any(is_narrow, axis=1))  # indices of rows with a narrow line
     if not lines.size:
         return fits
-    solved = _solve_lines(tops.squares[:, lines], tops.values[:, lines], is_narrow[lines], solve)
+    solved_lines = _solve_lines(
+        tops.squares[:, lines], tops.values[:, lines], is_narrow[lines], solve
+    )
     # a line lower than the highest value is not the line of this value
-    is_line = solved.is_line & (solved.heights >= tops.heights[lines])
+    is_line = solved_lines.is_line & (solved_lines.heights >= tops.heights[lines])
     is_line_of_all = np.all(is_line | ~tops.is_top[lines], axis=1)
     for number in np.flatnonzero(is_line_of_all).tolist():
-        windows.replace(int(lines[number]), solved.windows[:, number, None])
+        windows.replace(int(lines[number]), solved_lines.windows[:, number, None])
     squares = fits.squares.copy()
-    squares[lines] = np.where(is_line, solved.squares[:, None], squares[lines])
+    squares[lines] = np.where(is_line, solved_lines.squares[:, None], squares[lines])
     return fits._replace(squares=squares)
 
 
@@ -324,16 +326,16 @@ def _approach_lines(
         last_points[:, active] = points
         frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
         last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
-        renewed = _fit_common_pole(points, last_values[:, active], is_narrow[active])
-        change = np.abs(renewed - estimates[active])
-        is_above_rounding = renewed.imag > _NARROWEST * points[1]
-        is_settled = (change <= _POLE_CHANGE * renewed.imag) & is_above_rounding
-        poles[active[is_settled]] = renewed[is_settled]
-        estimates[active] = renewed
+        new_poles = _fit_common_pole(points, last_values[:, active], is_narrow[active])
+        change = np.abs(new_poles - estimates[active])
+        is_above_rounding = new_poles.imag > _NARROWEST * points[1]
+        is_settled = (change <= _POLE_CHANGE * new_poles.imag) & is_above_rounding
+        poles[active[is_settled]] = new_poles[is_settled]
+        estimates[active] = new_poles
         # the pole of one mode converges faster than linearly; poles of several do not
-        converges = (change < _CONVERGENCE * last_change[active]) | (number < _FREE_ROUNDS)
+        is_converging = (change < _CONVERGENCE * last_change[active]) | (number < _FREE_ROUNDS)
         last_change[active] = change
-        active = active[~is_settled & converges]
+        active = active[~is_settled & is_converging]
     return poles, last_points, last_values
 
 
@@ -586,14 +588,17 @@ class _Quotient(NamedTuple):
 
         return float((find_rate(self.numerator) - find_rate(self.denominator)).real)
 
-    def find_peak(self, expected: float, may_widen: NDArray[np.bool_]) -> _PeakShape | None:
-        """Return the peak nearest to the ``expected`` position; None if there is none within -1
+    def find_peak(
+        self, expected_position: float, may_widen: NDArray[np.bool_]
+    ) -> _PeakShape | None:
+        """Return the peak nearest to the ``expected_position``; None if there is no peak within -1
         and 1.
 
-        Its next window holds the frequencies at which the square of the magnitude is half of that
-        of the peak, with a margin. If the magnitude still falls at an end, above the half, the next
-        window is wider there, provided that ``may_widen`` (2,) allows it. If the magnitude rises
-        again, the next window is half of this one.
+        The next window of the peak holds the positions at which the square of the magnitude is half
+        of that of the peak, with a margin. If the magnitude still falls at an end of this window,
+        and has not come to the half, the next window is wider at this end, provided that
+        ``may_widen`` (2,) is true there. If the magnitude rises again before it comes to the half,
+        the next window is half as wide as this one.
         """
         from scipy.optimize import brentq
 
@@ -602,34 +607,44 @@ class _Quotient(NamedTuple):
         tops, _ = _find_tops(squares[:, None])
         if not tops.size:
             return None
-        top = int(tops[np.argmin(np.abs(mesh[tops] - expected))])
+        top = int(tops[np.argmin(np.abs(mesh[tops] - expected_position))])
         sides = mesh[top - 1], mesh[top + 1]
         # a zero that numerator and denominator have in common but for rounding is no maximum
         if not self._find_slope(sides[0]) > 0.0 > self._find_slope(sides[1]):
             return None
         position = brentq(self._find_slope, *sides, xtol=_POSITION_ERROR)
         half_square = 0.5 * float(self.find_square(position))
-
-        def exceed_half(end: float) -> float:
-            """Return by how much the square exceeds half of that of the peak at an ``end``."""
-            return float(self.find_square(end)) - half_square
-
-        ends = [math.nan, math.nan]
-        is_open = [False, False]
-        for number, side in enumerate((-1, 1)):
-            steps, still_falls = _count_fall(squares[top::side], half_square)
-            is_open[number] = still_falls and bool(may_widen[number])
-            if steps:
-                bracket = mesh[top + side * (steps - 1)], mesh[top + side * steps]
-                ends[number] = brentq(exceed_half, *bracket, xtol=_POSITION_ERROR)
-        has_end = np.isfinite(ends)
+        low, falls_below = self._find_end(mesh[top::-1], squares[top::-1], half_square)
+        high, falls_above = self._find_end(mesh[top:], squares[top:], half_square)
+        has_end = np.isfinite([low, high])
+        is_open = np.array([falls_below, falls_above]) & may_widen
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
         if np.all(has_end):
-            margin = 0.5 * (_MARGIN - 1.0) * (ends[1] - ends[0])
-            next_ends = ends[0] - margin, ends[1] + margin
-        elif is_wider:
-            next_ends = (-1.0 - 2.0 * is_open[0], 1.0 + 2.0 * is_open[1])
+            margin = 0.5 * (_MARGIN - 1.0) * (high - low)
+            next_ends = low - margin, high + margin
+        elif is_wider:  # by the width of this window at each open end
+            next_ends = -1.0 - 2.0 * float(is_open[0]), 1.0 + 2.0 * float(is_open[1])
         else:  # the magnitude rises again: half of the window, about the maximum
             next_ends = position - 0.5, position + 0.5
         height = self.scale * math.sqrt(2.0 * half_square)
-        return _PeakShape(position, height, ends[0], ends[1], next_ends, is_wider)
+        return _PeakShape(position, height, low, high, next_ends, is_wider)
+
+    def _find_end(self, mesh: Array, squares: Array, half_square: float) -> tuple[float, bool]:
+        """Return the position at which the square of the magnitude has fallen to ``half_square``,
+        nan if it does not fall so far, and whether it still falls at the end of the window.
+
+        ``squares`` (n,) are those at the positions ``mesh`` (n,), from the maximum of the peak to
+        one end of the window.
+        """
+        from scipy.optimize import brentq
+
+        steps, still_falls = _count_fall(squares, half_square)
+        if not steps:
+            return math.nan, still_falls
+
+        def find_excess(position: float) -> float:
+            """Return by how much the square at a ``position`` exceeds ``half_square``."""
+            return float(self.find_square(position)) - half_square
+
+        end = brentq(find_excess, mesh[steps - 1], mesh[steps], xtol=_POSITION_ERROR)
+        return float(end), still_falls

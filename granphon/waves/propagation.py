@@ -15,8 +15,8 @@ for each deformation and a drag for each motion, is no function of D, and modes 
     z' = L z,    source = alpha (cos omega_j t, sin omega_j t),
 
 do not contain the time explicitly: the waves that a burst consists of are part of z. Their
-propagator is expanded in polynomials P_n = i^n T_n(X/i), X = (L + c/2)/R, made by P_n+1 = 2 X P_n +
-P_n-1, with Bessel functions J_n(R t) as coefficients (the expansion of exp(R t X) by Jacobi and
+propagator is expanded in polynomials Q_n = i^n T_n(X/i), X = (L + c/2)/R, made by Q_n+1 = 2 X Q_n +
+Q_n-1, with Bessel functions J_n(R t) as coefficients (the expansion of exp(R t X) by Jacobi and
 Anger). c bounds the damping and R the frequencies. Polynomials grow where damping is strong, so a
 record is divided into spans, each so short that no digit is lost.
 """
@@ -109,7 +109,7 @@ class ToneBurst:
         """Return what the burst drives exponentials to: the integrals (n_t, n), s, of
         exp(rate (t - t')) times the burst at t', over t' from 0 to t.
 
-        ``times`` t (n_t,), s, are none above P, and ``rates`` (n,) are complex, 1/s.
+        ``times`` t (n_t,), s, are between 0 and P, and ``rates`` (n,) are complex, 1/s.
         """
         amplitudes, omegas = self.waves
         # the burst is the sum of weight exp(wave_rate t): three waves, and their conjugates
@@ -156,33 +156,42 @@ class _Exponentials:
 
     @classmethod
     def of(cls, omega: Array, damping: float, drag: float = 0.0) -> _Exponentials:
-        """Return the motions of oscillators with the angular frequencies ``omega`` (count,), rad/s,
-        the time tau of the ``damping``, s, and the ``drag``, 1/s.
+        """Return the motions of oscillators, one at each node, with the angular frequencies
+        ``omega`` (n_nodes,), rad/s, the time tau of the ``damping``, s, and the ``drag``, 1/s.
 
-        An oscillator that swings has one complex rate, and one that creeps two real ones.
+        An oscillator that swings has one exponential with a complex rate, whose conjugate the real
+        part stands for. An oscillator that creeps has two exponentials with real rates.
         """
         # the rates s of exp(s t) are the roots of s^2 + (damping omega^2 + drag) s + omega^2 = 0
         decay = 0.5 * (damping * omega**2 + drag)
         least_square = _CRITICAL * omega**2
-        difference = omega**2 - decay**2
-        damped_square = np.where(np.abs(difference) < least_square, least_square, difference)
-        swings = np.flatnonzero(damped_square > 0.0)
-        creeps = np.flatnonzero(damped_square < 0.0)
-        damped_omega = np.sqrt(damped_square[swings])
-        half_split = np.sqrt(-damped_square[creeps])  # half of the difference of the two rates
+        exact_square = omega**2 - decay**2
+        damped_square = np.where(np.abs(exact_square) < least_square, least_square, exact_square)
+        swing_nodes = np.flatnonzero(damped_square > 0.0)
+        creep_nodes = np.flatnonzero(damped_square < 0.0)
+        damped_omega = np.sqrt(damped_square[swing_nodes])
+        swing_rate = -decay[swing_nodes] + 1j * damped_omega
+        half_difference = np.sqrt(-damped_square[creep_nodes])  # of the two rates
         # the product of the two rates is omega^2: the slow rate follows from the fast one without a
         # difference of near numbers
-        fast = -(decay[creeps] + half_split)
-        slow = omega[creeps] ** 2 / fast
-        swing = -decay[swings] + 1j * damped_omega
-        split = 2.0 * half_split
-        velocities = [-1j * swing / damped_omega, slow / split, -fast / split]
-        displacements = [-1j / damped_omega, 0.5 / half_split, -0.5 / half_split]
+        fast_rate = -(decay[creep_nodes] + half_difference)
+        slow_rate = omega[creep_nodes] ** 2 / fast_rate
+        difference_of_rates = 2.0 * half_difference
+        velocities = [
+            -1j * swing_rate / damped_omega,
+            slow_rate / difference_of_rates,
+            -fast_rate / difference_of_rates,
+        ]
+        displacements = [
+            -1j / damped_omega,
+            1.0 / difference_of_rates,
+            -1.0 / difference_of_rates,
+        ]
         return cls(
-            np.concatenate([swings, creeps, creeps]),
-            np.concatenate([swing, slow, fast]),
-            np.concatenate(velocities),
-            np.concatenate(displacements),
+            node=np.concatenate([swing_nodes, creep_nodes, creep_nodes]),
+            rate=np.concatenate([swing_rate, slow_rate, fast_rate]),
+            velocity=np.concatenate(velocities),
+            displacement=np.concatenate(displacements),
         )
 
 
@@ -218,11 +227,11 @@ class Propagation:
 
     # -- the response of one oscillator ------------------------------------------------------------
 
-    def _find_nodes(self, count: int) -> _Exponentials:
-        """Return the motions of oscillators with the frequencies Omega, rad/s, of the ``count``
-        Gauss nodes y = cos(angle) = 2 (Omega / top)^2 - 1.
+    def _find_oscillators(self, n_nodes: int) -> _Exponentials:
+        """Return the motions of oscillators with the frequencies Omega, rad/s, of ``n_nodes`` Gauss
+        nodes y = cos(angle) = 2 (Omega / top)^2 - 1.
         """
-        angle = np.pi * (np.arange(count) + 0.5) / count
+        angle = np.pi * (np.arange(n_nodes) + 0.5) / n_nodes
         omega = self.operator.top * np.cos(0.5 * angle)
         return _Exponentials.of(omega, self.damping, self.drag)
 
@@ -239,24 +248,24 @@ class Propagation:
         # widths are tried first, and forty orders more, for phases that are small
         phase = 0.5 * self.operator.top * self.duration
         margin = 12.0 * phase ** (1.0 / 3.0) + 40.0
-        count = math.ceil(phase + margin)
+        n_nodes = math.ceil(phase + margin)
         while True:
-            responses = self._find_nodes(count)
+            responses = self._find_oscillators(n_nodes)
             velocities = np.real(responses.velocity * np.exp(responses.rate * self.duration))
-            last_velocities = np.zeros(count)
+            last_velocities = np.zeros(n_nodes)
             np.add.at(last_velocities, responses.node, velocities)
-            sizes = np.abs(dct(last_velocities, type=2)) / count
+            sizes = np.abs(dct(last_velocities, type=2)) / n_nodes  # of coefficients
             # rounding of the phases is spread over all coefficients
-            rounding = _ROUNDING * (1.0 + phase) / math.sqrt(count)
+            rounding = _ROUNDING * (1.0 + phase) / math.sqrt(n_nodes)
             sizes[sizes < rounding] = 0.0
             remainders = np.cumsum(sizes[::-1])[::-1]  # sums of all sizes from an order on
             is_negligible = remainders <= TOLERANCE
-            order = int(np.argmax(is_negligible)) if np.any(is_negligible) else count
-            has_spare_nodes = order < count - 0.25 * margin
+            order = int(np.argmax(is_negligible)) if np.any(is_negligible) else n_nodes
+            has_spare_nodes = order < n_nodes - 0.25 * margin
             if has_spare_nodes:
                 # strong damping leaves no response at the end, and no order: two are the least
                 return max(order, 2)
-            count *= 2
+            n_nodes *= 2
 
     # -- recursion ---------------------------------------------------------------------------------
 
@@ -279,7 +288,7 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        responses = self._find_nodes(self.order)
+        responses = self._find_oscillators(self.order)
         coefficients = self._expand_frames(responses, frames)
         moments, states = self._recurse(listen, coefficients)
         # the transform sums (2 - delta_n0) mu_n T_n(y_k): the spectral weights at nodes (n, n_r),
@@ -349,8 +358,8 @@ class Propagation:
         """Return the signals (n_t, n_r) of receivers at even ``times`` (n_t,), s.
 
         Each signal is the real part of the sum of the exponentials of ``responses`` that the burst
-        has driven, times their ``weights`` (n, n_r) at receivers. During the burst, and after it
-        with exponentials that go on by themselves, chunks of times are summed one by one.
+        has driven, times their ``weights`` (n, n_r) at receivers. After the burst the exponentials
+        go on by themselves. Times are evaluated chunk by chunk, as memory allows.
         """
         rates = responses.rate
         end = self.burst.duration
@@ -422,7 +431,7 @@ class Spans:
         growth = np.exp(np.minimum(orders * growth_rate, _LARGEST_LOG))
         terms = np.abs(jv(orders, phase)) * growth
         last = int(np.flatnonzero(terms > _LEAST_TERM)[-1])
-        return last + 2
+        return last + 2  # the orders from 0 to the last, and one more, which is small
 
     def count_products(self, end: float) -> float:
         """Return a bound of the number of products with D that the propagation up to the time
@@ -430,7 +439,9 @@ class Spans:
         """
         longest = min(self.longest, end)
         n_spans = math.ceil(end / longest) + 1  # the end of the burst divides one span
-        return float(n_spans * (self.find_order(longest) + 1))
+        # each span begins with a product, and computes one polynomial beyond its last one
+        n_products_of_span = self.find_order(longest) + 1
+        return float(n_spans * n_products_of_span)
 
 
 class ViscousPropagation:
@@ -482,7 +493,7 @@ class ViscousPropagation:
         return product
 
     def _expand(self, span: float, times: Array) -> Array:
-        """Return the coefficients (n_t, order) of the polynomials P_n z of the state z at the
+        """Return the coefficients (n_t, order) of the polynomials Q_n z of the state z at the
         beginning of a ``span``, s, in the states at ``times`` (n_t,), s, after this beginning.
         """
         half_damping = self._spans.half_damping
@@ -574,7 +585,7 @@ class ViscousPropagation:
                 if factor:
                     state += factor * previous
             signals += of_signals[:, order, None] * listen(previous)
-            # P_n+1 = 2 X P_n + P_n-1, in place
+            # Q_n+1 = 2 X Q_n + Q_n-1, in place
             following = self._apply(current)
             following *= 2.0
             following += previous

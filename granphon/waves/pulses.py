@@ -42,7 +42,7 @@ from granphon.base.validation import (
     positive,
     real_array,
 )
-from granphon.dynamics.damping import NO_LOSSES, GivenLosses, Losses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import find_allowed_fall, find_falling_motions, is_stable, require_stable
@@ -85,8 +85,8 @@ _MOST_DAMPING = 0.3
 #: relative excess of a velocity over that of the fastest wave that errors of the time of flight may
 #: explain
 _VELOCITY_EXCESS = 0.02
-#: least share of the burst's frequency in what is received: the spectrum at this frequency over its
-#: maximum, of the signal over the same of the burst
+#: least share of the burst's frequency in the received signal, over that in the burst; the share is
+#: the spectrum at this frequency over the maximum of the spectrum
 _LEAST_SHARE = 0.5
 #: relative error of a velocity above which the error is a warning
 _WARNED_ERROR = 0.03
@@ -110,8 +110,8 @@ _NOTHING_HELD = message(
 #: duration of the record after the burst, over the time that the fastest long wave takes for the
 #: distance
 _RECORD_LENGTH = 3.0
-#: squared frequency over the squared bound of all, up to which some mode surely has so high a
-#: frequency: the ball with the highest frequency alone has a half
+#: squared frequency over the squared bound of all frequencies up to which some mode surely has this
+#: frequency or a higher one; for the ball with the highest frequency alone the ratio is nearly 1/2
 _SURELY_REACHED = 0.45
 #: most products with D that a record may take
 _MOST_PRODUCTS = 2**20
@@ -143,7 +143,7 @@ class Course:
     """The balls of a network in the order in which a plane wave along ``direction`` meets them.
 
     The *place* of a ball is its distance along the direction from the beginning of the course. In a
-    network that repeats it is taken less whole periods, so that the course is closed unless it was
+    network that repeats, places are taken less whole periods: the course is closed unless it was
     given ends.
 
     Attributes
@@ -155,8 +155,7 @@ class Course:
     origin : coordinate along the direction of the beginning of the course, m.
     face : place from which the distance of receivers is counted if the network was given ends, m;
         else nan.
-    at_rest : whether it is known that the network is stable, so that static forces push no ball
-        over.
+    is_known_stable : whether it is known that static forces push over no ball of the network.
     """
 
     network: ContactNetwork
@@ -164,7 +163,7 @@ class Course:
     period: float
     origin: float = 0.0
     face: float = math.nan
-    at_rest: bool = False
+    is_known_stable: bool = False
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
@@ -200,7 +199,7 @@ class Course:
         near_heights = heights[: max(2, n_near)]
         # the gap before the first ball is that from the last ball, a period earlier
         gaps = np.diff(near_heights, prepend=heights[-1] - self.period)
-        # the first of the gaps that are equally wide but for the differences of balls
+        # of gaps that are equally wide but for the differences of balls the first is taken
         is_wide = gaps > (1.0 - _PLANE_THICKNESS) * np.max(gaps)
         first_wide = int(np.argmax(is_wide))
         return float(near_heights[first_wide] - 0.5 * gaps[first_wide])
@@ -331,7 +330,7 @@ class Course:
         is_kept = self.crossings == 0
         kept_fields = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
         stable_network = drop_falling(replace(network, **kept_fields), network)
-        return replace(self, network=stable_network, face=0.0, at_rest=True)
+        return replace(self, network=stable_network, face=0.0, is_known_stable=True)
 
     def _hold_walls(self) -> Course:
         """Return the course through the network in which the last balls, those with contacts that
@@ -355,7 +354,7 @@ class Course:
         if not np.any(np.isfinite(masses)):
             raise InputError(
                 "no ball moves between the walls",
-                "They hold all",
+                "All balls are held as walls",
                 "Take a longer array, or other ends",
             )
         # the wall in front of the first balls is the one behind the last, a period earlier
@@ -363,16 +362,16 @@ class Course:
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, role: str) -> Index:
-        """Return the plane of balls, the indices (n,) of those that move, nearest to a ``place``,
-        m.
+        """Return the indices (k,) of the plane of balls nearest to a ``place``, m, among balls that
+        move.
 
-        They are the balls that lie, along the direction, within a quarter of a diameter of the ball
-        nearest to the place; in a network of no lattice, which has no planes, within nine
+        The plane has the balls that lie, along the direction, within a quarter of a diameter of the
+        ball nearest to the place; in a network of no lattice, which has no planes, within nine
         twentieths. Raises :class:`~granphon.base.errors.InputError` if no ball is within a diameter
         of the place; ``role`` says in the message what the plane is for.
         """
         moving = np.flatnonzero(self.network.moving)
-        offsets = self._find_offset(self.places[moving] - place)
+        offsets = self._find_offsets(self.places[moving] - place)
         # rounded, so that of balls that are equally near the first is taken
         distances = np.round(np.abs(offsets) / self.spacing, 6)
         nearest = int(np.argmin(distances))
@@ -385,8 +384,8 @@ class Course:
                 f"there is no plane of balls for the {role} at {place:.6g} m", why, mend
             )
         thickness = _LAYER_THICKNESS if self.network.lattice is None else _PLANE_THICKNESS
-        from_nearest = np.abs(self._find_offset(offsets - offsets[nearest]))
-        return moving[from_nearest <= thickness * self.spacing]
+        distances_from_nearest = np.abs(self._find_offsets(offsets - offsets[nearest]))
+        return moving[distances_from_nearest <= thickness * self.spacing]
 
     @property
     def is_closed(self) -> bool:
@@ -395,34 +394,35 @@ class Course:
         """
         return math.isfinite(self.period) and math.isnan(self.face)
 
-    def _find_offset(self, lengths: Array) -> Array:
-        """Return ``lengths`` (n,), m, less whole periods, so that each is as short as it can be,
-        of either sign; on a course that is not closed, the lengths themselves.
+    def _find_offsets(self, lengths: Array) -> Array:
+        """Return ``lengths`` (n,), m, less whole periods, so that the magnitude of each is least;
+        on a course that is not closed, the lengths themselves.
         """
         if not self.is_closed:
             return lengths
         return lengths - self.period * np.rint(lengths / self.period)
 
     def find_place(self, balls: Index) -> float:
-        """Return the mean place, m, of ``balls`` (n,), which lie near each other along the
+        """Return the mean place, m, of ``balls`` (k,), which lie near each other along the
         direction.
         """
         places = self.places[balls]
-        return float(places[0] + np.mean(self._find_offset(places - places[0])))
+        return float(places[0] + np.mean(self._find_offsets(places - places[0])))
 
     def find_distance(self, start: float, balls: Index) -> float:
-        """Return the mean distance, m, of ``balls`` (n,) ahead of the place ``start``, m; on a
-        closed course in the sense of the direction.
+        """Return the mean distance, m, of ``balls`` (k,) ahead of the place ``start``, m. On a
+        closed course it is measured in the sense of the direction, and is never below zero.
         """
         ahead = self.find_place(balls) - start
         return float(np.mod(ahead, self.period)) if self.is_closed else ahead
 
     def find_echo(self, start: float, balls: Index) -> float:
         """Return the detour, m, of the first echo: the length of its path less that of the path
-        from the place ``start``, m, to ``balls`` (n,).
+        from the place ``start``, m, to ``balls`` (k,).
 
         Balls within a diameter of an end send or hear the pulse and its reflection there as one, so
-        that this reflection is no echo. On a closed course the echo is the pulse that runs the
+        that this reflection is no echo. If neither reflection is one, the first echo has run
+        through the whole course and back. On a closed course the echo is the pulse that runs the
         other way round.
         """
         if self.is_closed:
@@ -494,7 +494,8 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     if not cut.prestress:
         return cut
     uncut_operator = make_operator(whole)
-    # that of the whole network, as the loads of the contacts that are cut are no imbalance
+    # the whole network decides which fall is allowed: the cut one has the loads of the contacts
+    # that it lost, which are no imbalance that a program has left
     fall = find_allowed_fall(uncut_operator)
     if is_stable(make_operator(cut), fall):
         return cut
@@ -513,9 +514,9 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the indices (m,) of the balls that hang: fewer contacts hold them than there are
-    dimensions, where contacts with other balls that hang do not count. Bodies that do not move do
-    not hang.
+    """Return the indices (k,) of the balls of a ``network`` that hang: fewer contacts hold them
+    than there are dimensions, where contacts with other balls that hang do not count. Bodies that
+    do not move do not hang.
     """
     i = network.i
     j = network.j
@@ -535,8 +536,8 @@ def _find_hanging(network: ContactNetwork) -> Index:
 
 
 def _detach(network: ContactNetwork, balls: Index) -> ContactNetwork:
-    """Return the network in which ``balls`` do not move and have no contacts; all balls keep their
-    numbers.
+    """Return the ``network`` with ``balls`` (k,) that do not move and have no contacts; all balls
+    keep their numbers.
     """
     masses = np.array(network.masses)
     masses[balls] = math.inf
@@ -562,8 +563,9 @@ def find_envelope(signals: Array) -> Array:
 def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
     """Return why a ``signal`` (n_t,) has no time of flight; empty if it has one.
 
-    ``shift`` is the time of flight in steps of the record; it is nan where the burst or the signal
-    has no maximum. ``is_held`` says whether the record holds the whole signal, False for nan.
+    ``shift`` is the time of flight in steps of the record, nan if the burst or the signal has no
+    maximum. ``is_held`` says whether the record holds the whole signal; it is false if the shift is
+    nan.
     """
     if not np.any(signal):
         return "the signal is zero"
@@ -575,13 +577,13 @@ def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
 def find_arrivals(
     times: Array, signals: Array, sent: Array, duration: float, method: str, threshold: float
 ) -> tuple[Array, list[str]]:
-    """Return the times of flight of ``signals`` (n, n_t), by which they come after the signal
-    ``sent`` (n_t,), and why times are not known.
+    """Return the times of flight of n ``signals``, by which they come after the signal ``sent``,
+    and why times are not known.
 
     Parameters
     ----------
     times : (n_t,) even times of the readings, s.
-    signals, sent : in any units.
+    signals, sent : (n, n_t) and (n_t,), each in any unit.
     duration : length of the signal that was sent, s. A record that is shorter than the time of
         flight and this duration does not hold the signal.
     method : "envelope": the time between the maxima of both envelopes; the maximum of an envelope
@@ -655,7 +657,7 @@ def _find_pulse_position(envelope: Array, method: str, threshold: float) -> floa
 
 def _find_begin(envelope: Array, level: float) -> float:
     """Return the position, in readings, at which an ``envelope`` (n_t,), taken as linear between
-    readings, first has a ``level``.
+    readings, first has a ``level``, which one of the readings must reach.
     """
     begin = int(np.argmax(envelope >= level))
     if begin == 0:
@@ -666,27 +668,27 @@ def _find_begin(envelope: Array, level: float) -> float:
 
 
 def _fit_top(envelope: Array, top: int) -> float:
-    """Return the position, in readings, of the maximum of the parabola that is fitted to an
-    ``envelope`` (n_t,) about its highest reading, of index ``top``: to all readings around it that
-    are above the share :data:`_TOP_SHARE` of this reading, and at least to three.
+    """Return the position, in readings, of the maximum of a parabola that is fitted to an
+    ``envelope`` (n_t,) about its maximum at the index ``top``: to all readings around the maximum
+    that are above the share :data:`_TOP_SHARE` of it, and at least to three.
     """
-    low = np.flatnonzero(envelope < _TOP_SHARE * envelope[top])
-    n_before = int(np.searchsorted(low, top))
-    last_before = int(low[n_before - 1]) if n_before else -1
-    first_after = int(low[n_before]) if n_before < low.size else envelope.size
+    low_readings = np.flatnonzero(envelope < _TOP_SHARE * envelope[top])
+    n_before = int(np.searchsorted(low_readings, top))
+    last_before = int(low_readings[n_before - 1]) if n_before else -1
+    first_after = int(low_readings[n_before]) if n_before < low_readings.size else envelope.size
     first = min(top - 1, last_before + 1)
     last = max(top + 1, first_after - 1)
     heights = envelope[first : last + 1] / envelope[top]
     # weights vanish towards the share, so that the result does not jump when a reading passes it
     weights = np.sqrt(np.maximum(heights - _TOP_SHARE, _LEAST_WEIGHT))
-    from_top = np.arange(first, last + 1) - top
-    curvature, slope, _ = np.polyfit(from_top, heights, 2, w=weights)
-    return float(np.clip(top - 0.5 * slope / curvature, first, last))
+    offsets = np.arange(first, last + 1) - top
+    half_curvature, slope, _ = np.polyfit(offsets, heights, 2, w=weights)
+    return float(np.clip(top - 0.5 * slope / half_curvature, first, last))
 
 
 def _find_delay(signal: Array, times: Array, frequency: float) -> float:
-    """Return the size of the group delay, s, of a ``signal`` (n_t,) with ``times`` (n_t,), s, at a
-    ``frequency``, Hz: that of -d phase / d omega of its Fourier integral.
+    """Return the magnitude of the group delay, s, of a ``signal`` (n_t,) with ``times`` (n_t,), s,
+    at a ``frequency``, Hz: the magnitude of -d phase / d omega of the signal's Fourier integral.
 
     The delay of a burst that is even or odd about the time zero is zero. The delay is nan if the
     signal does not have the frequency.
@@ -732,8 +734,8 @@ class _Flight(NamedTuple):
     Attributes
     ----------
     time : time of flight, s; nan if it is not known.
-    shape_error, scatter : errors of the time, s, because the pulse changes its shape, and because
-        of the speckle.
+    shape_error : error of the time, s, because the pulse changes its shape; nan as the time.
+    scatter : error of the time, s, because of the speckle; nan as the time.
     why_unknown : the reason why the time is not known; empty if it is known.
     """
 
@@ -751,7 +753,8 @@ class Pulse(Result):
     Attributes
     ----------
     frequency, cycles : frequency, Hz, and number of periods of the burst that pushes the source,
-        sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 with P = cycles/frequency.
+        sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 with omega = 2 pi frequency and
+        P = cycles/frequency.
     direction, polarisation : (3,) unit vectors, in which the pulse travels and in which the source
         pushes.
     damping, tangential_damping : s, the viscosity of contacts over their stiffness, in normal
@@ -834,11 +837,13 @@ class Pulse(Result):
 
     @property
     def coherent_fraction(self) -> float:
-        """Part of the integral over time of the mean square of the signals that is coherent."""
-        whole = float(np.sum(np.mean(self.signals**2, axis=0)))
-        if not whole:
+        """Part of the integral over time of the mean square of the signals that is coherent; zero
+        if all signals are zero.
+        """
+        total_square = float(np.sum(np.mean(self.signals**2, axis=0)))
+        if not total_square:
             return 0.0
-        return float(np.sum(self.coherent**2)) / whole
+        return float(np.sum(self.coherent**2)) / total_square
 
     @property
     def envelope(self) -> Array:
@@ -894,13 +899,13 @@ class Pulse(Result):
         ``method`` and ``threshold`` are those of :meth:`arrival`.
         """
         flights, _ = self._find_arrivals(self.signals, method, threshold)
-        return np.full(flights.shape, math.nan) if self._find_echo() else flights
+        return np.full(flights.shape, math.nan) if self._explain_echo() else flights
 
     def _find_arrivals(
         self, signals: Array, method: str, threshold: float
     ) -> tuple[Array, list[str]]:
-        """Return the times of flight (n,), s, of ``signals`` (n, n_t), and for each the reason why
-        it is not known, as :func:`find_arrivals` does.
+        """Return the times of flight (n,), s, of ``signals`` (n, n_t), and for each time the reason
+        why it is not known, empty if it is; see :func:`find_arrivals`.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown ``method``, and a
         ``threshold`` that is not between 0 and 1.
@@ -919,12 +924,12 @@ class Pulse(Result):
         """The flight of the coherent signal, and its errors."""
         times, reasons = self._find_arrivals(self.coherent[None], "envelope", _THRESHOLD)
         time = float(times[0])
-        why = self._find_echo() or reasons[0] or self._explain_too_fast(time)
+        why = self._explain_echo() or reasons[0] or self._explain_too_fast(time)
         if why:
             return _Flight(math.nan, why_unknown=why)
         since_middle, pulse_gate, long_gate = self._make_gates(time)
-        # two delays, of the pulse alone, and of the pulse with all that follows, as waves near the
-        # top of a band are late: one of the two may agree with the envelope by chance, hence both
+        # waves near the top of a band come late: one delay is of the pulse alone, and one of the
+        # pulse with all that follows. Both are found, as one may agree with the envelope by chance
         pulse = self.coherent * pulse_gate
         pulse_delay = _find_delay(pulse, since_middle, self.frequency)
         long_delay = _find_delay(self.coherent * long_gate, since_middle, self.frequency)
@@ -942,10 +947,9 @@ class Pulse(Result):
         return _Flight(time, shape_error, scatter)
 
     def _make_gates(self, time: float) -> tuple[Array, Array, Array]:
-        """Return the times (n_t,), s, of readings since the moment at which a pulse with the
-        ``time`` of flight, s, is at its height, and two gates (n_t,), which are factors about that
-        moment: one keeps the pulse alone, and one keeps all that comes before an echo or the end of
-        the record.
+        """Return the times (n_t,), s, of readings since the height of a pulse whose flight takes
+        the ``time``, s, and two gates, factors (n_t,) about the height: one keeps the pulse alone,
+        and one keeps all that comes before an echo or the end of the record.
         """
         duration = self.cycles / self.frequency
         middle = time + 0.5 * duration
@@ -970,15 +974,15 @@ class Pulse(Result):
         )
 
     def _find_share(self, signal: Array) -> float:
-        """Return the size of the spectrum of a ``signal`` (n_t,) at the frequency of the burst,
-        over the maximum of the spectrum. It is that of the burst itself if waves of all frequencies
-        travel at one velocity.
+        """Return the magnitude of the spectrum of a ``signal`` (n_t,), which is not zero, at the
+        frequency of the burst, over the maximum of the spectrum. If waves of all frequencies travel
+        at one velocity, a received signal has the share of the burst itself.
         """
         wave = np.exp(-2j * np.pi * self.frequency * self.times)
         highest = float(np.max(np.abs(np.fft.rfft(signal, 2 * signal.size))))
         return abs(complex(signal @ wave)) / highest
 
-    def _find_echo(self) -> str:
+    def _explain_echo(self) -> str:
         """Return why an echo makes times of flight unknown, if an echo may come before the pulse is
         at its height; else an empty text.
         """
@@ -1166,8 +1170,7 @@ def _are_similar(values: ArrayLike, reference: ArrayLike) -> bool:
 @dataclass(frozen=True, eq=False)
 class PulseSource:
     """A pulse to be sent. Its fields are the arguments of
-    :meth:`~granphon.waves.waves.Waves.transmit`, which says what they are; the losses are one
-    field.
+    :meth:`~granphon.waves.waves.Waves.transmit`, which says what they are.
     """
 
     frequency: float
@@ -1178,10 +1181,22 @@ class PulseSource:
     _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
-    losses: GivenLosses = NO_LOSSES
+    damping: Any = 0.0
+    tangential_damping: float | None = None
+    drag: Any = 0.0
+    dashpot: Any = 0.0
+    restitution: Any = 1.0
     duration: float | None = None
     planes: ArrayLike = ()
     frames: ArrayLike = ()
+
+    @property
+    def losses(self) -> GivenLosses:
+        """The losses of the pulse."""
+        losses = GivenLosses(
+            self.damping, drag=self.drag, dashpot=self.dashpot, restitution=self.restitution
+        )
+        return losses.with_tangential(self.tangential_damping)
 
     @classmethod
     def of(
@@ -1190,9 +1205,9 @@ class PulseSource:
         """Return the pulse of the ``settings`` of a scene in a ``direction`` (1,) to (3,),
         Cartesian, or along x for None.
 
-        If the settings have no distance, it is half of the period of the ``network``, or a quarter
-        if ends are periodic, less a small part of a diameter: if two planes are equally near to
-        that place, the one nearer to the source is then taken, in all samples. Raises
+        If the settings have no distance, the distance is half of the period of the ``network``, or
+        a quarter if ends are periodic, less a small part of a diameter (of two planes that are
+        equally near, that nearer to the source is then taken in all samples). Raises
         :class:`~granphon.base.errors.InputError` for what is no direction; and without a distance,
         if the network has no period along the direction, or one too short for a pulse.
         """
@@ -1208,10 +1223,10 @@ class PulseSource:
                     " along the direction",
                     "Give pulse.distance",
                 )
-            share, share_words = 0.5, "half"
-            if settings.ends == "periodic":
-                share, share_words = 0.25, "a quarter"
+            is_periodic = settings.ends == "periodic"
+            share_words = "a quarter" if is_periodic else "half"
             course.require_period(2.0 * course.spacing, f"A pulse goes {share_words} of that way")
+            share = 0.25 if is_periodic else 0.5
             distance = share * course.period - _DISTANCE_REDUCTION * course.spacing
         return cls(
             settings.frequency,
@@ -1221,7 +1236,7 @@ class PulseSource:
             settings.polarisation,
             source=settings.source,
             ends=settings.ends,
-            losses=GivenLosses(**settings.losses),
+            **settings.losses,
         )
 
 
@@ -1232,11 +1247,12 @@ class Route:
     Attributes
     ----------
     course : the network with its ends, and the order of its balls along the direction.
-    burst : the course of the force in time.
+    burst : the force as a function of time.
     push : (3,) unit vector along which the source pushes.
     start : place from which distances are counted, m.
-    sources : indices of the balls that are pushed.
-    groups : indices of the balls of the receiving plane, and of those of each further plane.
+    sources : (k,) indices of the balls that are pushed.
+    groups : indices of the balls of the receiving plane, and of those of each further plane, an
+        array for each.
     fastest : (2,) upper bounds of the velocity of long waves, m/s, of :func:`_find_fastest`: along
         ``push``, and in the stiffest direction.
     times : (n_t,) times at which the pulse is read, s.
@@ -1258,9 +1274,10 @@ class Route:
         """Return the route through the ``network`` of the pulse of a ``request``.
 
         A ``margin`` above one says that the pulse is meant for another network, in which waves may
-        be slower or faster by this factor: a request is then refused only if it fails for all of
-        these. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for losses, for
-        frequencies that the network does not have, and for records and frames that take too much.
+        be slower or faster by this factor: a request is then refused only if it fails in every such
+        network. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, except for losses,
+        for frequencies that the network does not have, and for records and frames that take too
+        much.
         """
         hertz = positive("frequency", request.frequency, "Hz")
         distance = positive("distance", request.distance, "m")
@@ -1282,8 +1299,8 @@ class Route:
         course = course.with_ends(ends)
         sources = _find_sources(course, request.source)
         is_plane = isinstance(request.source, str) and request.source == "plane"
-        at_face = is_plane and not math.isnan(course.face)
-        start = course.face if at_face else course.find_place(sources)
+        starts_at_face = is_plane and not math.isnan(course.face)
+        start = course.face if starts_at_face else course.find_place(sources)
         groups = [course.find_plane(start + length, "receivers") for length in distances]
         receivers = groups[0]
         _require_apart(course, distance, sources, receivers)
@@ -1312,21 +1329,21 @@ class Route:
         )
 
     @property
-    def last(self) -> float:
-        """The time to which the pulse is propagated, s: the later one of the last frame and of
-        :attr:`end`.
+    def last_time(self) -> float:
+        """The time to which the pulse is propagated, s: that of the last frame, or
+        :attr:`end_time` if that is later.
         """
-        return float(max([self.end, *self.frames]))
+        return float(max([self.end_time, *self.frames]))
 
     @property
-    def end(self) -> float:
+    def end_time(self) -> float:
         """The end of the record, or of the burst if that is later, s."""
         return max(float(self.times[-1]), self.burst.duration)
 
 
 def _require_apart(course: Course, distance: float, sources: Index, receivers: Index) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if balls of the receiving plane, at a
-    ``distance``, m, are among the sources.
+    """Raise :class:`~granphon.base.errors.InputError` if some of the ``receivers`` (k,), balls at a
+    ``distance``, m, on the ``course``, are among the ``sources``.
     """
     if not np.isin(receivers, sources).any():
         return
@@ -1351,15 +1368,15 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
         raise InputError(
             fault, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
         )
-    n_readings = max(3, math.floor(n_steps) + 1)  # a parabola goes through three
+    n_readings = max(3, math.floor(n_steps) + 1)  # the fit of a maximum needs three
     times: Array = step * np.arange(n_readings, dtype=np.float64)
     return times
 
 
 def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
-    """Return the indices (n,) of the balls that are pushed. A ``source`` is the index of a ball or
-    several; "plane", the first plane along the direction; or "ball", the ball of lowest index of
-    this plane.
+    """Return the indices (k,) of the balls on a ``course`` that are pushed. The ``source`` is the
+    index of a ball or several; "plane", the first plane along the direction; or "ball", the ball of
+    lowest index of this plane.
 
     Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and for another
     word.
@@ -1387,8 +1404,8 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
 def _find_fastest(
     course: Course, push: Array, sources: Index, receivers: Index, has_fallen: bool
 ) -> Array:
-    """Return upper bounds (2,), m/s, of the velocity of long waves, with motions along ``push``
-    (3,), and in the stiffest direction.
+    """Return upper bounds (2,), m/s, of the velocity of long waves along a ``course``: with motions
+    along ``push`` (3,), and with motions in the stiffest direction.
 
     The bounds are the velocities of waves in which all balls move in proportion to a plane wave,
     without the relative motions by which a network gives way, without rotations, and without the
@@ -1427,16 +1444,18 @@ def _find_fastest(
 
 
 def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
-    """Return for each of the ``chosen`` pieces (k,), by their numbers, its stiffness over its mass,
-    (k, n_u, n_u), (m/s)^2, for waves along the course in which all balls move in proportion to a
-    plane wave; n_u is the number of axes along which balls move.
+    """Return the stiffness over the mass, (k, n_u, n_u), (m/s)^2, of each of the ``chosen`` pieces,
+    for waves along the ``course`` in which all balls move in proportion to a plane wave; n_u is the
+    number of axes along which balls move.
 
-    ``piece_of_ball`` (n,) is the number of the piece of each ball.
+    ``piece_of_ball`` (n,) is the number of the piece of each ball, and ``chosen`` (k,) are numbers
+    of pieces.
     """
     network = course.network
     axes = list(network.ball_motions.translations)
     moving = network.moving
-    moving_end = np.where(moving[network.i], network.i, network.j)  # a ball of each contact
+    # of the two balls of a contact, one that moves, if one does
+    moving_end = np.where(moving[network.i], network.i, network.j)
     piece_of_contact = piece_of_ball[moving_end]
     n_pieces = int(np.max(piece_of_ball)) + 1
     masses = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
@@ -1453,8 +1472,10 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
     stiffness = np.zeros((len(axes), len(axes), n_pieces))
     for row, a in enumerate(axes):
         for column, b in enumerate(axes):
-            of_contacts = excess * normals[a] * normals[b] + (a == b) * shear * squared_lengths
-            stiffness[row, column] = np.bincount(piece_of_contact, of_contacts, n_pieces)
+            contact_stiffness = excess * normals[a] * normals[b]
+            if a == b:
+                contact_stiffness = contact_stiffness + shear * squared_lengths
+            stiffness[row, column] = np.bincount(piece_of_contact, contact_stiffness, n_pieces)
     tensors = np.moveaxis(stiffness, -1, 0)[chosen]
     return np.asarray(tensors / masses[chosen, None, None])
 
@@ -1501,7 +1522,7 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     if burst.frequency > limit:
         raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
     losses = Losses.of(route.course.network, request.losses)
-    _require_short(operator.top / MARGIN, burst, route.last, losses)
+    _require_short(operator.top / MARGIN, burst, route.last_time, losses)
 
 
 def transmit(
@@ -1526,16 +1547,16 @@ def transmit(
         operator = find_operator()
     else:
         operator = make_operator(course.network, progress)
-        if not course.at_rest:
+        if not course.is_known_stable:
             require_stable(operator)
-    _require_short(operator.top, burst, route.last, losses)
+    _require_short(operator.top, burst, route.last_time, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     _require_reached(operator, burst.frequency)
     motions = _propagate(route, operator, losses)
     distances = [course.find_distance(route.start, balls) for balls in route.groups]
-    fallen = np.zeros(0, np.intp)
+    fallen_balls = np.zeros(0, np.intp)
     if request.ends == "free":
-        fallen = np.flatnonzero(network.moving & ~course.network.moving)
+        fallen_balls = np.flatnonzero(network.moving & ~course.network.moving)
     pulse = Pulse(
         frequency=burst.frequency,
         cycles=burst.cycles,
@@ -1558,9 +1579,9 @@ def transmit(
         velocities=motions.velocities,
         echo=course.find_echo(route.start, receivers),
         fastest=route.fastest,
-        left_out=fallen.size,
+        left_out=fallen_balls.size,
     )
-    remarks = _warn_of_fallen(course, fallen, receivers)
+    remarks = _warn_of_fallen(course, fallen_balls, receivers)
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
 
 
@@ -1568,8 +1589,8 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
     """Return the number of products of D with a vector that the pulse of a ``request`` takes;
     ``operator`` is that of the network before its ends are cut.
 
-    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent; of
-    frequencies, those above the bound of all modes are refused, as the highest mode is not found.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent. A frequency is
+    refused only if it is above the bound of all modes, as the highest mode is not found.
     """
     route = Route.of(operator.network, request)
     limit = operator.top / (2.0 * math.pi)
@@ -1577,18 +1598,18 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
         raise _explain_unreachable(route.burst.frequency, f"which is below {limit:.4g} Hz")
     _require_frames_memory(len(route.frames), operator.network.n_balls, operator.size)
     losses = Losses.of(route.course.network, request.losses)
-    _require_short(operator.top, route.burst, route.last, losses)
+    _require_short(operator.top, route.burst, route.last_time, losses)
     even_losses = losses.find_even()
     if even_losses is None:
         spans = Spans.of(operator.top, route.burst, losses)
-        return _UNEVEN_PRODUCTS * spans.count_products(route.last)
+        return _UNEVEN_PRODUCTS * spans.count_products(route.last_time)
     _, time, drag = even_losses
-    no_push = np.zeros(0)
-    return float(Propagation(operator, no_push, route.burst, route.last, time, drag).order)
+    no_push = np.zeros(0)  # the order of the expansion does not depend on the push
+    return float(Propagation(operator, no_push, route.burst, route.last_time, time, drag).order)
 
 
 def _find_mean(values: Array) -> float:
-    """Return the mean of ``values`` (n,); if they are equal, their value itself, without the
+    """Return the mean of ``values`` (n_c,); if all are equal, the value itself, without the
     rounding of a mean.
     """
     return float(values[0] if np.ptp(values) == 0.0 else np.mean(values))
@@ -1603,7 +1624,7 @@ def find_frames_memory(n_frames: int, n_balls: int, size: int) -> float:
 
 def _require_frames_memory(n_frames: int, n_balls: int, size: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if ``n_frames`` frames of ``n_balls`` balls
-    do not fit into memory.
+    do not fit into memory; ``size`` is that of :func:`find_frames_memory`.
     """
     memory = find_frames_memory(n_frames, n_balls, size)
     require_memory(f"{n_frames:,} frames of {n_balls:,} balls", memory, "Give fewer frames")
@@ -1614,7 +1635,8 @@ class _HeardMotions(NamedTuple):
 
     Attributes
     ----------
-    signals : for each group of receivers the velocities (n, n_t) of its balls along the push, m/s.
+    signals : for each group of receivers the velocities (k, n_t) of its k balls along the push,
+        m/s.
     energies : (2,) kinetic plus elastic energy at the end of the burst, and at the end of the
         record, J.
     velocities : (n_f, n, 3) velocities of all balls at the frames, m/s.
@@ -1643,7 +1665,7 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
         propagation = ViscousPropagation(operator, forces, burst, losses)
     else:
         _, time, drag = even_losses
-        propagation = Propagation(operator, forces, burst, route.last, time, drag)
+        propagation = Propagation(operator, forces, burst, route.last_time, time, drag)
 
     def listen(vector: Array) -> Array:
         """Return the velocities (n_r,) of receivers along the push, m/s, from a ``vector`` (size,)
@@ -1652,7 +1674,7 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
         return inverse_root[receivers] * (vector[indices] @ push)
 
     # the first two states are for the energies, at the ends of the burst and of the record
-    energy_times = [burst.duration, route.end]
+    energy_times = [burst.duration, route.end_time]
     state_times = np.concatenate([energy_times, route.frames])
     signals, state_x, state_v = propagation.follow(listen, route.times, state_times)
     energies = [
@@ -1678,18 +1700,18 @@ def _find_ball_velocities(operator: WaveOperator, vectors: Array) -> Array:
     return velocities
 
 
-def _warn_of_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
-    """Return a warning if one of the balls that have ``fallen`` (n,) behind cut ends lies as far
-    inside as the first of the ``receivers`` (m,); else an empty list.
+def _warn_of_fallen(course: Course, fallen_balls: Index, receivers: Index) -> list[str]:
+    """Return a list of one warning if one of the ``fallen_balls`` behind cut ends lies as far
+    inside as the outermost of the ``receivers``, else an empty list; both are indices of balls.
     """
-    if not fallen.size:
+    if not fallen_balls.size:
         return []
     depths = np.minimum(course.places, course.period - course.places)  # from the nearer end, m
-    if np.max(depths[fallen]) < np.min(depths[receivers]):
+    if np.max(depths[fallen_balls]) < np.min(depths[receivers]):
         return []
     return [
-        f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut,"
-        f" as far inside as the receiving plane, so that the array is no longer what it was:"
+        f"static forces push {counted(fallen_balls.size, 'ball')} over behind the ends that are"
+        f" cut, as far inside as the receiving plane, so that the array is no longer what it was:"
         f" use ends: walls, friction, or a higher load"
     ]
 
@@ -1748,13 +1770,15 @@ def read_vector(name: str, value: Any, dimension: int) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool = False) -> None:
+def require_moves(
+    name: str, direction: Array, network: ContactNetwork, turns: bool = False
+) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls of a ``network`` can move in
-    the direction ``along`` (3,), or each ball in its own direction (n, 3); with ``turns``, unless
-    they can turn about it. ``name`` is that of the argument.
+    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``turns``, unless balls can
+    turn about the direction. ``name`` is that of the argument.
     """
     motions = network.ball_motions
-    vectors = np.atleast_2d(along)
+    vectors = np.atleast_2d(direction)
     axes = motions.rotations if turns else motions.translations
     forbidden = np.abs(np.delete(vectors, list(axes), axis=1))  # components off these axes
     largest_forbidden = forbidden.max(axis=1, initial=0.0)
@@ -1764,7 +1788,7 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
     ball = int(np.argmax(largest_forbidden))
     verb, preposition = ("turn", "about") if turns else ("move", "along")
     vector = _write_direction(vectors[ball])
-    is_of_all_balls = along.ndim == 1
+    is_of_all_balls = direction.ndim == 1
     if is_of_all_balls:
         fault = f"the {name} is {preposition} {vector}"
     else:
@@ -1776,9 +1800,9 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
     raise InputError(fault, f"Balls {allowed}")
 
 
-def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array:
+def read_push(network: ContactNetwork, direction: Array, polarisation: Any) -> Array:
     """Return the unit vector (3,) along which a source with a ``polarisation``, a word or a vector,
-    pushes; its waves travel along the unit vector ``along`` (3,).
+    pushes; its waves travel along the ``direction`` (3,), a unit vector.
 
     Raises :class:`~granphon.base.errors.InputError` for another word, and if balls do not move
     along the push.
@@ -1786,11 +1810,11 @@ def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array
     if not isinstance(polarisation, str):
         push = read_vector("polarisation", polarisation, network.dimension)
     elif polarisation == "longitudinal":
-        push = along
+        push = direction
     elif polarisation == "out_of_plane":
         push = np.array([0.0, 0.0, 1.0])
     elif polarisation == "transverse":
-        push = _find_transverse(network, along)
+        push = _find_transverse(network, direction)
     else:
         options = "longitudinal, transverse, out_of_plane, or a vector"
         raise InputError(f"polarisation is {brief(polarisation)}", mend=f"Use {options}")
@@ -1798,26 +1822,29 @@ def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array
     return push
 
 
-def _find_transverse(network: ContactNetwork, along: Array) -> Array:
-    """Return a unit vector (3,) perpendicular to the unit vector ``along`` (3,): in a plane the one
-    in the plane, in space the part across ``along`` of the axis that is farthest from it.
+def _find_transverse(network: ContactNetwork, direction: Array) -> Array:
+    """Return a unit vector (3,) perpendicular to the ``direction`` (3,), a unit vector: in a plane
+    one in the plane, in space the part across the direction of the axis farthest from it.
 
-    Raises :class:`~granphon.base.errors.InputError` if balls move along less than two of the axes
-    among which it is sought: x and y on a line and in a plane, all three in space.
+    Raises :class:`~granphon.base.errors.InputError` if balls move along fewer than two of the axes
+    in question: x and y on a line and in a plane, all three in space.
     """
     axes = network.ball_motions.translations
     candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
     if len(candidates) < 2:
         fault = f"the motions {network.motions!r} have no transverse waves in this direction"
         raise InputError(fault, mend="Name another polarisation, or give a vector")
-    cosines = np.round(np.abs(along[candidates]), 9)  # rounded: of equal ones the first is taken
+    # rounded, so that of axes that are equally far the first is taken
+    cosines = np.round(np.abs(direction[candidates]), 9)
     axis = candidates[int(np.argmin(cosines))]
-    push = np.eye(3)[axis] - along[axis] * along
+    push = np.eye(3)[axis] - direction[axis] * direction
     return np.asarray(push / np.linalg.norm(push))
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
-    """Return the error of a frequency above the ``limit`` of the network's modes, in words."""
+    """Return the error of a frequency ``hertz``, Hz, above all modes of the network; ``limit`` is
+    the top of the modes in words.
+    """
     fault = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
     return UnreachableFrequencyError(
         fault, "Nothing of the pulse would travel", "Lower the frequency"
@@ -1826,10 +1853,11 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
 
 def _require_short(top: float, burst: ToneBurst, duration: float, losses: Losses) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the propagation of a ``burst`` over a
-    ``duration``, s, up to the end of the record and the last frame, takes more than
-    :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so strong that nothing moves.
+    ``duration``, s, takes more than :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so
+    strong that nothing moves.
 
-    ``top``, 1/s, is the bound of the frequencies of the network.
+    The duration is :attr:`Route.last_time`; ``top``, rad/s, is the bound of the angular frequencies
+    of the network.
     """
     highest = write_quantity(top / (2.0 * math.pi), "Hz", 3)
     damping = float(np.max(losses.times))

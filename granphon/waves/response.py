@@ -41,11 +41,11 @@ is depends on the losses:
   incomplete process of Arnoldi (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and
   takes many more steps. Static forces that press add deformations of imaginary stiffness^1/2.
 
-The norm of the residual is that of the next vector times the last coefficient. If g is the least
-eta + omega tau of all contacts, and gamma the least drag, |Z^-1| is at most one over the distance
-of omega^2 - i omega gamma from all d (1 + i g') with d >= 0 and g' >= g; this bounds the error. The
-number of steps follows from g beforehand (:class:`ResponseWork`), and frequencies at which factors
-take less time are left to factors.
+The norm of the residual is that of the next vector times the last coefficient of the solution. If g
+is the least eta + omega tau of all contacts, and gamma the least drag, |Z^-1| is at most one over
+the distance of omega^2 - i omega gamma from all d (1 + i g') with d >= 0 and g' >= g; this bounds
+the error. The number of steps follows from g beforehand (:class:`ResponseWork`), and frequencies at
+which factors take less time are left to factors.
 """
 
 from __future__ import annotations
@@ -76,7 +76,15 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
-from granphon.waves.sensors import FLOOR, Sensor, SensorPlaces, find_open_axis, is_contact
+from granphon.waves.sensors import (
+    FLOOR,
+    Sensor,
+    SensorPlaces,
+    find_open_axis,
+    find_unused,
+    is_contact,
+    is_plane,
+)
 
 #: memory of the response of a ball at one frequency, bytes
 _RESPONSE_BYTES = 100.0
@@ -145,7 +153,7 @@ _ROUNDING = 1e-16
 _DIVERGED = 1e100
 #: loss factors that are tried to advise the least sufficient one
 _ADVISED_LOSSES = (0.01, 0.02, 0.05, 0.1)
-#: order of the derivative by the time that makes the quantity of a displacement
+#: quantities that are derivatives of the displacement by the time, with the order of the derivative
 _DERIVATIVES = {"velocity": 1, "acceleration": 2}
 
 
@@ -249,9 +257,9 @@ class Response(Result, array="values"):
         """The peaks of each receiver: their frequencies, heights and Q factors.
 
         The response is solved anew about each peak, between the frequencies. This is not possible
-        for a response that was read from a file or a copy, or in which nothing loses energy: peaks
-        are then those of modes through three values, and of lines narrower than the step of the
-        frequencies, the frequencies are known to a step, and heights and Q are nan.
+        for a response that was read from a file or a copy, or in which nothing loses energy: each
+        peak is then that of a mode through three values. If a line is narrower than the step of the
+        frequencies, its frequency is known to a step, and its height and Q are nan.
         """
         return self.peaks_of_means([[place] for place in range(len(self.receivers))])
 
@@ -381,6 +389,7 @@ def find_response(
     The response keeps functions that compute its derivatives and, unless nothing loses energy, its
     values at other frequencies.
     """
+    places.require_use(source, receiver)
     options = options._replace(quantity=places.find_quantity(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
@@ -468,7 +477,7 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
     largest_unknown = np.max(absolute_errors[error >= 1.0], initial=0.0)
     if largest_unknown > 0.0:
         bound = write_quantity(float(largest_unknown), unit, 2)
-        why += f"; where it is above 1, all that is known is that they are below {bound}"
+        why += f"; where the error is above 1, values are only known to be below {bound}"
     return f"the error of the response is above {_WARNED_ERROR:g} at {frequencies}: {why}."
 
 
@@ -485,19 +494,39 @@ class Places:
     are pushed and heard.
 
     ``direction``, ``polarisation`` and ``distance``, m, of planes are arguments of
-    ``Waves.response``.
+    ``Waves.response``, None where they are not given.
     """
 
     def __init__(
         self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None
     ) -> None:
         self.network = network
+        self._given = {
+            "direction": direction,
+            "polarisation": polarisation,
+            "distance": distance,
+        }
         if direction is None:
             direction = find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
-        self.polarisation = polarisation
+        self.polarisation = "longitudinal" if polarisation is None else polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
         self._sensor_places = SensorPlaces.of(network)
+
+    def require_use(self, source: Any, receiver: Any) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for an argument of planes that is given
+        and has no use for a response between ``source`` and ``receiver``.
+        """
+        name = find_unused(_list_items(source), _list_items(receiver), self._given)
+        if not name:
+            return
+        of_which = "the receiver" if name == "distance" else "neither source nor receiver"
+        verb = "is no plane" if name == "distance" else "is a plane"
+        raise InputError(
+            f"{name} is given, and {of_which} {verb}",
+            f"The {name} is that of a plane of balls",
+            f"Leave {name} out, or give 'plane'; of a ball give (ball, direction)",
+        )
 
     def find_quantity(self, quantity: str, source: Any) -> str:
         """Return the quantity of a response: the given ``quantity``, or "stiffness" in place of
@@ -572,7 +601,7 @@ class Places:
 
         Raises :class:`~granphon.base.errors.InputError` for any other item.
         """
-        if isinstance(item, str) and item == "plane":
+        if is_plane(item):
             balls = self._find_plane(name, held)
             return balls, read_push(self.network, self.along, self.polarisation)
         if isinstance(item, str) and item == FLOOR:
@@ -704,7 +733,8 @@ class _Space(NamedTuple):
     scale : (n_f,) factor of x in the signals of receivers.
     bound : (n_f,) bound of the norm of (H - shift)^-1: the error of scale x is at most scale times
         this bound times the residual.
-    direct : (n_f, n_r) signals that receivers have directly from the source, beside scale x.
+    direct_signals : (n_f, n_r) signals that receivers have directly from the source, beside
+        scale x.
     """
 
     apply: Callable[[NDArray[Any]], NDArray[Any]]
@@ -713,7 +743,7 @@ class _Space(NamedTuple):
     shifts: NDArray[Any]
     scale: NDArray[Any]
     bound: Array
-    direct: NDArray[Any]
+    direct_signals: NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -742,7 +772,7 @@ class ResponseWork:
     @cached_property
     def row_losses(self) -> Array:
         """(2, rows) loss factors eta, and times tau, s, of all deformations that resist motions:
-        springs, and static forces that pull, which lose no energy.
+        those of springs, and those of static forces that pull, whose losses are zero.
         """
         factors = self.operator.row_weights(self.losses.factors)
         times = self.operator.row_weights(self.losses.times)
@@ -757,7 +787,7 @@ class ResponseWork:
 
     @cached_property
     def drags(self) -> Array:
-        """(m,) drag gamma of each motion of a ball, over the top frequency."""
+        """(motions,) drag gamma of each motion of a ball, over the top frequency."""
         return self.losses.drag_of(self.operator.motions) / self.operator.top
 
     @cached_property
@@ -874,11 +904,11 @@ class ResponseWork:
         if method == "direct" or self.why_no_space or is_small:
             if not math.isfinite(self.factor_time):
                 raise self._explain_no_factors()
-            by_factors = np.ones(self.omega.size, bool)
+            is_factorised = np.ones(self.omega.size, bool)
             seconds = self.factor_time * self.omega.size
         else:
-            by_factors, seconds = self._divide_frequencies(may_factorise=method is None)
-            most_steps = float(np.max(self.steps, where=~by_factors, initial=0.0))
+            is_factorised, seconds = self._divide_frequencies(may_factorise=method is None)
+            most_steps = float(np.max(self.steps, where=~is_factorised, initial=0.0))
             if most_steps > _MOST_STEPS:
                 raise self.explain(
                     f"is not found by a Krylov space of {_MOST_STEPS:,} steps", most_steps
@@ -889,14 +919,14 @@ class ResponseWork:
                 float(np.max(self.steps)),
                 alternative="name the method, to wait for it",
             )
-        return by_factors, seconds
+        return is_factorised, seconds
 
     def _divide_frequencies(self, may_factorise: bool) -> tuple[NDArray[np.bool_], float]:
         """Return whether the matrix is factorised at each frequency, (n_f,), and the expected time
         for all frequencies, s.
 
         The frequencies that take most steps of a Krylov space are left to factors, as many as make
-        the time the least; none unless ``may_factorise``.
+        the time the least; none are left to factors unless ``may_factorise``.
         """
         count = self.omega.size
         slowest_first = np.argsort(-self.steps, kind="stable")
@@ -906,9 +936,9 @@ class ResponseWork:
         if may_factorise and math.isfinite(self.factor_time):
             times = times + np.arange(count + 1) * self.factor_time
             n_factors = int(np.argmin(times))
-        by_factors = np.ones(count, bool)
-        by_factors[slowest_first[n_factors:]] = False
-        return by_factors, float(times[n_factors])
+        is_factorised = np.ones(count, bool)
+        is_factorised[slowest_first[n_factors:]] = False
+        return is_factorised, float(times[n_factors])
 
     def explain(
         self, failure: str, steps: float = math.inf, alternative: str = ""
@@ -947,8 +977,8 @@ class ResponseWork:
         return ConvergenceError(fault, why, "Leave the method out, or take fewer balls")
 
     def _list_methods(self, steps: float) -> list[str]:
-        """Return for each method that is possible words that say how long it takes; ``steps`` is
-        the number of steps of the Krylov space.
+        """Return words for each possible method that say how long it takes; ``steps`` is the number
+        of steps of the Krylov space, infinite if no space serves.
         """
         from granphon.media.cost import write_duration
 
@@ -963,9 +993,9 @@ class ResponseWork:
         return methods
 
     def _suggest_damping(self) -> str:
-        """Return how to mend a response that takes too much: by the least of
+        """Return words that say how to mend a response that takes too much: by the least of
         :data:`_ADVISED_LOSSES` with which a Krylov space solves all frequencies within an hour, or
-        if there is none, by fewer frequencies or balls.
+        else by fewer frequencies or balls.
         """
         from granphon.media.cost import write_duration
 
@@ -990,8 +1020,9 @@ class _DrivenNetwork(NamedTuple):
     Attributes
     ----------
     operator, losses : D of the network, and the losses of the network.
-    drives : three parts (size,) of the source: the part without losses, that by loss factors, and
-        that by dashpots over omega; the source is their sum with the factors 1, i and i omega.
+    drives : three parts (size,) of the source, N/kg^1/2: the part without losses, that by loss
+        factors, and that by dashpots over omega, which is in N s/kg^1/2. The source is the sum of
+        the parts with the factors 1, i and i omega.
     is_moved : whether the source is a wall that is moved.
     amplitude : (n, motions) forces on balls, N, or displacements of walls, m.
     """
@@ -1047,17 +1078,17 @@ class _SensorReadings:
     times: Array
 
     def find_factors(self, omega: Any) -> NDArray[Any]:
-        """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over those
-        without losses; (n_h,) if ``omega`` is a number. They are complex if a contact loses energy,
-        and else real.
+        """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over the
+        stiffnesses without losses; (n_h,) if ``omega`` is a number. The ratios are complex if a
+        contact loses energy, and else real.
         """
         losses = self.factors + np.asarray(omega)[..., None] * self.times
         return np.asarray(1.0 + 1j * losses if np.any(losses) else np.ones_like(losses))
 
     def read(self, omega: Array, solution: _Solution) -> _Solution:
         """Return the solution with forces (n_f, n_r), N, of sensors, above zero where contacts are
-        pressed more, from a ``solution`` with elongations (n_f, n_h), m, at ``omega`` (n_f,),
-        rad/s; the error of the returned one is that of the forces.
+        pressed more, and with the error of these forces. The given ``solution`` has elongations
+        (n_f, n_h), m, at ``omega`` (n_f,), rad/s.
         """
         stiffness = self.find_factors(omega) * self.stiffness
         forces: Complex = -(solution.values * stiffness) @ self.weights.T.astype(complex)
@@ -1124,8 +1155,8 @@ class _Problem:
         operator = driven.operator
         network = operator.network
         axes = list(operator.motions.translations)
-        numbers = np.concatenate([sensor.contacts for sensor in sensors])
-        contacts, columns = np.unique(numbers, return_inverse=True)
+        contacts_of_sensors = np.concatenate([sensor.contacts for sensor in sensors])
+        contacts, columns = np.unique(contacts_of_sensors, return_inverse=True)
         weights = np.zeros((len(sensors), contacts.size))
         rows = np.repeat(np.arange(len(sensors)), [sensor.contacts.size for sensor in sensors])
         weights[rows, columns] = np.concatenate([sensor.weights for sensor in sensors])
@@ -1139,7 +1170,8 @@ class _Problem:
         i = network.i[contacts]
         j = network.j[contacts]
         normal = network.normal[contacts][:, axes]
-        root_mass_i, root_mass_j = (np.sqrt(network.masses[end])[:, None] for end in (i, j))
+        root_mass_i = np.sqrt(network.masses[i])[:, None]
+        root_mass_j = np.sqrt(network.masses[j])[:, None]
         shift = np.zeros(contacts.size)
         if driven.is_moved:
             displacement = driven.amplitude[:, : len(axes)]
@@ -1165,11 +1197,12 @@ class _Problem:
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
-        """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``.
+        """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, to the
+        ``tolerance``.
 
         Without a method each frequency is solved by the faster one. Then, in a second pass, factors
-        solve the frequencies that a Krylov space has not found, and those that it has found with
-        too large an error if this takes little time.
+        solve the frequencies that a Krylov space has not found, and, if this takes little time,
+        those that it has found with too large an error.
 
         Raises what :meth:`ResponseWork.choose` raises;
         :class:`~granphon.base.errors.InputError` for the frequency of a mode without losses; and
@@ -1177,36 +1210,38 @@ class _Problem:
         named, or the network is too large for factors.
         """
         work = ResponseWork(self.operator, self.losses, omega, tolerance)
-        by_factors, _ = work.choose(method)
+        is_factorised, _ = work.choose(method)
         values = np.zeros((omega.size, len(self.heard_motions)), complex)
         error = np.full(omega.size, np.inf)  # infinite where no value is found yet
         steps = 0
-        by_krylov = np.flatnonzero(~by_factors)
+        krylov_rows = np.flatnonzero(~is_factorised)
         has_factors = math.isfinite(work.factor_time)
         may_factorise = method is None and has_factors
-        if by_krylov.size:
-            expected_steps = float(np.max(work.steps[by_krylov]))
+        if krylov_rows.size:
+            expected_steps = float(np.max(work.steps[krylov_rows]))
+            # a space that takes twice as many steps as expected leaves the rest to factors
             most_steps = 2.0 * expected_steps if may_factorise else math.inf
-            krylov_work = replace(work, omega=omega[by_krylov])
+            krylov_work = replace(work, omega=omega[krylov_rows])
             with self.operator.progress.step("response", expected_steps) as step:
-                values[by_krylov], error[by_krylov], steps = self._solve_in_space(
+                values[krylov_rows], error[krylov_rows], steps = self._solve_in_space(
                     krylov_work, most_steps, step
                 )
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
-        imprecise = np.flatnonzero(np.isfinite(error) & (error > max(_WARNED_ERROR, tolerance)))
+        is_imprecise = np.isfinite(error) & (error > max(_WARNED_ERROR, tolerance))
         affordable_time = max(steps * work.step_time, _FACTOR_TIME)
-        if may_factorise and imprecise.size * work.factor_time <= affordable_time:
-            error[imprecise] = np.inf
-        unsolved = np.flatnonzero(np.isinf(error))
-        if unsolved.size:
+        if may_factorise and np.count_nonzero(is_imprecise) * work.factor_time <= affordable_time:
+            error[is_imprecise] = np.inf
+        unsolved_rows = np.flatnonzero(np.isinf(error))
+        if unsolved_rows.size:
+            unsolved_omega = omega[unsolved_rows]
             if method == "krylov" or not has_factors:
-                unsolved_work = replace(work, omega=omega[unsolved])
+                unsolved_work = replace(work, omega=unsolved_omega)
                 raise unsolved_work.explain("is not found by a Krylov space")
-            values[unsolved], error[unsolved] = self._solve_by_factors(omega[unsolved])
-        if unsolved.size == omega.size:
-            steps = 0
-        return _Solution(values, error, int(unsolved.size), steps)
+            values[unsolved_rows], error[unsolved_rows] = self._solve_by_factors(unsolved_omega)
+        if unsolved_rows.size == omega.size:
+            steps = 0  # no value comes from the space
+        return _Solution(values, error, int(unsolved_rows.size), steps)
 
     def _make_space(self, work: ResponseWork) -> _Space:
         """Return the Krylov space in which all frequencies of the ``work`` are solved; the head of
@@ -1224,7 +1259,7 @@ class _Problem:
             shifts=omega**2,
             scale=np.ones(omega.size),
             bound=_invert(self.operator.top**2 * work.distance),
-            direct=self._list_shift(omega.size),
+            direct_signals=self._list_shift(omega.size),
         )
 
     def _make_even(self, omega: Array, loss: float, time: float, drag: float) -> _Space:
@@ -1247,7 +1282,7 @@ class _Problem:
             shifts=shifts,
             scale=scale,
             bound=_invert(distance),
-            direct=self._list_shift(omega.size),
+            direct_signals=self._list_shift(omega.size),
         )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
@@ -1266,7 +1301,7 @@ class _Problem:
         # from velocities, which the equations of first order give, to motions; the source of a wall
         # is taken without its factor i omega, and so gives motions already
         to_motions = np.ones(w.size, complex) if self.driven.is_moved else _invert(1j * omega)
-        strength = -to_motions / top
+        scale = -to_motions / top
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
         largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.row_losses[0]))))
         bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
@@ -1276,12 +1311,12 @@ class _Problem:
                 product=np.vdot,
                 start=source,
                 shifts=1j * w,
-                scale=strength,
+                scale=scale,
                 bound=bound,
-                direct=self._list_shift(w.size),
+                direct_signals=self._list_shift(w.size),
             )
         # the space begins with 1 - i H times the source, from which x follows as the head says
-        scale = strength / (1.0 + w)
+        scale = scale / (1.0 + w)
         return _Space(
             apply=apply,
             product=np.dot,
@@ -1289,7 +1324,7 @@ class _Problem:
             shifts=1j * w,
             scale=scale,
             bound=bound,
-            direct=self.shift + 1j * scale[:, None] * self._listen(source),
+            direct_signals=self.shift + 1j * scale[:, None] * self._listen(source),
         )
 
     def _make_first_order_product(
@@ -1322,11 +1357,11 @@ class _Problem:
         """
         if not self.driven.is_moved:
             return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])
-        # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-        stretched = self.operator.stretch(self.driven.amplitude)  # of the rows of A
-        on_balls = -self.operator.parts.pull(times * stretched)
-        on_contacts = self.operator.top * spring * stretched
-        return np.concatenate([on_balls, on_contacts])
+        # (H - i w) (v, y) = i omega (-A^T tau s, spring s), if walls stretch the rows of A by s
+        stretches = self.operator.stretch(self.driven.amplitude)
+        ball_source = -self.operator.parts.pull(times * stretches)
+        deformation_source = self.operator.top * spring * stretches
+        return np.concatenate([ball_source, deformation_source])
 
     def _list_shift(self, n_frequencies: int) -> Array:
         """Return the shifts of receivers, which do not depend on the frequency, as
@@ -1394,8 +1429,8 @@ class _Problem:
 
         A frequency is found when its error is within the tolerance, or is rounding alone; errors of
         frequencies that are not found are infinite. The space ends at the latest after
-        ``most_steps`` or :data:`_MOST_STEPS`; the progress ``step`` is told of each step. A source
-        of zeros takes no step.
+        ``most_steps`` or :data:`_MOST_STEPS`; the progress ``step`` is told of each step. If the
+        source is zero, no step is taken, and errors are zero.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
@@ -1407,24 +1442,24 @@ class _Problem:
         process = _KrylovProcess(space, self._listen)
         # residual, over the source, at which the next solution of each frequency is tried
         trial_residual = np.full(n_frequencies, _FIRST_TRIAL)
-        active = np.isfinite(space.bound)
+        is_sought = np.isfinite(space.bound)
         while process.steps < min(most_steps, _MOST_STEPS):
             process.advance()
             step.advance()
             if process.is_degenerate:
                 break
             residuals = process.length * process.last_entry
-            is_tried = active & ((residuals <= trial_residual) | process.is_complete)
+            is_tried = is_sought & ((residuals <= trial_residual) | process.is_complete)
             for number in np.flatnonzero(is_tried).tolist():
                 trial = self._try_solution(process, number)
                 values[number] = trial.signals
-                error[number] = trial.rounding + trial.cut
+                error[number] = trial.rounding + trial.truncation
                 trial_residual[number] = trial.find_next_residual(process, work.tolerance)
-                active[number] = trial_residual[number] > 0.0
-            may_improve = active & (process.last_entry < _DIVERGED)
+                is_sought[number] = trial_residual[number] > 0.0
+            may_improve = is_sought & (process.last_entry < _DIVERGED)
             if process.is_complete or not np.any(may_improve):
                 break
-        error[active] = np.inf
+        error[is_sought] = np.inf
         return values, error, process.steps
 
     @single_products()
@@ -1444,7 +1479,7 @@ class _Problem:
         slopes.require_memory(hertz.size * count)
         signal_vectors = self._make_signal_vectors()
         equations = _Equations(self)
-        # of each field the derivatives at all frequencies; None of a field that there is not
+        # for each field its derivatives at each frequency, None for a field without derivatives
         fields: dict[str, list[Any]] = {}
         for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
             receiver_vectors = signal_vectors
@@ -1455,8 +1490,9 @@ class _Problem:
             derivatives = slopes.find(x, motions[:, 1:], frequency)
             if sensors is not None:
                 elongations = self._listen(x) + self.shift
-                of_readings = sensors.find_stiffness_slopes(w, elongations)
-                derivatives["normal_stiffness"][:, sensors.contacts] += of_readings
+                # the stiffness of a heard contact also turns its elongation into a force
+                reading_slopes = sensors.find_stiffness_slopes(w, elongations)
+                derivatives["normal_stiffness"][:, sensors.contacts] += reading_slopes
             rate = (1j * w) ** _DERIVATIVES.get(quantity, 0)
             for name, values in derivatives.items():
                 fields.setdefault(name, []).append(None if values is None else rate * values)
@@ -1517,14 +1553,16 @@ class _Problem:
         bands = process.bands[:, :steps]
         solutions = _solve_tridiagonal(bands, space.shifts[number], process.largest)
         # signals of the solution in the space, and of its change by rounding
-        of_solution, of_rounding = process.size * scale * (solutions @ process.signals[:steps])
-        signals = of_solution + space.direct[number]
+        space_signals, rounding_signals = (
+            process.size * scale * (solutions @ process.signals[:steps])
+        )
+        signals = space_signals + space.direct_signals[number]
         residual = process.find_residual(number)
         bound = abs(scale) * self._greatest_signal * residual * space.bound[number]
         # the first vectors may not reach the receivers: then the bound stands for their signals
         loudest = float(np.max(np.abs(signals))) or bound or 1.0
         rounding_of_vectors = np.finfo(float).eps * math.sqrt(steps) * process.growth
-        rounding_of_matrix = np.max(np.abs(of_rounding)) / loudest
+        rounding_of_matrix = np.max(np.abs(rounding_signals)) / loudest
         rounding = rounding_of_vectors + rounding_of_matrix
         return _Trial(signals, residual, bound / loudest, rounding)
 
@@ -1536,27 +1574,28 @@ class _Trial(NamedTuple):
     ----------
     signals : (n_r,) signals of the receivers.
     residual : norm of the residual, in the unit of the source.
-    cut : error because the space ends here, over the largest signal.
+    truncation : error because the space ends here, over the largest signal.
     rounding : error by rounding, over the largest signal.
     """
 
     signals: Complex
     residual: float
-    cut: float
+    truncation: float
     rounding: float
 
     def find_next_residual(self, process: _KrylovProcess, tolerance: float) -> float:
-        """Return the residual, over the source, at which the next solution is to be computed; zero
-        if this one is within the ``tolerance``, or no later one would be better.
+        """Return the residual, over the source, at which the next solution of the ``process`` is to
+        be computed; zero if this solution is within the ``tolerance``, or no later one would be
+        better.
         """
         size = float(abs(process.size))
         # as long as no signal reaches the receivers, the residual is not taken as rounding
         rounding = _ROUNDING * size * process.growth if np.any(self.signals) else 0.0
-        is_precise = self.cut <= tolerance
+        is_precise = self.truncation <= tolerance
         if process.is_complete or is_precise or self.residual <= rounding:
             return 0.0
         # the error falls with the residual: the aim is half of the tolerance, but not too far ahead
-        reduction = max(0.5 * tolerance / self.cut, _NEXT_TRIAL)
+        reduction = max(0.5 * tolerance / self.truncation, _NEXT_TRIAL)
         return self.residual / size * reduction
 
 
@@ -1587,8 +1626,10 @@ class _Equations:
         if losses.has_dashpots or np.any(losses.drag):
             self._powers.append(1)
             matrices.append(operator.resist(losses))
-        reduced = [matrix / self.top_square for matrix in matrices]
-        self._matrix, self._ones, self._elastic, *self._lossy = share_places([unit, *reduced])
+        reduced_matrices = [matrix / self.top_square for matrix in matrices]
+        self._matrix, self._ones, self._elastic, *self._lossy = share_places(
+            [unit, *reduced_matrices]
+        )
         self.elimination = Elimination(self._matrix)
         self._drives = [drive / self.top_square for drive in problem.driven.drives]
 
@@ -1644,9 +1685,9 @@ class _KrylovProcess:
         first_signals = listen(self._current)
         self.bands = np.zeros((3, _FIRST_ROOM), complex)
         self.signals = np.zeros((_FIRST_ROOM, first_signals.size), self._current.dtype)
-        self._pivot = np.ones(space.shifts.size, complex)
+        self._pivot = np.ones(space.shifts.size, complex)  # last pivots of the shifted matrices
         self.last_entry = np.ones(space.shifts.size)
-        self._below: Any = 1.0
+        self._below: Any = 1.0  # last entry below the diagonal
         self.length = 0.0
         self.largest = 0.0
         self.growth = 1.0
@@ -1686,9 +1727,9 @@ class _KrylovProcess:
             self.signals = np.pad(self.signals, ((0, self.steps), (0, 0)))
 
     def _eliminate(self, above: Any, diagonal: Any) -> None:
-        """Eliminate the new column, with its entries ``above`` and on the ``diagonal``, in the
-        shifted matrices of all frequencies: set the pivots (n_f,) of these matrices and the last
-        entries of their solutions.
+        """Eliminate the new column in the shifted matrices of all frequencies: set the last pivots
+        (n_f,) of these matrices and the last entries of their solutions. The column has the entries
+        ``above`` the diagonal and on the ``diagonal``.
         """
         pivot = diagonal - self.space.shifts - above * self._below / self._pivot
         # a shift may be a number on the diagonal: a pivot of zero is replaced by its rounding

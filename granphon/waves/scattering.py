@@ -27,6 +27,7 @@ from granphon.base.errors import InputError, PrecisionError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
+from granphon.base.text import counted
 from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import (
     BlochWaves,
@@ -201,8 +202,10 @@ class _ScatteredWaves(NamedTuple):
 
     Attributes
     ----------
-    returning : (k, m) amplitudes of the k waves that are sent back, for each wave that runs in.
-    passing : (n, m) amplitudes of the n waves that run out behind the strip.
+    returning : (m, m) amplitudes of the waves that are sent back, of which there are as many as run
+        in, for each wave that runs in (last axis).
+    passing : (n, m) amplitudes of the n waves that run out behind the strip, for each wave that
+        runs in.
     running_factors : (m,) factors from layer to layer of the waves that run in.
     """
 
@@ -224,11 +227,9 @@ def _scatter_at_all(
             omega_at_once = omega[start : start + work.n_at_once]
             first_waves = work.first.find_waves(omega_at_once)
             last_waves = work.last.find_waves(omega_at_once)
-            for w, of_first, of_last in zip(omega_at_once, first_waves, last_waves, strict=True):
-                returning, passing = _scatter(
-                    w**2, find_stiffness(w), work, waves=(of_first, of_last)
-                )
-                incoming, _ = of_first
+            for w, *waves in zip(omega_at_once, first_waves, last_waves, strict=True):
+                returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
+                (incoming, _), _ = waves
                 running_factors = incoming.factors[: incoming.running]
                 scattered.append(_ScatteredWaves(returning, passing, running_factors))
                 step.advance()
@@ -236,9 +237,9 @@ def _scatter_at_all(
 
 
 def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a strip, the network of
-    the ``operator``, have the same motions as those of the ``leads``, and its forces have a
-    potential.
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of the strip have the same
+    motions as those of the ``leads``, and unless the forces of the strip have a potential; the
+    strip is the network of the ``operator``.
     """
     motions = [operator.motions, *(lead.space.motions for lead in leads)]
     if len({(kind.name, kind.letters) for kind in motions}) > 1:
@@ -256,9 +257,11 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
 def _make_stiffness_function(
     operator: WaveOperator, losses: Losses, q: Array
 ) -> Callable[[float], Any]:
-    """Return a function of the angular frequency, rad/s, that returns the stiffness (size, size) of
-    a strip, (rad/s)^2, a sparse matrix, with its ``losses``; ``q`` (p,) is the wave vector along
-    its layers, in fractions. Waves go as exp(-i omega t), with which losses count times -i.
+    """Return a function of the angular frequency, rad/s, that returns the stiffness of a strip with
+    its ``losses``: a sparse matrix (size, size), (rad/s)^2.
+
+    The strip is the network of the ``operator``; ``q`` (p,) is the wave vector along its layers, in
+    fractions. Waves go as exp(-i omega t), so that losses enter with the factor -i.
     """
     phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
     springs = operator.weigh(phase=phase).tocsc()
@@ -284,8 +287,8 @@ def _require_balance(hertz: Array, excess: Array) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if energy is not conserved, but for
     rounding, at one of the frequencies ``hertz`` (n_f,), Hz.
 
-    ``excess`` (n_f, m) is the energy that passes plus that which is sent back, less the energy that
-    came, over the latter, for each wave that runs in.
+    ``excess`` (n_f, m) is, for each wave that runs in, the sum of the parts of its energy that pass
+    and that are sent back, less one.
     """
     imbalance = np.max(np.abs(excess), axis=1, initial=0.0)
     if not np.any(imbalance > _BALANCED):
@@ -333,10 +336,10 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     ``runs`` are transmissions with the same leads and frequencies, at least two samples for each
     length. For mean free paths, E exp(-L/l) is fitted to the squared sizes of mean amplitudes, less
     the variance of these means, with weights from the fitted fall and from the noise of all lengths
-    together. For localisation lengths, a line is fitted to the means of ln(total), with the weights
-    of variances that grow as the length. Weights from the scatter at each length would favour
-    lengths whose scatter is small by chance, and make errors too small. Errors are standard errors,
-    from the scatter over the samples of each length.
+    together. For localisation lengths, a line is fitted to the means of ln(total), weighted as if
+    their variances grew as the length. Weights from the scatter at each length would favour lengths
+    whose scatter is small by chance, and make errors too small. Errors are standard errors, from
+    the scatter over the samples of each length.
 
     Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a
     length; for other frequencies or numbers of waves; and where nothing is transmitted.
@@ -346,7 +349,8 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     lengths, length_of_run = np.unique([run.length for run in runs], return_inverse=True)
     n_samples = np.bincount(length_of_run)
     if len(lengths) < 2 or n_samples.min() < 2:
-        fault = f"there are {len(lengths)} lengths, with {n_samples.min()} samples or more"
+        fewest = counted(int(n_samples.min()), "sample")
+        fault = f"there are {counted(len(lengths), 'length')}, with {fewest} or more"
         raise InputError(fault, "A fall and its error need two of each", "Give more runs")
     # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
     coherent = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
@@ -376,15 +380,15 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
 def _fit_paths(
     lengths: Array, amplitudes: Sequence[Complex], is_running: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return the mean free paths (n_f, m), m, and their errors (n_f, m), m, of the waves that run,
-    of which there are some, ``is_running`` (n_f, m); zero for others.
+    """Return the mean free paths (n_f, m), m, and their errors (n_f, m), m, of waves; zero where a
+    wave does not run. ``is_running`` (n_f, m) is true for at least one wave.
 
-    ``amplitudes`` has for each of the ``lengths`` (n,), m, an array (samples, n_f, m).
+    ``amplitudes`` has for each of the ``lengths`` (k,), m, an array (samples, n_f, m).
     """
     rates_and_errors = []
     for frequency, wave in np.argwhere(is_running):
-        samples = [of_length[:, frequency, wave] for of_length in amplitudes]
-        rates_and_errors.append(_fit_energy(lengths, samples))
+        amplitudes_of_wave = [samples[:, frequency, wave] for samples in amplitudes]
+        rates_and_errors.append(_fit_energy(lengths, amplitudes_of_wave))
     rates, rate_errors = np.array(rates_and_errors).T
     path = np.zeros(is_running.shape)
     path_error = np.zeros(is_running.shape)
@@ -411,9 +415,9 @@ def _require_alike(runs: Any) -> None:
 
 def _fit_logarithms(lengths: Array, logs: Sequence[Array]) -> tuple[Array, Array]:
     """Return the rates (n_f,) at which the mean logarithm of the total transmission falls over the
-    ``lengths`` (n,), m, and their errors (n_f,), both 1/m.
+    ``lengths`` (k,), m, and their errors (n_f,), both 1/m.
 
-    ``logs`` are these logarithms of the samples of each length, n arrays (samples, n_f).
+    ``logs`` has the logarithms of the samples of each length, k arrays (samples, n_f).
     """
     counts = np.array([len(samples) for samples in logs])
     # the variance of the logarithm grows as the length
@@ -426,7 +430,8 @@ def _fit_logarithms(lengths: Array, logs: Sequence[Array]) -> tuple[Array, Array
 
 def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
     """Return the lengths ``factor``/``rate`` (...), m, and their errors (...), m, of falls with a
-    ``rate`` (...) and its ``error`` (...), 1/m; both are infinite where the rate is not above zero.
+    ``rate`` (...), 1/m, and its ``error`` (...), 1/m. Length and error are infinite where the rate
+    is not above zero.
     """
     falls = rate > 0.0
     length = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=falls)
@@ -435,7 +440,7 @@ def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
 
 
 def _find_slope_shares(x: Array, weights: Array) -> Array:
-    """Return the shares (n,) with which values at ``x`` (n,) add up to the slope of the line that
+    """Return the factors (n,) with which values at ``x`` (n,) add up to the slope of the line that
     is fitted to the values with these ``weights`` (n,).
     """
     offsets = x - np.average(x, weights=weights)
@@ -457,67 +462,72 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     (quasi-likelihood). If the fit does not settle, or does not tell the level from the rate, the
     signal is above the noise only at the least length, and the error is infinite.
     """
-    count = np.array([len(samples) for samples in amplitudes], float)
-    mean = np.array([samples.mean() for samples in amplitudes])
-    covariances = _find_covariances(amplitudes, mean)
+    counts = np.array([len(samples) for samples in amplitudes], float)
+    means = np.array([samples.mean() for samples in amplitudes])
+    covariances = _find_covariances(amplitudes, means)
     noise = np.trace(covariances, axis1=1, axis2=2)
-    common_variance = 0.5 * float(np.average(noise, weights=count - 1.0))
-    square = np.abs(mean) ** 2
-    energy = square - noise / count
-    pairs = count * (count - 1.0)
-    offsets = lengths - np.average(lengths, weights=count)
+    common_variance = 0.5 * float(np.average(noise, weights=counts - 1.0))
+    squares = np.abs(means) ** 2
+    energies = squares - noise / counts
+    n_pairs = counts * (counts - 1.0)
+    offsets = lengths - np.average(lengths, weights=counts)
     # energies are exp(level - rate offset); the fit changes the level, and the rate times the span
-    level, rate = _fit_line(lengths, offsets, square, count)
+    level, rate = _fit_line(lengths, offsets, squares, counts)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
         fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
         derivatives = np.stack([fitted, -fitted * offsets / span])  # (2, lengths)
-        weight = 1.0 / (fitted / count + common_variance / pairs)
-        matrix = derivatives * weight @ derivatives.T
+        weights = 1.0 / (fitted / counts + common_variance / n_pairs)
+        matrix = derivatives * weights @ derivatives.T
         if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
             break
-        shares = np.linalg.solve(matrix, derivatives * weight)
-        change = shares @ (energy - fitted)
+        shares = np.linalg.solve(matrix, derivatives * weights)
+        change = shares @ (energies - fitted)
         change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
         level = level + float(change[0])
         rate = rate + float(change[1]) / span
         if np.max(np.abs(change)) < _SETTLED:
-            variance_along_mean = covariances[:, 0, 0]
+            variances_along_mean = covariances[:, 0, 0]
             covariance_squares = np.sum(covariances**2, axis=(1, 2))
-            variance = 4.0 * variance_along_mean * fitted / count + 2.0 * covariance_squares / pairs
-            return rate, math.sqrt(float(shares[1] ** 2 @ variance)) / span
+            variances = 4.0 * variances_along_mean * fitted / counts
+            variances += 2.0 * covariance_squares / n_pairs
+            return rate, math.sqrt(float(shares[1] ** 2 @ variances)) / span
     return rate, math.inf
 
 
-def _find_covariances(amplitudes: Sequence[Complex], mean: Complex) -> Array:
+def _find_covariances(amplitudes: Sequence[Complex], means: Complex) -> Array:
     """Return for each of k lengths the covariances (k, 2, 2) of the parts of ``amplitudes`` along
-    and across their ``mean`` (k,), complex; ``amplitudes`` has for each length an array (samples,).
+    and across their complex mean, which is that of ``means`` (k,).
+
+    ``amplitudes`` has for each length an array (samples,). If its mean is zero, all covariances are
+    zero.
     """
     covariances = []
-    for samples, sample_mean in zip(amplitudes, mean, strict=True):
-        divisor = abs(sample_mean) or 1.0
-        rotated = samples * np.conj(sample_mean) / divisor  # the mean is real
+    for samples, mean in zip(amplitudes, means, strict=True):
+        divisor = abs(mean) or 1.0
+        rotated = samples * np.conj(mean) / divisor  # the mean is turned to the real axis
         covariances.append(np.cov(rotated.real, rotated.imag))
     return np.array(covariances)
 
 
-def _fit_line(lengths: Array, offsets: Array, square: Array, count: Array) -> tuple[float, float]:
+def _fit_line(lengths: Array, offsets: Array, squares: Array, counts: Array) -> tuple[float, float]:
     """Return the level, a logarithm, and the rate, 1/m, with which the fit of energies
     exp(level - rate offset) begins: the rate of the line through the logarithms of the squared
     means, and the level of the mean energy with that rate.
 
-    ``lengths``, m, have the ``offsets``, m, from their mean; ``square`` is the squared mean
-    amplitude at each length, and ``count`` the number of samples, all (k,).
+    ``lengths``, m, have the ``offsets``, m, from their mean; ``squares`` are the squared mean
+    amplitudes at each length, and ``counts`` the numbers of samples, all (k,). The rate is zero if
+    fewer than two squares are above zero, and the level is -:data:`_FAR` if none is.
     """
     rate = 0.0
     level = -_FAR
-    is_above = square > 0.0
+    is_above = squares > 0.0
     if np.count_nonzero(is_above) > 1:
-        shares = _find_slope_shares(lengths[is_above], (count * square)[is_above])
-        rate = -float(shares @ np.log(square[is_above]))
+        shares = _find_slope_shares(lengths[is_above], (counts * squares)[is_above])
+        rate = -float(shares @ np.log(squares[is_above]))
     if is_above.any():
-        weights = count * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
-        level = math.log(np.average(square, weights=weights))
+        weights = counts * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
+        level = math.log(np.average(squares, weights=weights))
     return level, rate
 
 
@@ -557,30 +567,33 @@ class _Lead(NamedTuple):
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
     def list_wavenumbers(self, factors: Sequence[Complex], n_columns: int) -> Array:
-        """Return the wavenumbers (n_f, n_columns) across the layers, 1/m, of the waves that run at
-        each frequency, from the ``factors`` (n,) from layer to layer of each; zeros behind them.
+        """Return the wave numbers (n_f, n_columns) across the layers, 1/m, of the waves that run at
+        each frequency. ``factors`` has for each frequency the factors (m,) of its waves from layer
+        to layer; in columns from m on there are zeros.
         """
         wavenumbers = np.zeros((len(factors), n_columns))
         for row, factors_of_row in zip(wavenumbers, factors, strict=True):
             row[: len(factors_of_row)] = self.space.wavenumbers(factors_of_row, self.q).real
         return wavenumbers
 
-    def map_to_block(self, operator: WaveOperator, lower: bool) -> Any:
+    def map_to_block(self, operator: WaveOperator, is_lower: bool) -> Any:
         """Return the sparse matrix S (size, size of the strip) that maps mass-weighted motions of
-        the strip to those of a block of the lead, at the ``lower`` or upper end of the strip.
+        the strip, the network of the ``operator``, to those of a block of the lead. The block is at
+        the lower or, unless ``is_lower``, at the upper end of the strip.
 
-        The balls of the strip that stand where those of a block would are found. They have masses
-        and inertias of their own, so that S weighs their motions with those of the lead. Raises
-        :class:`~granphon.base.errors.InputError` for a strip that does not fit to the lead.
+        The balls of the strip that stand where those of the block would are found. They have masses
+        and inertias of their own, and S weighs their motions with the masses and inertias of the
+        lead. Raises :class:`~granphon.base.errors.InputError` for a strip that does not fit to the
+        lead.
         """
         strip = operator.network
-        misfit = f"the strip does not fit to the {'first' if lower else 'other'} lead"
+        misfit = f"the strip does not fit to the {'first' if is_lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
         self._require_periods(periods, misfit)
         n_balls = self.space.size // operator.motions.count
         if len(operator.balls) >= n_balls:
-            self._require_free_end(strip, operator.balls, lower, misfit)
-            matches = self._match_block(operator, periods, lower)
+            self._require_free_end(strip, operator.balls, is_lower, misfit)
+            matches = self._match_block(operator, periods, is_lower)
             if matches is not None:
                 return self._compose_end(operator, *matches)
         why = f"Its outer balls do not stand where {n_balls} balls of the lead's layers would"
@@ -592,26 +605,27 @@ class _Lead(NamedTuple):
         """
         cell = self.space.layers.cell
         tolerance = _SAME_PERIOD * np.max(np.abs(cell), initial=0.0)
-        has_period = periods.shape == cell.shape
-        if not has_period or np.any(np.abs(periods - cell) > tolerance):
+        is_of_shape = periods.shape == cell.shape
+        if not is_of_shape or np.any(np.abs(periods - cell) > tolerance):
             why = "It must repeat along the layers as the lead does, and not across them"
             raise InputError(
                 misfit, why, "Give lead.cut(axis, layers), or a strip of the same width"
             )
 
-    def _find_block(self, motions: int) -> Index:
+    def _find_block(self, n_motions: int) -> Index:
         """Return the indices (block,), in the network ``space.cut``, of the balls of the first
-        block of the lead; ``motions`` is the number of motions of a ball.
+        block of the lead; ``n_motions`` is the number of motions of a ball.
         """
-        n_balls = self.space.size // motions
+        n_balls = self.space.size // n_motions
         return np.flatnonzero(self.space.cut.moving)[:n_balls]
 
     def _match_block(
-        self, operator: WaveOperator, periods: Array, lower: bool
+        self, operator: WaveOperator, periods: Array, is_lower: bool
     ) -> tuple[Index, Array] | None:
         """Return the balls (block,) of the strip that stand where those of a block of the lead
-        would, at its ``lower`` or upper end, and the cells (block, p), whole ``periods`` (p, d), m,
-        by which they are displaced; None if there are no such balls.
+        would, and the whole numbers of ``periods`` (p, d), m, by which each of these balls is
+        displaced, (block, p); None if there are no such balls. The arguments are those of
+        :meth:`map_to_block`.
         """
         strip = operator.network
         cut = self.space.cut
@@ -619,7 +633,7 @@ class _Lead(NamedTuple):
         n_sites = block.size
         p = len(periods)
         heights = strip.positions[operator.balls, p]  # layers lie along the first p axes
-        from_end = np.argsort(heights if lower else -heights, kind="stable")
+        from_end = np.argsort(heights if is_lower else -heights, kind="stable")
         outer_balls = operator.balls[from_end[:n_sites]]
         positions = strip.positions[outer_balls]
         sites = cut.positions[block]
@@ -627,15 +641,15 @@ class _Lead(NamedTuple):
         # of that ball; distances are (first, block, n), of balls from sites
         distances, cells = _measure_sites(positions, sites - sites[0], periods)
         nearest = np.argmin(distances, axis=2)  # (first, block)
-        worst = np.min(distances, axis=2).max(axis=1)
-        is_shared = [np.unique(balls).size < n_sites for balls in nearest]
-        worst[is_shared] = np.inf
-        # if several match, as when two kinds of balls alternate, the one is taken with which the
-        # sites of strip and lead are one lattice
+        largest_distances = np.min(distances, axis=2).max(axis=1)
+        is_shared = [np.unique(balls).size < n_sites for balls in nearest]  # a ball has two sites
+        largest_distances[is_shared] = np.inf
+        # several first balls may match, as when two kinds of balls alternate: that one is taken
+        # with which the sites of strip and lead are one lattice
         frame_shifts = self._find_frame_shifts(positions - sites[0], periods)
         tolerance = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
-        first = int(np.argmin(np.where(worst <= tolerance, frame_shifts, np.inf)))
-        if worst[first] > tolerance:
+        first = int(np.argmin(np.where(largest_distances <= tolerance, frame_shifts, np.inf)))
+        if largest_distances[first] > tolerance:
             return None
         ball_of_site = nearest[first]
         return outer_balls[ball_of_site], cells[first, np.arange(n_sites), ball_of_site]
@@ -653,14 +667,15 @@ class _Lead(NamedTuple):
 
     def _compose_end(self, operator: WaveOperator, balls: Index, cells: Array) -> Any:
         """Return S of :meth:`map_to_block`, sparse, for the ``balls`` (block,) of the strip that
-        stand where those of a block would, displaced by ``cells`` (block, p).
+        stand where those of a block would, displaced by ``cells`` (block, p), whole numbers of
+        periods.
         """
         from scipy.sparse import csr_array
 
         strip = operator.network
         cut = self.space.cut
-        count = operator.motions.count
-        block = self._find_block(count)
+        n_motions = operator.motions.count
+        block = self._find_block(n_motions)
         # mass-weighted motions of the strip are weighted anew with the masses of the lead
         mass_roots = np.sqrt(cut.masses[block] / strip.masses[balls])
         inertia_roots = np.sqrt(cut.inertias[block] / strip.inertias[balls])
@@ -668,18 +683,18 @@ class _Lead(NamedTuple):
         scale = np.where(is_rotation, inertia_roots[:, None], mass_roots[:, None])
         phases = np.exp(-2.0j * np.pi * (cells @ self.q))
         entries = scale * phases[:, None]
-        first_columns = np.searchsorted(operator.balls, balls)[:, None] * count
-        columns = first_columns + np.arange(count)
-        rows = np.arange(block.size * count)
+        first_columns = np.searchsorted(operator.balls, balls)[:, None] * n_motions
+        columns = first_columns + np.arange(n_motions)
+        rows = np.arange(block.size * n_motions)
         shape = (self.space.size, operator.size)
         return csr_array((entries.ravel(), (rows, columns.ravel())), shape=shape)
 
     def _require_free_end(
-        self, strip: ContactNetwork, balls: Index, lower: bool, misfit: str
+        self, strip: ContactNetwork, balls: Index, is_lower: bool, misfit: str
     ) -> None:
         """Raise :class:`~granphon.base.errors.InputError`, which begins with the text ``misfit``,
-        if a floor or clamped balls of the ``strip`` lie beyond its ``balls`` (n,) that move, at the
-        ``lower`` or upper end.
+        if a floor or clamped balls of the ``strip`` lie beyond its ``balls`` (n_free,) that move,
+        at the lower or, unless ``is_lower``, at the upper end.
 
         Nothing is raised if the lead itself has bodies that do not move, as these then belong to
         its layers.
@@ -688,23 +703,27 @@ class _Lead(NamedTuple):
         cut = self.space.cut
         block = self._find_block(strip.ball_motions.count)
         diameter = float(2.0 * np.mean(cut.radii[block]))
-        outwards = -1.0 if lower else 1.0
+        outwards = -1.0 if is_lower else 1.0
         heights = strip.positions[:, p] * outwards
         heights_above = heights - heights[balls].max()
-        least = np.where(np.isinf(strip.radii), 0.0, _BEYOND * diameter)  # a floor is flat
+        # a floor, whose radius is infinite, is never of the same layer as balls
+        least = np.where(np.isinf(strip.radii), 0.0, _BEYOND * diameter)
         is_blocking = ~strip.moving & (heights_above > least)
         if np.all(self.space.network.moving) and np.any(is_blocking):
             raise InputError(
-                misfit, "A floor or clamped balls stand between them", "Cut it with free edges"
+                misfit,
+                "A floor or clamped balls stand between strip and lead",
+                "Cut it with free edges",
             )
 
 
 def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, Array]:
-    """Return the distances (first, block, n), m, of balls at ``places`` (n, d), m, from the sites
-    of a block, when its first site is put at each of the balls in turn; and the cells
-    (first, block, n, p), whole ``periods`` (p, d), m, by which balls are displaced to be nearest.
+    """Return the distances (first, block, n), m, of n balls from the sites of a block, when its
+    first site is put at each of the balls in turn, and the whole numbers (first, block, n, p) of
+    periods by which balls are displaced to be nearest.
 
-    ``sites`` (block, d), m, count from the first site.
+    Balls have the ``places`` (n, d), m; ``sites`` (block, d), m, count from the first site, and
+    ``periods`` are (p, d), m.
     """
     p = len(periods)
     # axes: the ball at the first site, the site, the ball whose distance is measured
@@ -716,24 +735,26 @@ def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, 
 
 def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
     """Return Green's function (size, size), s^2, of the outer block of a lead at ``square`` =
-    omega^2, (rad/s)^2: the inverse of omega^2 less the stiffness ``inner`` of the block and what
-    the layers behind it add to this stiffness, ``beyond``, both (size, size), (rad/s)^2.
+    omega^2, (rad/s)^2: the inverse of omega^2 - inner - beyond.
+
+    ``inner`` is the stiffness of the block, and ``beyond`` what the layers behind the block add to
+    it, both (size, size), (rad/s)^2.
     """
     return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
 
 
 class TransmissionWork:
-    """The parts of a transmission, and the memory that it takes, before it is found.
+    """The leads and the strip of a transmission, and the memory that its search takes.
+
+    The constructor raises :class:`~granphon.base.errors.InputError` for leads and a strip that do
+    not fit.
 
     Attributes
     ----------
     hertz : (n_f,) frequencies, Hz.
     first, last : the lead that waves come from, and the lead behind the strip.
     operator : D of the strip.
-    ends : for the lower and for the upper end, the matrix S of :meth:`_Lead.map_to_block`.
-
-    The constructor raises :class:`~granphon.base.errors.InputError` for leads and a strip that do
-    not fit.
+    ends : the matrices S of :meth:`_Lead.map_to_block` of the lower and of the upper end.
     """
 
     def __init__(self, hertz: Array, first: _Lead, last: _Lead, operator: WaveOperator) -> None:
@@ -743,8 +764,8 @@ class TransmissionWork:
         self.last = last
         self.operator = operator
         self.ends = (
-            first.map_to_block(operator, lower=True),
-            last.map_to_block(operator, lower=False),
+            first.map_to_block(operator, is_lower=True),
+            last.map_to_block(operator, is_lower=False),
         )
 
     @classmethod
@@ -788,9 +809,9 @@ class TransmissionWork:
     def widths(self) -> Array:
         """(k,) number of motions of each slice of the strip."""
         lower, upper = self.ends
-        # the additions of the leads join all motions of an end
-        joined = sum(abs(end.T) @ abs(end) for end in (lower, upper))
-        pattern = abs(self.operator.matrix) + joined
+        # what the leads add to the stiffness couples all motions of an end to each other
+        pattern_of_leads = sum(abs(end.T) @ abs(end) for end in (lower, upper))
+        pattern = abs(self.operator.matrix) + pattern_of_leads
         slices = find_slices(pattern, np.unique(lower.tocoo().col))
         return np.array([len(rows) for rows in slices], float)
 
@@ -817,11 +838,12 @@ def _scatter(
     work: TransmissionWork,
     waves: Sequence[tuple[BlochWaves, BlochWaves]],
 ) -> tuple[Complex, Complex]:
-    """Return the amplitudes, for each of the m waves that run in, of the waves that are sent back,
-    (m, m), and of those that pass, (n, m), at ``square`` = omega^2, (rad/s)^2.
+    """Return the amplitudes of waves at ``square`` = omega^2, (rad/s)^2, for each of the m waves
+    that run in: those of the m waves that are sent back, (m, m), and those of the n waves that run
+    out behind the strip, (n, m).
 
-    ``matrix`` is the stiffness of the strip, (rad/s)^2, and ``waves`` are those of each lead
-    towards higher and towards lower layers.
+    ``matrix`` (size, size) is the stiffness of the strip, (rad/s)^2. ``waves`` are, for the first
+    and for the last lead, the waves towards higher and those towards lower layers.
     """
     from scipy.sparse import csc_array, eye_array
 

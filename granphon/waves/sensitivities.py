@@ -65,29 +65,33 @@ class ResponseSensitivities(Result):
 
 class ResponseSlopes:
     """Finds the derivatives of responses of the network of an ``operator`` with ``losses`` from
-    motions and adjoint motions.
+    motions and adjoint motions, which :meth:`find` explains.
 
-    ``moved`` (n, motions) are the displacements, m, of bodies that are held and moved as a source;
-    zeros if there are none. :meth:`find` says what motions and adjoint motions are.
+    ``source_motions`` (n, motions), m, are those of bodies that are held and that the source
+    displaces; zero for all other bodies.
     """
 
-    def __init__(self, operator: WaveOperator, losses: Losses, moved: Array) -> None:
+    def __init__(self, operator: WaveOperator, losses: Losses, source_motions: Array) -> None:
         self.operator = operator
         self.losses = losses
         network = operator.network
-        self.rows = network_unit_rows(network)
+        self.rows = network_unit_rows(network)  # of each kind of deformation
         self._deform = operator.compose(self.rows)
         ones = [np.ones(network.n_contacts) for _ in self.rows]
-        self._stretched = operator.stretch(moved, (self.rows, ones))
+        # deformations by the motions of the source alone, with the balls at their places
+        self._source_deformations = operator.stretch(source_motions, (self.rows, ones))
 
     def require_memory(self, count: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless the derivatives of ``count``
         signals fit into memory.
         """
         network = self.operator.network
+        n_of_contacts = len(self.rows) * network.n_contacts
+        # with respect to the mass, the inertia, and a spring to the ground for each motion
+        n_of_balls = (2 + self.operator.motions.count) * network.n_balls
         require_memory(
             f"derivatives of {count:,} signals",
-            _BYTES * count * (len(self.rows) * network.n_contacts + 2 * network.n_balls),
+            _BYTES * count * (n_of_contacts + n_of_balls),
             "Take fewer frequencies or receivers",
         )
 
@@ -108,20 +112,20 @@ class ResponseSlopes:
         rad/s, by the names of fields; ``x`` and ``y`` are those of :meth:`find`.
         """
         network = self.operator.network
-        deformations = self._deform @ x + self._stretched
+        deformations = self._deform @ x + self._source_deformations
         adjoint_deformations = np.asarray(self._deform @ y)
         # y^T (dK/dk) x of a contact is the product of both deformations, times its losses
         products: Any = deformations[:, None] * adjoint_deformations
         sums = sum_kinds(self.rows, products)
         zeros = np.zeros((network.n_contacts, y.shape[1]))  # of kinds that no motion makes
-        # complex stiffness over the stiffness, (n_c,), of the elongation and of the others
-        of_elongation, of_others = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
+        # complex stiffness over the stiffness, (n_c,), in normal motion and in all other motion
+        normal_factor, other_factor = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
         fields: dict[str, Any] = {"normal_force": None}
         for name, factor in (
-            ("normal_stiffness", of_elongation),
-            ("shear_stiffness", of_others),
-            ("torsion", of_others),
-            ("bending", of_others),
+            ("normal_stiffness", normal_factor),
+            ("shear_stiffness", other_factor),
+            ("torsion", other_factor),
+            ("bending", other_factor),
         ):
             fields[name] = (-factor[:, None] * sums.get(name, zeros)).T
         if network.prestress:

@@ -10,6 +10,7 @@ Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
@@ -22,6 +23,8 @@ from granphon.networks.network import ContactNetwork
 
 #: word by which users name the one flat wall of a network
 FLOOR = "floor"
+#: word by which users name a plane of balls, or of held bodies
+PLANE = "plane"
 #: greatest component of a normal along the axis of a sensor that is zero but for rounding
 _ACROSS = 1e-9
 
@@ -130,10 +133,34 @@ class SensorPlaces:
 
 
 def is_contact(value: Any) -> bool:
-    """Whether the ``value`` of a receiver is a contact: a tuple of two whole numbers, of bodies."""
+    """Return whether the ``value`` of a receiver names a contact: a tuple of two whole numbers, the
+    indices of its bodies.
+    """
     if not isinstance(value, tuple) or len(value) != 2:
         return False
     return all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in value)
+
+
+def is_plane(value: Any) -> bool:
+    """Whether the ``value`` of a source or receiver is a plane of balls."""
+    return isinstance(value, str) and value == PLANE
+
+
+def find_unused(sources: Sequence[Any], receivers: Sequence[Any], given: Mapping[str, Any]) -> str:
+    """Return the name of the first argument ``given`` of planes that has no use for a response
+    between ``sources`` and ``receivers``, lists of items; "" if there is none.
+
+    ``given`` has the values of "direction", "polarisation" and "distance" by these names, None for
+    one that is not given. A distance is that of a plane that receives; the others are those of any
+    plane.
+    """
+    is_heard = any(map(is_plane, receivers))
+    has_plane = is_heard or any(map(is_plane, sources))
+    for name, value in given.items():
+        has_use = is_heard if name == "distance" else has_plane
+        if value is not None and not has_use:
+            return name
+    return ""
 
 
 def list_open_axes(network: ContactNetwork) -> list[int]:

@@ -96,6 +96,10 @@ ENDS = ("free", "walls", "periodic")
 GEOMETRIES = ("lattice", "exact")
 #: schemes of the steps of a motion
 SCHEMES = ("verlet", "midpoint")
+#: losses by dashpots of contacts
+DASHPOTS = ("damping", "dashpot", "restitution")
+#: settings of planes in a response
+KEYS_OF_PLANES = ("direction", "polarisation", "distance")
 #: polarisations in which a source pushes, and sources of a pulse
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
@@ -124,9 +128,9 @@ COULOMB_LIMITS = ("elastic", "total")
 
 
 def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
-    """Return the kind of the loss of this ``name``: zero or above, a restitution above zero and up
-    to 1. A loss has the unit of its ``quantity``, or None if it is a number; zero may be without a
-    unit.
+    """Return the kind of the loss of this ``name``: zero or above, or for a restitution from
+    :data:`LEAST_RESTITUTION` to 1. ``quantity`` has the unit of the loss, which zero may lack; it
+    is None for a loss without a unit.
     """
     if name == "restitution":
         return Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
@@ -167,7 +171,7 @@ def _one_or_two(kind: Kind, parts: str = "of normal motion, and of all other") -
     return Kind(read, write, kind.unit)
 
 
-#: the kind of each loss of all motions; zero is written without its unit
+#: the kind of each loss, by its name, of one value for all motions; zero is written without a unit
 LOSS_KINDS = {name: _loss_kind(name, quantity) for name, quantity in LOSS_QUANTITIES.items()}
 
 
@@ -205,9 +209,9 @@ def _read_place(value: Any) -> str:
 
 
 def find_place(text: str) -> Any:
-    """Return the place of a source or receiver that a ``text``, as :func:`_read_place` returns it,
-    names, in the form that ``Waves.response`` takes: "plane", "floor", (ball, direction), or the
-    contact (i, j).
+    """Return a place of a source or receiver in the form that ``Waves.response`` takes: "plane",
+    "floor", (ball, direction), or the contact (i, j). The ``text`` of the place is one that
+    :func:`_read_place` has returned.
     """
     ball, *direction = text.split()
     if not direction:
@@ -389,12 +393,14 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def losses(self) -> dict[str, Any]:
-        """The losses that are given, by name, in SI units: arguments of ``Waves.response``."""
+        """The losses by name, in SI units, without those that are None: arguments of
+        ``Waves.response``.
+        """
         losses = {name: getattr(self, name, None) for name in LOSSES}
         return {name: loss for name, loss in losses.items() if loss is not None}
 
     def list_given(self) -> list[str]:
-        """Return the names of the losses that are given, as parameters of a sweep
+        """Return the names of the losses that are not at their default, as parameters of a sweep
         (:data:`~granphon.balls.packing.LOSS_PARAMETERS`). A loss that is a pair has two names; a
         loss with one value for all motions has the first of these.
         """
@@ -448,25 +454,25 @@ def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> No
         if loss is None:
             continue
         blocks_with_loss = [
-            of_result
-            for of_result in settings
-            if isinstance(of_result, LossSettings) and hasattr(of_result, loss)
+            block_of_result
+            for block_of_result in settings
+            if isinstance(block_of_result, LossSettings) and hasattr(block_of_result, loss)
         ]
         if not blocks_with_loss:
             why = "Losses are those of a response, motion, pulse, or of bands with a block bands"
-            if loss not in [of_all_blocks.name for of_all_blocks in fields(LossSettings)]:
+            if loss not in [common_loss.name for common_loss in fields(LossSettings)]:
                 why = f"A {loss} is that of a response, or of bands with a block bands"
             raise InputError(
                 f"nothing that is observed depends on {name}",
                 why,
                 "Observe one of these, or leave the parameter out",
             )
-        for of_result in blocks_with_loss:
-            if name in of_result.list_given():
+        for block_of_result in blocks_with_loss:
+            if name in block_of_result.list_given():
                 raise InputError(
-                    f"{name} is swept, and given in the block {of_result.block}",
+                    f"{name} is swept, and given in the block {block_of_result.block}",
                     "Each state has one value",
-                    f"Leave {of_result.block}.{loss} out, or do not sweep over {name}",
+                    f"Leave {block_of_result.block}.{loss} out, or do not sweep over {name}",
                 )
 
 
@@ -511,9 +517,9 @@ class EdgeSettings(Block, kw_only=True):
         return {f"{self.block}.{wall.name}": wall for wall in walls}
 
     def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> Self:
-        """Return the settings with other ``values``, SI, of the parameters of their walls, by names
-        such as "response.wall.young_modulus"; other names are passed over. ``kinds`` are the kinds
-        of balls, after whose materials walls may be made.
+        """Return the settings with other ``values``, SI, of the parameters of walls, by names such
+        as "response.wall.young_modulus"; names of walls that stand at none of these edges are
+        passed over. ``kinds`` are the kinds of balls, after whose materials walls may be made.
         """
         walls = self.list_walls(kinds)
         for name, value in values.items():
@@ -523,11 +529,12 @@ class EdgeSettings(Block, kw_only=True):
                 material = replace(wall.solid, **{parameter: value})
                 walls[wall_name] = replace(wall, material=material)
         changed = list[str | Wall]()
-        for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True):
-            if isinstance(edge, Wall) and isinstance(named, Wall):
-                # a wall without a name stays without one: a wall of the state at rest may have the
-                # name that it has in this block
-                edge = replace(walls[f"{self.block}.{named.name}"], name=edge.name)
+        named_edges = name_walls(self.edges, kinds, ())
+        for edge, named_edge in zip(self.edges, named_edges, strict=True):
+            if isinstance(edge, Wall) and isinstance(named_edge, Wall):
+                # a wall without a name stays without one, as a wall of the state at rest may have
+                # the name that this wall has among the edges of the block
+                edge = replace(walls[f"{self.block}.{named_edge.name}"], name=edge.name)
             changed.append(edge)
         return self.with_edges(changed)
 
@@ -552,15 +559,15 @@ def require_walls(
     if not wall_parameters:
         return
     walls = list[str]()
-    for of_result in settings:
-        if isinstance(of_result, EdgeSettings):
-            walls += of_result.list_walls(kinds)
+    for block_of_result in settings:
+        if isinstance(block_of_result, EdgeSettings):
+            walls += block_of_result.list_walls(kinds)
     for name in wall_parameters:
         wall = name.rpartition(".")[0]
         if wall not in walls:
-            known = f"The walls are {', '.join(walls)}" if walls else "No edge has a wall"
+            why = f"The walls are {', '.join(walls)}" if walls else "No edge has a wall"
             mend = "Use one of these" if walls else "Give a wall in the cut of the block"
-            raise InputError(f"nothing that is observed has a wall {wall}", known, mend)
+            raise InputError(f"nothing that is observed has a wall {wall}", why, mend)
 
 
 class SpectrumSettings(Block):
@@ -690,8 +697,8 @@ class NetworkSettings(EdgeSettings, kw_only=True):
         return replace(self, cut=tuple((axis, layers, pair) for (axis, layers, _), pair in cuts))
 
     def count_balls(self, number: int) -> int:
-        """Return the number of balls of a network after it is repeated and cut, if it has
-        ``number`` of them before; likewise of cells.
+        """Return the number of balls of a network after it is repeated and cut from the ``number``
+        before, or in the same way the number of cells.
         """
         n_layers = math.prod(layers for _, layers, _ in self.cut)
         return number * math.prod(self.repeat) * n_layers
@@ -744,10 +751,11 @@ class ResponseSettings(NetworkSettings, LinearLossSettings):
         default=None,
         absent="the first axis along which nothing repeats, or x",
     )
-    polarisation: str = setting(
+    polarisation: str | None = setting(
         word_of(*_PUSHES),
         "the way in which a plane is driven and heard",
-        default="longitudinal",
+        default=None,
+        absent="`longitudinal`",
     )
     distance: float | None = setting(
         with_unit(LENGTH),
@@ -789,17 +797,18 @@ class Signal:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Make tuples of numbers of both lists, and raise :class:`Refused` for what are no finite
-        numbers, and unless each time has a value, and times begin at 0 s or later and ascend.
+        """Make tuples of numbers of both lists.
+
+        Raises :class:`Refused` for entries that are no finite numbers, for lists of fewer than two
+        entries or of different lengths, and for times that are below 0 s or do not ascend.
         """
         object.__setattr__(self, "times", finite_list("times", self.times, "s"))
         object.__setattr__(self, "values", finite_list("values", self.values, ""))
         if len(self.times) != len(self.values) or len(self.times) < 2:
             fault = f"{len(self.times)} times and {len(self.values)} values"
             raise Refused(fault, "two or more times, each with a value")
-        # the first time is before 0 s, or a time is not after the time before
-        is_early = np.diff(self.times, prepend=-math.inf) <= 0.0
-        is_early[0] = self.times[0] < 0.0
+        is_early = np.diff(self.times, prepend=-math.inf) <= 0.0  # not after the time before
+        is_early[0] = self.times[0] < 0.0  # no time is before the first
         if np.any(is_early):
             row = int(np.argmax(is_early))
             raise Refused(
@@ -817,10 +826,9 @@ class Signal:
         return max(map(abs, self.values))
 
     def find_lost_share(self, step: float, end: float) -> float:
-        """Return which share of the area under the size of the signal, from the time zero to
-        ``end``, s, is lost if the signal is sampled at each ``step``, s: the area between the
-        signal and straight lines through the samples, over the area under the signal; zero if the
-        signal is zero.
+        """Return the share of the signal that is lost by sampling at each ``step``, s, from the
+        time zero to ``end``, s: the area between the signal and straight lines through its samples,
+        over the area under the magnitude of the signal; zero if the signal is zero.
         """
         # only samples beside the times of the signal matter, as elsewhere the signal is straight
         step_numbers = np.floor(np.divide(self.times, step))
@@ -836,9 +844,9 @@ class Signal:
         return difference_area / signal_area if signal_area else 0.0
 
 
-def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
-    """Return the signal that a table has in its columns time and ``name``, a quantity of this
-    ``kind``; the table is a ``file`` in a ``folder``.
+def _read_table(folder: Path, file: str, name: str, quantity: Quantity) -> Signal:
+    """Return the signal of a table, which is a ``file`` in a ``folder``: its columns "time" and
+    ``name``; ``quantity`` has the unit of the second.
 
     Raises :class:`Refused` for a file that is not there or no such table, and for values that are
     no signal.
@@ -846,7 +854,7 @@ def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
     try:
         table = Table.read(folder / file, quoted=False)
         times = table.column("time", SINCE)
-        values = table.column(name, kind)
+        values = table.column(name, quantity)
     except Refused:  # a value is wrong, and the message names its row
         raise
     except InputError as error:  # the file is missing, or is no such table
@@ -855,20 +863,20 @@ def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
     return Signal(tuple(times.tolist()), tuple(values.tolist()))
 
 
-def _signal_kind(name: str, kind: Quantity) -> Kind:
-    """Return the kind of a signal of the quantity ``name``, of this ``kind``. It is read from the
-    name of a file with a table, from a block of two lists, time and ``name``, or from a signal, and
-    is written as such a block.
+def _signal_kind(name: str, quantity: Quantity) -> Kind:
+    """Return the kind of a signal of what ``name`` names, with the unit of the ``quantity``. The
+    signal is read from the name of a file with a table, from a block of two lists, "time" and
+    ``name``, or from a signal, and is written as such a block.
     """
-    columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(kind))}
+    columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(quantity))}
     lists = block_of(columns, tuple(columns))
 
     def read(value: Any, context: ValueContext) -> Signal:
         """Return the signal of a file, of a block or of a signal."""
         if isinstance(value, str) and context.written:
-            return _read_table(context.folder, value, name, kind)
-        written = split(value) if isinstance(value, Signal) else value
-        return Signal(*lists.read(written, context).values())
+            return _read_table(context.folder, value, name, quantity)
+        entries = split(value) if isinstance(value, Signal) else value
+        return Signal(*lists.read(entries, context).values())
 
     def split(signal: Signal) -> dict[str, Any]:
         """Return the two lists of the block of a signal, by name."""
@@ -902,7 +910,8 @@ class Shaker(Block):
 
 
 def _read_balls(value: Any) -> tuple[int, ...] | str:
-    """Return one of :data:`FACES`, or the indices of balls.
+    """Return one of :data:`FACES`, or the indices of balls that a number, a list of numbers or a
+    text of these gives.
 
     Raises :class:`Refused` for another word, and for a ball that is given twice.
     """
@@ -964,8 +973,8 @@ class DriveSettings(Block):
         }
 
     def find_balls(self, network: ContactNetwork) -> Index:
-        """Return the indices (n,) of the balls, or of the floor, that the drive moves in a
-        ``network``; whether the network has balls of given indices is not examined.
+        """Return the indices (k,) of the bodies that the drive moves in a ``network``. Indices that
+        were given are returned as they are, also those of balls that the network does not have.
 
         Raises :class:`InputError` for a face of a network that repeats along all its axes.
         """
@@ -986,12 +995,13 @@ class DriveSettings(Block):
 
 
 def _find_face(network: ContactNetwork, heights: Array) -> Index:
-    """Return the indices of the bodies at the face with the greatest heights: the floor if there is
-    one, else the clamped balls, or if there are none the balls of the outer layer.
+    """Return the indices (k,) of the bodies at the face with the greatest heights: the floor if
+    there is one, else the clamped balls if no ball of the outer layer moves, else the balls of the
+    outer layer.
 
     ``heights`` (n,), m, are those of all balls and walls, and grow towards the face.
     """
-    is_ball = np.isfinite(network.radii)
+    is_ball = np.isfinite(network.radii)  # the radius of a flat wall is infinite
     top = float(np.max(heights[is_ball]))
     floor = np.flatnonzero(~is_ball & (heights > top))
     if floor.size:
@@ -1000,7 +1010,7 @@ def _find_face(network: ContactNetwork, heights: Array) -> Index:
     is_outer = is_ball & (heights > top - 0.5 * mean_radius)
     if np.any(network.moving[is_outer]):
         return np.flatnonzero(is_outer)
-    # clamped balls move as a whole, however many layers they are
+    # clamped balls move as one body, however many layers they fill
     middle = 0.5 * (top + float(np.min(heights[is_ball])))
     is_clamped = is_ball & ~network.moving & (heights > middle)
     return np.flatnonzero(is_clamped)
@@ -1029,7 +1039,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`."""
 
     block = "motion"
-    of_network = ("repeat", "cut", "drive")
+    of_network = ("repeat", "cut", "friction_coefficient", "drive")
 
     duration: float = setting(
         with_unit(TIME), "how long the balls move", title="duration of the motion"
@@ -1189,8 +1199,8 @@ class WaveSettings:
 
 
 def named_tables(drives: Any) -> list[str]:
-    """Return the names of the files with signals that the ``drives`` of a valid scene file, one
-    block or a list of blocks, refer to.
+    """Return the names of the files with signals to which the ``drives`` of a valid scene file
+    refer, one block or a list of blocks.
     """
     drive_blocks = drives if isinstance(drives, list) else [drives]
     names = []

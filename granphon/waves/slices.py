@@ -28,17 +28,18 @@ _ENTRY = 16.0
 
 
 def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Complex, Complex]:
-    """Return the motions at both ends of a strip, ``lower`` x and ``upper`` x, (rows, m) each, for
-    the solution x (n, m) of ``matrix`` x = ``drive``.
+    """Return the motions at both ends of a strip, ``lower`` x (n_lower, m) and ``upper`` x
+    (n_upper, m), for the solution x (n, m) of ``matrix`` x = ``drive``.
 
     ``matrix`` (n, n) is sparse, with an entry (j, i) wherever it has an entry (i, j). The sparse
-    matrices ``lower`` and ``upper`` (rows, n) pick the motions of the ends; ``drive`` (n, m) is
-    zero except at the motions of the lower end. Raises
+    matrices ``lower`` (n_lower, n) and ``upper`` (n_upper, n) pick the motions of the ends.
+    ``drive`` (n, m), of m sources, is zero except at the motions of the lower end. Raises
     :class:`~granphon.base.errors.InputError` for slices that do not fit into memory, and
     numpy.linalg.LinAlgError if the part of the strip beyond a slice has a mode exactly at the
     frequency.
     """
-    slices = find_slices(matrix, np.unique(lower.tocoo().col))
+    driven_motions = np.unique(lower.tocoo().col)
+    slices = find_slices(matrix, driven_motions)
     require_slices(max(len(rows) for rows in slices))
     upper_columns = upper.tocsc()
     # of slice k + 1: its motions, its equations with all later slices eliminated, and the map from
@@ -48,17 +49,17 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
     next_to_upper = np.zeros((upper.shape[0], 0), complex)
     for rows in reversed(slices):
         coupling = matrix[rows]
-        equations = coupling[:, rows].toarray().astype(complex)
+        equations = coupling[:, rows].toarray().astype(complex)  # A_k
         to_upper = upper_columns[:, rows].toarray().astype(complex)
         if next_rows is not None:
-            next_coupling = matrix[next_rows][:, rows].toarray()
-            next_motions = -np.linalg.solve(next_equations, next_coupling)  # P_(k+1)
-            equations += coupling[:, next_rows] @ next_motions
-            to_upper += next_to_upper @ next_motions
+            coupling_back = matrix[next_rows][:, rows].toarray()  # C_(k+1)
+            to_next = -np.linalg.solve(next_equations, coupling_back)  # P_(k+1)
+            equations += coupling[:, next_rows] @ to_next  # A_k + B_k P_(k+1)
+            to_upper += next_to_upper @ to_next
         next_rows = rows
         next_equations = equations
         next_to_upper = to_upper
-    # slice 0 remains, the only one that is driven
+    # slice 0 is left, the only one that is driven
     first_rows = slices[0]
     drive_of_first = np.asarray(drive[first_rows], complex)
     motions = np.asarray(np.linalg.solve(next_equations, drive_of_first), complex)
@@ -66,24 +67,24 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
     return at_lower, np.asarray(next_to_upper @ motions, complex)
 
 
-def find_slices(matrix: Any, first: Index) -> list[Index]:
-    """Return the indices of the motions (n_k,) of each slice, in order from the ``first`` slice
+def find_slices(matrix: Any, first_slice: Index) -> list[Index]:
+    """Return the indices of the motions (n_k,) of each slice, in order from the ``first_slice``
     (n_0,), at the driven end.
 
     Motions are coupled where a sparse ``matrix`` (n, n) has entries. Motions that are coupled to
     the first slice neither directly nor through others are in no slice.
     """
-    is_new = np.ones(matrix.shape[0], bool)
+    is_in_no_slice = np.ones(matrix.shape[0], bool)
     pattern = matrix.tocsr()
-    slices = [first]
-    is_new[first] = False
+    slices = [first_slice]
+    is_in_no_slice[first_slice] = False
     while True:
-        reached = np.unique(pattern[slices[-1]].indices)
-        following = reached[is_new[reached]]
-        if not following.size:
+        coupled_motions = np.unique(pattern[slices[-1]].indices)
+        next_slice = coupled_motions[is_in_no_slice[coupled_motions]]
+        if not next_slice.size:
             return slices
-        is_new[following] = False
-        slices.append(following)
+        is_in_no_slice[next_slice] = False
+        slices.append(next_slice)
 
 
 def count_slice_bytes(width: int) -> float:

@@ -275,9 +275,8 @@ def find_polarisations(
     name = one_of("polarisation", polarisation, POLARISATIONS)
     is_rotational = name == "rotational"
     axes = motions.rotations if is_rotational else motions.translations
-    free_axes = np.eye(3)[
-        list(axes)
-    ]  # (a, 3) directions in which balls move, or about which they turn
+    # (a, 3) directions in which balls move, or about which they turn
+    free_axes = np.eye(3)[list(axes)]
     directions = np.atleast_2d(_choose_directions(operator.network, q, name, free_axes, direction))
     held_components = np.abs(np.delete(directions, axes, axis=1))
     may_move = len(directions) > 0 and len(axes) > 0
@@ -552,7 +551,7 @@ def find_ioffe_regel(
             f"the wave of the least q, at {peaks[0]:.4g} Hz, is already beyond the Ioffe-Regel"
             f" frequency"
         )
-        raise InputError(fault, mend="Give lesser wave vectors, which a larger network has")
+        raise InputError(fault, mend="Give shorter wave vectors, which a larger network has")
     below = np.flatnonzero(log_excess < 0.0)
     if not below.size:
         return None

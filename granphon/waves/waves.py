@@ -97,7 +97,16 @@ class Waves:
 
     @cached_property
     def operator(self) -> WaveOperator:
-        """D of the network as a linear operator, (rad/s)^2."""
+        """The dynamical matrix D = M^-1/2 S M^-1/2 of the network, (rad/s)^2, as a linear operator:
+        ``operator @ x`` is D x. S is the symmetric stiffness matrix, with the static forces that
+        act, and M holds the masses and moments of inertia.
+
+        A vector x (size,) holds the mass-weighted motions of all balls that move; its method
+        ``vector`` makes such a vector of values (n_free, motions), and ``values`` does the reverse.
+        The eigenvalues of D are squared angular frequencies. The operator is made once, when it is
+        used first, which raises :class:`~granphon.base.errors.InputError` if no ball moves or there
+        is no contact.
+        """
         return make_operator(self.network, self._progress)
 
     @cached_property
@@ -125,16 +134,16 @@ class Waves:
             "count_modes", "response" or "transmit"; or "moduli", of :func:`gp.moduli
             <granphon.moduli>` and of sound; or "transmission", of :func:`granphon.transmission`
             through this network.
-        arguments, options : those of the method; none of moduli; of a transmission the two leads,
-            the frequencies, ``axis`` and ``q``.
+        arguments, options : those of the method. Moduli have none. A transmission has the two
+            leads, the frequencies, ``axis``, ``q`` and the losses.
 
         :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
         bytes, and ``seconds`` is the processor's time, within a factor of about three. For the
         estimate D is made, and one product with it is timed. For modes that are filtered out of
         random vectors the density of states is computed too, a small part of the search.
 
-        Raises :class:`~granphon.base.errors.InputError` for another name, and what the method
-        refuses by its numbers.
+        Raises :class:`~granphon.base.errors.InputError` for another name, and for numbers that the
+        method refuses.
         """
         from granphon.waves.estimates import WaveEstimate
 
@@ -232,9 +241,12 @@ class Waves:
             own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose
-        message names the nearest one, and for a polarisation in which balls do not move;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
+        message names the nearest one), for a polarisation in which balls do not move, for a
+        direction that is missing or has no use, and for numbers out of range;
+        :class:`~granphon.base.errors.PrecisionError` for a q so long that its phases have no
+        digits; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
+        zero.
         """
         kernel = Kernel.of(self.operator.top / (2.0 * math.pi), resolution, moments)
         plane_waves = PlaneWaves(self.operator, q, polarisation, direction)
@@ -252,18 +264,18 @@ class Waves:
 
         The method depends on the number of motions that contacts resist:
 
-        - Up to 600 motions all modes are found by a dense matrix. So they are up to 10,000 motions
-          if more than a third of all modes are requested, or have to be searched, as where many
-          cost no energy.
+        - Up to 600 motions all modes are found by a dense matrix. Up to 10,000 motions all modes
+          are found in this way if more than a third of them are requested, or have to be searched,
+          as where many cost no energy.
         - Up to 1,000,000 motions on a line, 300,000 in the plane and 120,000 in space the matrix
           is factorised, and the signs of the pivots count the modes, so that no mode is missed.
-        - Beyond, the lowest modes are found by a block of vectors with a preconditioner of two
-          levels; the work grows as the number of motions.
-        - Beyond, modes ``nearest`` to a frequency are filtered out of random vectors by Chebyshev
-          polynomials. So are the lowest modes if more than 48 modes cost no energy, besides those
-          of single balls, or if the block would have more than a third as many vectors as there are
-          motions. The work grows as the square of the number of motions, and is the same for one
-          mode as for tens of them.
+        - Of more motions the lowest modes are found by a block of vectors with a preconditioner of
+          two levels; the work grows as the number of motions.
+        - Of more motions the modes ``nearest`` to a frequency are filtered out of random vectors by
+          Chebyshev polynomials. The lowest modes are filtered too if more than 48 modes cost no
+          energy, besides those of single balls, or if the block would have more than a third as
+          many vectors as there are motions. The work grows as the square of the number of motions,
+          and is the same for one mode as for tens of them.
 
         With the last two methods, which count no pivots, fresh random vectors show whether a mode
         is missing: these vectors are iterated or filtered as the others were, and what they have of
@@ -334,7 +346,7 @@ class Waves:
 
     def count_modes(self, frequencies: ArrayLike) -> Any:
         """Return the number of modes below each frequency, with those that cost no energy: whole
-        numbers in the shape of ``frequencies``, or one if a number is given.
+        numbers in the shape of ``frequencies``, or an int if ``frequencies`` is a number.
 
         The number is proven: D - omega^2 is factorised, and has as many eigenvalues below zero as
         pivots below zero (Sylvester's law of inertia). The difference of two of these numbers is
@@ -370,7 +382,7 @@ class Waves:
         restitution: Any = 1.0,
         quantity: str = "displacement",
         direction: ArrayLike | None = None,
-        polarisation: str | ArrayLike = "longitudinal",
+        polarisation: str | ArrayLike | None = None,
         distance: float | None = None,
         method: str | None = None,
         tolerance: float = TOLERANCE,
@@ -418,7 +430,8 @@ class Waves:
             "force" if the source is held.
         direction : (1,) to (3,) vector across the planes; by default the first axis along which the
             network does not repeat, or x.
-        polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`.
+        polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`; by
+            default "longitudinal".
         distance : distance of the receiving plane from the first one, m.
         method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
             for the faster of both.
@@ -429,8 +442,9 @@ class Waves:
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there; a
             ball of the source that is held, unless a wall is displaced; no receiver; a sensor
-            without a contact; a loss below zero, a restitution of zero or above 1; a mode without
-            losses at one of the frequencies.
+            without a contact; a direction or polarisation where no plane is driven or heard, or a
+            distance where none is heard; a loss below zero, a restitution of zero or above 1; a
+            mode without losses at one of the frequencies.
         ConvergenceError : a network that is too large to be factorised, and damped too little or
             unevenly; or, unless a ``method`` is given, a response that would take more than an
             hour.
@@ -441,12 +455,10 @@ class Waves:
         given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(self.network, given_losses)
         places = Places(self.network, direction, polarisation, distance)
-
-        def find_operator() -> WaveOperator:
-            """Return D of the network, after a check that it is stable."""
-            return self._stable_operator
-
-        return find_response(find_operator, hertz, source, receiver, options, losses, places)
+        # D is made, and found to be stable, after source and receiver have been read
+        return find_response(
+            lambda: self._stable_operator, hertz, source, receiver, options, losses, places
+        )
 
     def damped_modes(
         self,
@@ -549,7 +561,7 @@ class Waves:
         damping : viscosity of each contact over its stiffness, s, as in :meth:`response`: a mode of
             the angular frequency omega decays as exp(-damping omega^2 t/2).
         tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
-            normal motion.
+            normal motion, as the second of a pair ``damping=(normal, tangential)`` is.
         drag, dashpot, restitution : further losses, as in :meth:`response`. If losses differ
             between contacts or motions, or act beside static forces, modes exchange energy, and the
             propagation takes several times as long.
@@ -565,16 +577,16 @@ class Waves:
         InputError : planes across the direction meet themselves in the periodic network before
             twice the distance (with ends, before the distance); there are no balls at the distance,
             or they are those of the source, or no contacts join them with the source; nothing
-            resists the polarisation; a number is out of range; the record takes more than 2^20
-            products with D; in a periodic network the pulse that runs the other way round ends the
-            record before the burst and its flight are over.
+            resists the polarisation; a number is out of range; ``tangential_damping`` is given
+            beside a pair of ``damping``; the record takes more than 2^20 products with D; in a
+            periodic network the pulse that runs the other way round ends the record before the
+            burst and its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative, or leaves no array
             between free ends.
 
         If the time of flight is not known, it is nan, and the warnings of the result say why.
         """
-        losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
             frequency,
             direction,
@@ -583,7 +595,11 @@ class Waves:
             polarisation,
             source=source,
             ends=ends,
-            losses=losses.with_tangential(tangential_damping),
+            damping=damping,
+            tangential_damping=tangential_damping,
+            drag=drag,
+            dashpot=dashpot,
+            restitution=restitution,
             duration=duration,
             planes=planes,
             frames=frames,

@@ -6,15 +6,18 @@ from __future__ import annotations
 
 import functools
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granphon.array import equilibrium
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import bring_to_rest
 from granphon.dynamics.elasticity import bulk_and_shear
+from granphon.statics.options import ResponseOptions
 from tests.array.test_equilibrium import (
     at_rest,
     balls,
@@ -115,6 +118,20 @@ def test_balls_that_nothing_holds_do_not_count():
     first, *others = [state.find_elasticity(ETA) for state in states]
     for other in others:
         np.testing.assert_allclose(other, first, rtol=0.0, atol=1e-7 * first.max())
+
+
+@pytest.mark.parametrize("eta", [0.0, ETA])
+def test_the_error_of_the_response_is_that_asked_for_on_a_grid_too(eta, monkeypatch):
+    state = at_rest((12, 12), 4, 0.5)
+    exact = dense_tensor(state.deviations, state.stiffnesses, eta)
+    none = dict.fromkeys((1, 2, 3), 0)  # balls whose matrix is factorised
+    monkeypatch.setattr(equilibrium, "ResponseOptions", partial(ResponseOptions, most_balls=none))
+    errors = [
+        np.max(np.abs(state.find_elasticity(eta, reduction=reduction) - exact)) / np.max(exact)
+        for reduction in (0.1, 1e-3, None)
+    ]
+    assert errors[0] > 1e-5 > errors[1] > 1e-10 > errors[2]
+    assert errors[0] < 0.1**2
 
 
 # -- the calculator's contacts, in real space ------------------------------------------------------

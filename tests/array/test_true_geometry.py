@@ -1337,7 +1337,7 @@ def test_an_array_in_space_keeps_its_energy():
         paths = history((3, 2, 2), 0.2, seed=1, lattice=FCC, ratio=0.02, start=start)
         states = [paths.begin(), *paths.path(ramp(0.6, 1.0, steps=steps))]
         last = states[-1]
-        assert last.residual <= 1e-9
+        assert last.residual <= LoadingOptions().tolerance
         pushes = [
             paths.stepper.locate(one).press(one.contacts.forces, one.contacts.shears)
             for one in states
@@ -1474,7 +1474,7 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
         gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice
     )
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
-    by_factors = functools.partial(ResponseOptions, grid=GridOptions(well_held=np.inf))
+    by_factors = functools.partial(ResponseOptions, grid=GridOptions(rigidity=np.inf))
     monkeypatch.setattr(response, "ResponseOptions", by_factors)
     factorised = sample.elastic_tensor
     none = functools.partial(ResponseOptions, most_balls={2: 0, 3: 0})

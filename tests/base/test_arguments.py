@@ -18,8 +18,9 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, brief, message
-from granphon.base.validation import real_array, texts
+from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.standard_errors import read_errors
+from granphon.base.validation import above_zero, each, real_array, texts
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
@@ -338,6 +339,15 @@ def test_a_whole_number_is_called_too_large_where_no_float_holds_it():
         assert re.search("list.*too large", brief([1, wrong]))
 
 
+def test_scalars_of_numpy_are_shown_as_those_of_python():
+    for value in (np.float64(-1.5), np.float32(-1.5), np.array(-1.5)):
+        assert brief(value) == "-1.5"
+    assert [brief(value) for value in (np.int64(3), np.True_, np.str_("a"))] == ["3", "True", "'a'"]
+    assert brief(np.array([1.5])) == "array([1.5])"
+    with pytest.raises(InputError, match=r"diameter: found -1\.0;"):
+        gp.Packing(gp.Material(1e9, 0.2, 1e3), np.float64(-1.0))
+
+
 def test_a_message_is_one_line():
     for wrong in (np.ones((3, 2)), np.array([["a"], ["b"]])):
         assert "\n" in repr(wrong)
@@ -365,3 +375,23 @@ def test_a_message_is_one_line():
 )
 def test_a_text_is_never_taken_for_its_letters(value, expected):
     assert texts("labels", value) == expected
+
+
+def test_a_standard_error_is_not_below_zero():
+    assert_array_equal(read_errors("errors", [0, np.nan], (2,)), [0.0, np.nan])
+    for wrong in ([-1.0, 1.0], [np.nan, -1e-300], [1.0]):
+        with pytest.raises(InputError, match="errors has"):
+            read_errors("errors", wrong, (2,))
+
+
+def test_an_array_where_a_list_is_needed_is_refused():
+    for wrong in (np.array([1.0, 2.0]), np.array([]), np.array(1.0), (), [], "ab", None):
+        with pytest.raises(Refused, match="a list of one or more masses"):
+            each(wrong, above_zero, "masses")
+    assert each((1, 2.5), above_zero, "masses") == (1.0, 2.5)
+
+
+def test_bytes_are_no_texts():
+    for wrong in (b"", b"ab", bytearray(b"")):
+        with pytest.raises(InputError, match="labels"):
+            texts("labels", wrong)

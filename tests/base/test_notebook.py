@@ -245,6 +245,9 @@ def test_the_table_of_a_sweep_is_its_summary(tmp_path):
     [
         (1.23456789, "1.23457"),
         (7, "7"),
+        (np.int64(7), "7"),
+        ((np.int64(7), np.True_), "7, yes"),
+        (np.complex128(1.0 + 2.0j), "(1+2j)"),
         (True, "yes"),
         (None, "none"),
         ("word", "word"),
@@ -265,6 +268,7 @@ def test_the_table_of_a_sweep_is_its_summary(tmp_path):
         (tuple("abcdefgh"), "a, b, c, d, e, f, ... (8 in all)"),
         (tuple(range(9)), "array 9, 0 to 8"),
         ((STEEL, STEEL), "2 of Material"),
+        ((STEEL, gp.Hertz()), "Material, Hertz"),
         (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"),
         ({"alpha": 0.5}, "alpha: 0.5"),
     ],

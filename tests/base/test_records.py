@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -30,3 +31,11 @@ def test_a_file_that_is_being_written_stays_as_it_is_when_another_run_begins_it(
     assert_array_equal(arrays["x"], [[1.0, 2.0], [3.0, 4.0]])
     begin(path).close()  # an earlier file makes way, whole
     assert read_records(path, {"kind": "test"})[0]["x"].shape == (0, 2)
+
+
+def test_a_file_in_which_nothing_grows_holds_what_is_fixed(tmp_path):
+    path = tmp_path / "x.nc"
+    RecordFile(path, {"a": (np.arange(3.0), ("n",))}, {}, {}, {"kind": "test"}).close()
+    arrays, texts = read_records(path, {"kind": "test"})
+    assert_array_equal(arrays["a"], [0.0, 1.0, 2.0])
+    assert texts == {"kind": "test"}

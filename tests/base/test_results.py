@@ -23,7 +23,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, MissingFileError, Refused, UnverifiedFileWarning
-from granphon.base.results import Result, read_only, result_class
+from granphon.base.results import Result, held, read_only, restore, result_class
 from granphon.dynamics.contact_lattice import Modes
 from granphon.dynamics.local_field import LocalField
 from granphon.dynamics.sensitivities import Sensitivities
@@ -713,3 +713,49 @@ def test_an_error_that_is_restated_keeps_all_but_its_text(error):
         assert (type(one), str(one)) == (type(error), "elsewhere: short.")
         assert vars(one) == vars(error)
     assert str(error) == told
+
+
+@result_class
+class Spot(Result, array="places"):
+    """Of no use but to be a result: points in the plane, each with a weight, or in space."""
+
+    places: Array = held(float, "m 2|n 3", default_factory=lambda: np.zeros((1, 3)))
+    weights: Array = held(float, "m", default_factory=lambda: np.zeros(4))
+    mass: float = held(float, default=1.0)
+    about: Any = held(object, default=None)
+
+
+def test_results_whose_numbers_are_not_known_are_equal():
+    def make(mass=math.nan, more=math.nan):
+        return Spot(mass=mass, about=({"error": more}, [more]))
+
+    assert make() == make()
+    assert make(float("nan"), float("nan")) == make()
+    assert make() == pickle.loads(pickle.dumps(make()))
+    assert make() != make(1.0)
+    assert make() != make(more=1.0)
+
+
+def test_a_shape_that_does_not_fit_says_nothing_of_the_others():
+    # the first layout takes 5 for m, and fails: m is free for the weights
+    spot = Spot(places=np.zeros((5, 3)))
+    spot._check()
+    with pytest.raises(InputError, match="weights"):
+        Spot(places=np.zeros((5, 2)))._check()
+
+
+def test_whole_numbers_that_an_array_cannot_hold_are_refused():
+    assert restore([2**62], np.dtype(np.int64)).tolist() == [2**62]
+    for wrong in ([2**63], [1, 2**64 - 1], [2**64]):
+        with pytest.raises(InputError, match="array of numbers"):
+            restore(wrong, np.dtype(np.int64))
+
+
+def test_the_array_of_a_result_is_a_copy_unless_that_is_refused():
+    spot = Spot()
+    copied = np.asarray(spot)
+    copied[0] = 1.0
+    assert_array_equal(spot.places, 0.0)
+    assert spot.__array__(copy=False) is not copied
+    assert np.shares_memory(spot.__array__(copy=False), spot.places)
+    assert not spot.__array__(copy=False).flags.writeable

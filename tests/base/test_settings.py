@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import pickle
+from functools import partial
 
 import pytest
 
@@ -24,12 +25,14 @@ from granphon.base.settings import (
     one_or_more,
     read_block,
     read_counts,
+    read_values,
     setting,
     whole_from,
     with_unit,
     word_of,
     write_block,
 )
+from granphon.base.validation import number
 from granphon.waves.settings import BLOCKS, DriveSettings, Shaker
 
 WRITTEN = ValueContext()
@@ -190,3 +193,11 @@ def test_counts_of_very_many_digits_are_refused():
     for text in ("1" * 5000, "3 x", "\u0663"):
         with pytest.raises(Refused):
             read_counts(text, "numbers", 1, 10)
+
+
+def test_a_range_too_wide_for_a_float_is_refused():
+    rule = partial(number, low=-1.7e308, high=1.7e308)
+    wide = {"from": -1.7e308, "to": 1.7e308, "points": 3, "scale": "linear"}
+    with pytest.raises(Refused, match="range from"):
+        read_values(wide, rule)
+    assert read_values(wide | {"from": 0.0}, rule) == (0.0, 0.85e308, 1.7e308)

@@ -29,6 +29,7 @@ from granphon.base.staging import (
     put_beside,
     read_written_files,
     write_text,
+    write_texts,
 )
 from tests.conftest import EXAMPLES, without_rights
 from tests.waiting import HANGS
@@ -588,3 +589,17 @@ def test_an_error_of_the_input_is_not_told_as_one_of_the_file_system(tmp_path: P
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(OutputError, match="null"), put_beside(tmp_path / "a\0b"):
         pass
+
+
+def test_texts_that_belong_together_are_written_all_or_none(tmp_path):
+    good = tmp_path / "good.txt"
+    (tmp_path / "folder").mkdir()
+    for bad in (f"{tmp_path}/a\0b", tmp_path / "folder"):
+        for files in ([(bad, "x"), (good, "y")], [(good, "y"), (bad, "x")]):
+            with pytest.raises(OutputError):
+                write_texts(files)
+    with pytest.raises(InputError, match=r"good\.txt"):
+        write_texts([(good, "x"), (tmp_path / "folder" / ".." / "good.txt", "y")])
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+    write_texts([(good, "x"), (tmp_path / "other.txt", "y")])
+    assert (good.read_text(), (tmp_path / "other.txt").read_text()) == ("x", "y")

@@ -14,7 +14,7 @@ import granphon as gp
 from granphon.base import quantities
 from granphon.base.errors import InputError
 from granphon.base.quantities import LENGTH, LOADS, PUSH, Quantity
-from granphon.base.tables import Heading, Table, table_text
+from granphon.base.tables import Heading, Table, read_rows, table_text
 from granphon.fits.measurements import Measurements
 from granphon.fits.transfer import TransferFunction
 
@@ -348,3 +348,11 @@ def test_numbers_of_two_columns_of_one_heading_are_refused():
     table = Table.parse("t.csv", b"H,h (V),H\n1,2,3\n")
     with pytest.raises(InputError, match=r"3 columns.*'H'"):
         table.numbers("H")
+
+
+def test_rows_without_cells_are_named():
+    assert read_rows("f", b"1 2\n3 4\n", [1], ["x"], 2, 5).tolist() == [[2.0], [4.0]]
+    assert read_rows("f", b"", [1], ["x"], 0, 5).shape == (0, 1)
+    for body, line in ((b"\n\n", 5), (b"1 2\n\n", 6), (b"1 2\n3 1_0\n", 6)):
+        with pytest.raises(InputError, match=f"f:{line}: x"):
+            read_rows("f", body, [1], ["x"], 2, 5)

@@ -24,7 +24,10 @@ from granphon.base.quantities import (
     PUSH,
     TIME,
     VELOCITY,
+    find_factor,
+    find_written_unit,
     read_with_error,
+    split_error,
 )
 from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quantity, write_uncertain
 
@@ -250,3 +253,38 @@ def test_a_standard_error_is_zero_or_above_and_finite():
     for text in ("2 N +- -1 N", "2 N +- -5 %", "2 N +- 1e999 %", "2 N +- 1e999 N"):
         with pytest.raises(Refused, match=r"negative|not finite|not a finite"):
             read_with_error(text, PUSH)
+
+
+@pytest.mark.parametrize(
+    ("unit", "target", "factor"),
+    [
+        ("um", "m", 1e-6),
+        ("kg m^2", "g*cm^2", 1e7),
+        ("km/(N s)", "m/N/s", 1e3),
+        ("", "1", 1.0),
+        ("m", "", None),
+        ("m", "N", None),
+        ("!um", "m", None),
+        ("5 um", "m", None),
+        ("mm +- 1 %", "m", None),
+    ],
+)
+def test_a_factor_is_that_of_a_whole_text(unit, target, factor):
+    assert find_factor(unit, target) == (factor if factor is None else pytest.approx(factor))
+
+
+def test_the_unit_of_a_text_is_a_unit():
+    assert find_written_unit("8 mm") == "mm"
+    assert find_written_unit("4 kN/m ") == "kN/m"
+    for text in ("8", "8 mm +- 1 %", "8 mm!", 8.0, None):
+        assert find_written_unit(text) == ""
+
+
+def test_a_quantity_with_an_error_has_a_number_of_few_digits():
+    assert split_error("0012 +- 1") == (12, "1")
+    for text in ("9" * 5000 + " +- 1", "1 +- " + "9" * 5000):
+        assert split_error(text) is None
+
+
+def test_a_quantity_is_written_from_a_float_of_numpy():
+    assert LENGTH.read(LENGTH.write(np.float64(0.1))) == 0.1

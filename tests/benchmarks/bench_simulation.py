@@ -233,8 +233,8 @@ def near_threshold(repeats: int) -> list[Row]:
         stencils = Stencils(x.shape)
 
         def before(of: Callable[[], Any]) -> Any:
-            most_stiff = MappingProxyType({1: -1.0, 2: -1.0, 3: -1.0})
-            options = partial(RestOptions, closed_on_sites=0.0, most_stiff=most_stiff)
+            stiff_part = MappingProxyType({1: -1.0, 2: -1.0, 3: -1.0})
+            options = partial(RestOptions, closed_part=0.0, stiff_part=stiff_part)
             with (
                 mock.patch("granphon.array.rest.RestOptions", options),
                 mock.patch("granphon.statics.lattice_equations.RestOptions", options),

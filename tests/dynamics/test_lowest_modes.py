@@ -80,11 +80,11 @@ def test_an_eigenvector_that_random_vectors_lack_is_found_by_fresh_ones(operator
     def keep_away(block, count):
         """The first block stays without an eigenvector."""
         if not blocks:
-            finder._known = missing
+            finder._known_vectors = missing
             basis = lowest_modes._orthonormalise(finder._make_perpendicular(block.vectors, None))
             block = finder._make_block(basis, basis.shape[1])
         blocks.append(converge(block, count))
-        finder._known = None
+        finder._known_vectors = None
         return blocks[-1]
 
     monkeypatch.setattr(finder, "_converge", keep_away)
@@ -95,6 +95,6 @@ def test_an_eigenvector_that_random_vectors_lack_is_found_by_fresh_ones(operator
 
 
 def test_a_search_that_does_not_end_says_so(operator, monkeypatch):
-    monkeypatch.setattr(lowest_modes, "_MOST", 2)
+    monkeypatch.setattr(lowest_modes, "_MOST_ITERATIONS", 2)
     with pytest.raises(ConvergenceError, match="fewer"):
         search(operator)[0].find(9)

@@ -198,9 +198,9 @@ def test_clusters_that_no_contact_joins_to_others_are_not_searched_for(monkeypat
     monkeypatch.setattr(iterative_relaxation, "_MOST_IN_CLUSTER", 1)
     searched = iterate(alone, monkeypatch)
     assert searched._sparse_relaxation.loose.shape[1] > 5
-    assert_allclose(iterated._sound_mass.moved, searched._sound_mass.moved, atol=1e-9)
+    assert_allclose(iterated._sound_mass.moving_mass, searched._sound_mass.moving_mass, atol=1e-9)
     expected = 1.0 - np.sum(alone.masses[[0, 1, 2, 40, 41]]) / np.sum(alone.masses)
-    assert_allclose(iterated._sound_mass.moved, expected * np.eye(3), atol=1e-9)
+    assert_allclose(iterated._sound_mass.moving_mass, expected * np.eye(3), atol=1e-9)
 
 
 def test_more_loose_motions_than_are_found_are_refused(monkeypatch):
@@ -276,7 +276,7 @@ def find_all(network):
     return {
         "mechanism": lattice.mechanism,
         "warnings": lattice.loose_warnings,
-        "part": lattice._sound_mass.moved,
+        "part": lattice._sound_mass.moving_mass,
         "tensor": find(lattice.elastic_tensor),
         "sound": find(lambda: lattice.sound_velocities(np.eye(lattice.periods)[0])[0]),
     }

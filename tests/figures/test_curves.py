@@ -575,6 +575,11 @@ def test_a_summary_of_another_schema_is_refused(folders, tmp_path):
     (tmp_path / "one" / "summary.yaml").write_text(text.replace("schema: 1", "schema: 2"))
     with pytest.raises(InputError, match=r"summary\.yaml .*schema 2\..* schema 1"):
         read_run(tmp_path / "one" / "summary.yaml")
+    # a summary stands for the data set beside it
+    (tmp_path / "one" / "summary.yaml").write_text(text)
+    (tmp_path / "one" / "sweep.nc").unlink()
+    with pytest.raises(MissingFileError, match=r"no .*sweep\.nc"):
+        read_run(tmp_path / "one" / "summary.yaml")
 
 
 def test_a_run_that_is_exchanged_while_it_is_read_is_not_drawn(folders, tmp_path, monkeypatch):

@@ -157,6 +157,23 @@ def test_of_the_paper_s_local_field_nothing_is_known(steel):
     assert choice.expected_error(packing, Load("force", [10.0, 20.0])).tolist() == [np.inf, np.inf]
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"friction_coefficient": -1}, "friction_coefficient: found -1"),
+        ({"friction_coefficient": np.nan}, "friction_coefficient: found"),
+        ({"friction_coefficient": "rough"}, "friction_coefficient: found 'rough'"),
+        ({"shear_response": "roll"}, "shear_response: found 'roll'"),
+        ({"start": "liquid"}, "start: found 'liquid'"),
+        ({"step_tolerance": 0.0}, "step_tolerance: found"),
+        ({"ordered": 1}, "ordered: found 1"),
+    ],
+)
+def test_no_history_of_wrong_options(options, told):
+    with pytest.raises(InputError, match=told):
+        gp.FrictionHistory(**{"friction_coefficient": 0.2, **options})
+
+
 def test_starts_that_differ_have_labels_that_differ():
     loaded = (("friction_history", True), ("friction_coefficient", 0.2))
     sizes = (1.0, [1.0], 1.0000001)

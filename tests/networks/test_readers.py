@@ -428,6 +428,7 @@ def test_notes_name_what_is_passed_over(tmp_path):
         ({"type": 9}, "type"),
         ({"id": 99}, "no ball with id = 99"),
         ({"id": [1, 99]}, "no ball with id = 99"),
+        ({"id": []}, "no value of the column id"),
         (3, "frozen is 3"),
     ):
         with pytest.raises(InputError, match=said):

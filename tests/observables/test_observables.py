@@ -404,3 +404,10 @@ def test_a_wrong_direction_is_refused_before_many_balls_are_relaxed(packing, mon
     monkeypatch.setattr(NetworkState, "relax_inner_motions", relax)
     with pytest.raises(InputError, match="direction"):
         gp.sound_velocities(network, [1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("find", [gp.sound_velocities, gp.moduli, gp.find_nonaffine])
+def test_a_progress_of_another_kind_is_named(find):
+    state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force(1.0)
+    with pytest.raises(InputError, match="progress is 3"):
+        find(state, progress=3)

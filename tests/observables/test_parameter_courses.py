@@ -194,7 +194,7 @@ def test_what_is_too_large_for_factors_is_iterated(monkeypatch, geometry):
 
     by_factors = find_slope()
     none = dict.fromkeys((1, 2, 3), 0)
-    monkeypatch.setattr(rest_courses, "RestOptions", lambda: RestOptions(most_factorised=none))
+    monkeypatch.setattr(rest_courses, "RestOptions", lambda: RestOptions(most_balls=none))
     assert_allclose(find_slope(), by_factors, rtol=1e-9)
 
 

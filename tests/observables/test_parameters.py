@@ -120,6 +120,7 @@ def test_what_is_refused_of_networks_has_no_derivative_by_the_ratio(read):
         ("2 values", {"force": [1.0, 2.0]}),
         ("find is 3.0", {"find": 3.0, "force": 1.0}),
         ("what find returns", {"find": lambda _: None, "force": 1.0}),
+        ("finite_overlap: found 0", {"finite_overlap": 0, "force": 1.0}),
         ("what find returns", {"find": lambda _: 1j, "force": 1.0}),
         ("no number", {"parameters": "lattice", "force": 1.0}),
         ("no number", {"parameters": "friction", "force": 1.0}),

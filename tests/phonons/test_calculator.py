@@ -1038,6 +1038,15 @@ def test_below_precision_only_what_needs_positions_raises(relative, finite_overl
         np.testing.assert_array_equal(given_constants, reference)
 
 
+def test_a_stress_that_is_not_there_is_refused_before_anything_is_found():
+    balls = gp.atoms(at_overlap("triangular", relative=1e-20))
+    balls.set_cell(np.zeros((3, 3)))
+    with pytest.raises(PrecisionError):
+        balls.get_forces()
+    with pytest.raises(InputError, match="no area"):
+        balls.get_stress()
+
+
 @pytest.mark.claim("api-positions")
 def test_just_above_precision_energy_has_the_digits_promised():
     state = at_overlap("triangular", relative=1e-10)

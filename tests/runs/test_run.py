@@ -1247,7 +1247,7 @@ def test_what_cannot_be_plotted_is_one_line(work, whole, capsys):
     shutil.copytree(whole, "out")
     for words, found in (
         (["--variable", "contact_fracton"], "no variable 'contact_fracton'"),
-        (["--asymptotes"], "holds a sweep"),
+        (["--asymptotes"], "asymptotes"),
         (["-o", "x.xyz"], "names no figure format"),
     ):
         assert main(["plot", "out", "--force", *words]) == 2
@@ -1269,4 +1269,7 @@ def test_only_a_data_set_has_variables(work, capsys):
     (work / "alone").mkdir()
     gp.Phonons(state).dos((4, 4), points=12).write_csv(work / "alone" / "dos.csv")
     assert main(["plot", "alone", "--variable", "bulk", "--force"]) == 2
-    assert "holds no sweep" in capsys.readouterr().err
+    assert "with variable" in capsys.readouterr().err
+    # nor has it bands, beside which long waves are drawn
+    assert main(["plot", "alone", "--asymptotes", "--force"]) == 2
+    assert "with asymptotes" in capsys.readouterr().err

@@ -598,6 +598,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "resume": "no"}, "resume: found 'no'"),
         ({"force": 1.0, "overwrite": "no"}, "overwrite: found 'no'"),
         ({"force": 1.0, "labels": ["G", "K"]}, "labels"),
+        ({"force": 1.0, "npoints": 11}, "npoints"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
         ({"force": 1.0, "executor": 3}, "executor is 3"),
         ({"force": 1.0, "store": 3}, "store is 3"),
@@ -1494,7 +1495,7 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
         ({"force": [18.446]}, "force .*4 .*1 "),
         ({"npoints": 6}, r"qpoints\[0\] .*5 .*6 "),
         ({"bands": "GM"}, r"labels\[1\] is 'K' .*'M' .*qpoints"),
-        ({"bands": None}, "labels .*there only.*qpoints .*there only"),
+        ({"bands": None, "npoints": None}, "labels .*there only.*qpoints .*there only"),
         ({"finite_overlap": True}, "finite_overlap .*false .*true "),
         ({"poisson_ratio": 0.3}, "poisson_ratio .*here only"),
         (

@@ -1156,6 +1156,22 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "found 0",
         "1000000",
     ),
+    "a distance of balls": (
+        RESPONSE + "\n  distance: 3 mm",
+        "15: response.distance",
+        "a distance of a plane",
+        "receiver: plane",
+    ),
+    "a polarisation of balls": (
+        edit(
+            "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",
+            "source: 3 x\n  receiver: 7 x\n  polarisation: longitudinal",
+            RESPONSE,
+        ),
+        "12: response.polarisation",
+        "no plane",
+        "source: plane",
+    ),
     "a response without a source": (
         edit("  source: plane\n", "", RESPONSE),
         "8: response.source",
@@ -1436,6 +1452,24 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "9: motion.friction_coefficient",
         "-1",
         "zero",
+    ),
+    "friction of balls without friction": (
+        edit("lattice: triangular", "lattice: triangular, friction: false", MOTION),
+        "9: motion.friction_coefficient",
+        "0.3",
+        "slip",
+    ),
+    "a limit of slip that is not limited": (
+        edit("friction_coefficient: 0.3", "coulomb: total", MOTION),
+        "9: motion.coulomb",
+        "total",
+        "friction_coefficient",
+    ),
+    "a limit of dashpots that are not there": (
+        edit("damping: 1 us", "viscous_pull: limited", MOTION),
+        "10: motion.viscous_pull",
+        "limited",
+        "restitution",
     ),
     "an axis of motion beyond three": (
         edit("axis: 1", "axis: 7", MOTION),

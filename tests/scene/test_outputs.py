@@ -70,7 +70,7 @@ def test_values_are_those_of_the_files(done):
     assert {path.name for path in done.files} == set(expected_files(done.scene, figures=False))
     read = Results(done.folder)
     kept = [row for row in list_outputs(done.scene) if row.find is not None and row.read]
-    assert [row.name for row in kept] == ["surface", "bands", "dos"]
+    assert [row.name for row in kept] == ["limits", "surface", "bands", "dos"]
     assert read["surface"] == done.surface
     np.testing.assert_array_equal(read["gaps"], done.gaps)
     for name in ("bands", "dos"):
@@ -110,6 +110,30 @@ def test_every_figure_of_a_folder_is_drawn_by_its_name(done, tmp_path):
 def test_a_figure_that_a_folder_cannot_give_is_named(done, tmp_path, stem):
     with pytest.raises(InputError, match=f"holds no {stem}"):
         redraw(done.folder, tmp_path / f"{stem}.png")
+
+
+def test_results_of_a_folder_that_is_named_are_read(done):
+    results = gp.Results(str(done.folder))
+    assert results.dataset.identical(done.dataset)
+    limits = results["limits"]
+    assert limits == done["limits"]
+    assert [check["name"] for check in limits["validity"]] == [
+        check.name for check in done.validity.checks
+    ]
+    with pytest.raises(InputError, match="path is 5"):
+        gp.Results(5)
+
+
+@pytest.mark.parametrize("flag", ["force", "figures", "resume"])
+def test_a_flag_of_a_run_that_is_no_truth_value_is_named(tmp_path, flag):
+    with pytest.raises(InputError, match=f"{flag}: found 'no'"):
+        Scene.from_text(STEEL).run(tmp_path / "out", **{flag: "no"})
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_that_no_figure_has_is_no_figure(done):
+    with pytest.raises(InputError, match=r"'band\.png'.*bands\.png"):
+        done.figure("band.png")
 
 
 def test_a_folder_without_states_says_so(tmp_path):

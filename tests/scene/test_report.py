@@ -9,6 +9,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.base.text import dump_yaml, read_yaml
 from granphon.cli.main import main
 from granphon.page.document import Picture, Rows
 from granphon.scene import report
@@ -97,6 +98,8 @@ def test_limits_say_on_which_side_they_are(folders):
     [
         ([7.05e9, 15.3e9], [3.02e7, 6.04e7], "7.05 GPa to 15.3 GPa +/- 0.03 GPa to 0.06 GPa"),
         ([950.0, 1250.0], [1.0, 2.0], "950 m/s to 1.25 km/s +/- 0.001 km/s to 0.002 km/s"),
+        # numbers in no order, such as those of branches, are no range, nor are their errors
+        ([950.0, 1250.0, 3.0], [1.0, 2.0, 0.5], "950, 1250, 3 m/s +/- 1, 2, 0.5 m/s"),
         ([[950.0, 1250.0]], [[1.0, 2.0]], "950.0 +/- 1.0 m/s to 1.2500 +/- 0.0020 km/s"),
         (
             [[2e9, 1e9, 0.0], [1e9, 2e9, 0.0], [0.0, 0.0, 5e8]],
@@ -177,6 +180,15 @@ def test_a_damaged_summary_is_refused(folders, tmp_path):
     for damaged in ("- 1\n", text.replace("schema: 1", "schema: 7"), "a: [\n"):
         (tmp_path / "summary.yaml").write_text(damaged, encoding="utf-8")
         with pytest.raises(InputError, match=r"summary\.yaml"):
+            read_report(tmp_path)
+
+
+def test_data_of_another_kind_in_a_summary_are_named(folders, tmp_path):
+    summary = read_yaml(folders / "one" / "summary.yaml")
+    for key, part in (("observe", "Numbers"), ("files", "Files"), ("validity", "Limits")):
+        assert key in summary
+        (tmp_path / "summary.yaml").write_text(dump_yaml(summary | {key: 5}), encoding="utf-8")
+        with pytest.raises(InputError, match=f"damaged.*{part}"):
             read_report(tmp_path)
 
 

@@ -27,7 +27,7 @@ from granphon.statics.response import GridResponse, ListResponse, find_elastic_t
 from tests.contacts.test_tangent import random_list
 
 #: factors in place of iterations
-FACTORISED = ResponseOptions(grid=GridOptions(well_held=np.inf))
+FACTORISED = ResponseOptions(grid=GridOptions(rigidity=np.inf))
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
 
@@ -129,7 +129,7 @@ def test_a_grid_that_is_not_spelled_out_responds_as_its_list(lattice, overlap):
 
 @pytest.mark.parametrize(
     "options",
-    [None, FACTORISED, ResponseOptions(stalled=0.0)],
+    [None, FACTORISED, ResponseOptions(stalled_part=0.0)],
     ids=["grid", "factors", "gmres"],
 )
 @pytest.mark.parametrize("lattice", [TRIANGULAR, FCC])

@@ -132,9 +132,9 @@ def test_factors_and_iterations_come_to_the_same_rest(lattice, shape, pressure):
     load = press(assembly, pressure)
     forces = []
     for options in (
-        RestOptions(fewest_iterated=NEVER),
-        RestOptions(most_factorised=ALWAYS),
-        RestOptions(fewest_iterated=ALWAYS, patience_of_iterations=ALWAYS),
+        RestOptions(fewest_balls=NEVER),
+        RestOptions(most_balls=ALWAYS),
+        RestOptions(fewest_balls=ALWAYS, patience_of_iterations=ALWAYS),
     ):
         rest = find_rest(assembly, load, options=options)
         assert rest.residual <= 1e-12
@@ -150,7 +150,7 @@ def test_that_a_crystal_stands_is_noted_only_where_it_is_tested():
     problem = Problem(assembly, press(assembly, 1e3), "exact", "stress")
     start = Rest.of(problem.start_at(np.zeros(problem.size)))
     none = dict.fromkeys((1, 2, 3), 0)
-    TurningDescent(problem, RestOptions(most_factorised=none)).begin(start)
+    TurningDescent(problem, RestOptions(most_balls=none)).begin(start)
     assert assembly.standing == set()
     TurningDescent(problem, RestOptions()).begin(start)
     assert assembly.standing == {len(problem.unit_strains)}

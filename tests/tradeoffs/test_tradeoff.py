@@ -542,6 +542,12 @@ def test_media_in_space_are_judged_by_samples_in_space(
     assert_allclose(run["averaged lattice", "ala"].errors[0], np.abs(off), rtol=0.15)
 
 
+@pytest.mark.parametrize("name", ["progress", "stopwatch", "store", "executor"])
+def test_what_measures_and_keeps_is_named_if_it_is_of_another_kind(rough, name):
+    with pytest.raises(InputError, match=f"{name}.* is '?three"):
+        tradeoff(rough, force=1.0, **{name: "three"})
+
+
 def test_quantities_are_those_that_are_observed(rough, asked):
     for words in (["velocities"], ["bands"], ["dos"], ["dos", "velocities"]):
         with pytest.raises(InputError, match="enough"):
@@ -723,7 +729,7 @@ def test_the_condition_does_not_depend_on_how_fast_the_machine_is(steel, monkeyp
     still.now = lambda: 0.0
     monkeypatch.setattr(tradeoffs, "EffectiveMedium", lambda packing: pytest.fail("was solved"))
     again = replace(study, stopwatch=still)
-    assert again.solving == 0.0
+    assert again.solving_time == 0.0
     assert again.condition == expected
 
 

@@ -295,6 +295,13 @@ def test_what_has_no_modes_is_refused():
             waves.modes(1, nearest=bad)
 
 
+def test_a_ball_that_touches_its_images_alone_has_no_mode():
+    ball = gp.Ball(gp.Material(70e9, 0.2, 2500.0), 8e-3)
+    one = gp.Crystal.on("chain", [ball]).at_force(20.0)
+    with pytest.raises(InputError, match="images"):
+        gp.Waves(one).modes(1)
+
+
 def test_factors_miss_no_mode(limits, monkeypatch):
     """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it,
     and more are asked for.

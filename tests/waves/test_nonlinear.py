@@ -1005,6 +1005,11 @@ def test_what_has_no_overlap_is_refused():
         gp.NonlinearWaves(network, geometry="true")
     with pytest.raises(InputError, match="gravity is"):
         gp.NonlinearWaves(network, gravity=(0, 1))
+    with pytest.raises(InputError, match="friction_coefficient is"):
+        gp.NonlinearWaves(network, friction_coefficient=0.3)
+    assert gp.NonlinearWaves(network, friction_coefficient=0.0).mu == 0.0
+    with pytest.raises(InputError, match="coulomb is"):
+        gp.NonlinearWaves(network, coulomb="total", damping=1e-6)
     held = replace(network, masses=np.where([True, False, False, False], np.inf, network.masses))
     with pytest.raises(InputError, match="held"):
         gp.NonlinearWaves(held).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=lambda time: 1.0))

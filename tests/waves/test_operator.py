@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import ArrayOperator, WaveOperator, find_kinds, make_operator
 from tests.networks.test_network import LATTICES, STEEL, UNITS
@@ -104,3 +105,30 @@ def test_only_large_arrays_go_without_a_matrix():
     one = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS, lattice=TRIANGULAR)
     assert type(make_operator(one.repeat((9, 10)))) is WaveOperator
     assert isinstance(make_operator(one.repeat((60, 50))), ArrayOperator)
+
+
+def test_torques_of_a_plane_act_on_motions_out_of_it_as_in_space():
+    one = gp.ContactLattice.of("square", 0.8, torsion=0.02, bending=0.03).contact_network(UNITS)
+    plane = one.repeat((3, 4))
+    torque = np.zeros((plane.n_contacts, 3))
+    torque[:, 2] = np.random.default_rng(1).normal(size=plane.n_contacts)
+    torque *= 0.1 * np.mean(plane.normal_stiffness * plane.arm_i**2)
+    changes = {"prestress": True, "contact_torque": torque, "lattice": None, "shape": None}
+    in_space = WaveOperator(replace(plane, motions="all", dimension=3, **changes))
+    out_of_plane = WaveOperator(replace(plane, motions="out_of_plane", **changes))
+    leaving = in_space.indices[:, [2, 3, 4]].ravel()  # u_z, phi_x, phi_y
+    expected = in_space.whole[leaving][:, leaving].toarray()
+    found = out_of_plane.whole.toarray()
+    np.testing.assert_allclose(found, expected, atol=1e-12 * out_of_plane.top**2)
+    without = WaveOperator(replace(out_of_plane.network, contact_torque=None))
+    assert np.max(np.abs(found - without.matrix.toarray())) > 1e-3 * out_of_plane.top**2
+
+
+def test_a_large_array_without_contacts_is_refused():
+    from granphon.balls.lattices import TRIANGULAR
+
+    one = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS, lattice=TRIANGULAR)
+    array = one.repeat((60, 50))
+    no_contacts = {name: getattr(array, name)[:0] for name in array.contact_fields}
+    with pytest.raises(InputError, match="no waves run"):
+        make_operator(replace(array, **no_contacts))

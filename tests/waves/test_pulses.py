@@ -16,6 +16,7 @@ import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
 from granphon.dynamics.damping import GivenLosses, Losses
+from granphon.waves.estimates import WaveEstimate
 from granphon.waves.modes import is_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, Spans, ToneBurst, ViscousPropagation
@@ -1039,6 +1040,7 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
         ({"frequency": 1e-7 * HERTZ}, "products with the matrix"),
         ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "record of .* products"),
         ({"damping": 1e200}, "damping up to"),
+        ({"damping": (1e-6, 2e-6), "tangential_damping": 1e-6}, "and tangential_damping is"),
         ({"damping": 1e30, "tangential_damping": 0.0}, "nothing moves"),
         ({"distance": 1e308}, "would meet itself"),
         ({"planes": [1e308]}, "would meet itself"),
@@ -1119,17 +1121,15 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     )
 
 
-def test_transmit_takes_the_arguments_of_a_sending():
+@pytest.mark.parametrize("function", [gp.Waves.transmit, WaveEstimate._find_pulse])
+def test_transmit_and_its_estimate_take_the_arguments_of_a_sending(function):
     """The signature that help and editors show has the names and the defaults of the class."""
-    given = dict(inspect.signature(PulseSource).parameters)
-    losses = dict(inspect.signature(GivenLosses).parameters)
-    own = inspect.signature(gp.Waves.transmit)
-    del given["losses"], losses["loss_factor"]
-    assert {*own.parameters} == {"self", *given, *losses, "tangential_damping"}
-    for name, one in (given | losses).items():
-        assert own.parameters[name].default == one.default, name
-    assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY
-    assert own.return_annotation == "Pulse"
+    given = inspect.signature(PulseSource).parameters
+    _, *parameters = inspect.signature(function).parameters.values()
+    assert [one.name for one in parameters] == list(given)
+    for one in parameters:
+        assert one.default == given[one.name].default, one.name
+        assert one.kind == given[one.name].kind, one.name
 
 
 def test_contacts_that_pull_carry_transverse_waves_as_strings_do():

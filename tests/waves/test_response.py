@@ -973,6 +973,10 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"source": (3, "y")}, "along x only"),
         ({"source": 3}, "the source is 3"),
         ({"source": (3, "r")}, "Use x, y, z, or a vector"),
+        ({"distance": 2.0 * D}, "distance is given"),
+        ({"direction": (1,)}, "direction is given"),
+        ({"polarisation": "longitudinal"}, "polarisation is given"),
+        ({"source": "plane", "distance": 2.0 * D}, "distance is given, and the receiver"),
         ({"frequencies": [2.0, 1.0]}, "ascending"),
         ({"frequencies": [1e200]}, "up to"),
         ({"loss_factor": 1e300}, "loss_factor up to"),
@@ -995,6 +999,15 @@ def test_bad_input_is_one_error(arguments, text):
     given = {"frequencies": [HERTZ], "source": (3, "x"), "receiver": (5, "x")} | arguments
     with pytest.raises(InputError, match=text):
         gp.Waves(chain(6, ("clamped", "free"))).response(**given)
+
+
+def test_direction_and_polarisation_are_those_of_a_plane_that_is_driven_or_heard():
+    waves = gp.Waves(ideal("triangular").repeat((3, 1)).cut(1, 5))
+    across = {"direction": (0, 1), "polarisation": "transverse"}
+    driven = waves.response([0.3 * HERTZ], "plane", (4, "x"), 1e-6, **across)
+    assert np.array_equal(np.abs(driven.pushes), np.tile([1.0, 0.0, 0.0], (3, 1)))
+    heard = waves.response([0.3 * HERTZ], (4, "x"), "plane", 1e-6, distance=D, **across)
+    assert np.array_equal(np.abs(heard.directions), np.tile([1.0, 0.0, 0.0], (3, 1)))
 
 
 def test_other_calls_refuse_what_they_cannot_find():
@@ -1053,7 +1066,7 @@ def test_a_shift_on_the_diagonal_of_a_space_does_not_end_its_solution():
         shifts=shifts,
         scale=ones,
         bound=ones,
-        direct=np.zeros((2, 1)),
+        direct_signals=np.zeros((2, 1)),
     )
     process = _KrylovProcess(space, lambda x: x[:1])
     for size in (1, 2, 3):

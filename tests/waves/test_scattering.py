@@ -586,7 +586,7 @@ def test_leads_and_strips_too_wide_for_the_memory_are_refused(monkeypatch):
     lead = bulk("fcc").repeat((3, 3, 1))
     strip = lead.cut(2, 4)
     at = [0.2 * gp.Phonons(bulk("fcc")).lattice.top_frequency * lead.scales.frequency]
-    monkeypatch.setattr("granphon.base.memory._ALWAYS", 0.0)
+    monkeypatch.setattr("granphon.base.memory._ASSUMED_MEMORY", 0.0)
     for module, fault in (
         ("granphon.dynamics.half_space.available_memory", "or fewer in each layer"),
         ("granphon.dynamics.bloch_waves.count_bloch_bytes", "fewer balls in a layer"),
