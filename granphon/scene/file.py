@@ -554,8 +554,9 @@ _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 
 
 def _find_strangest(quantities: Mapping[str, float]) -> str:
-    """Return the name of that of the ``quantities`` young_modulus, density and diameter of a ball,
-    in SI units, which differs from its ordinary value by the greatest factor.
+    """Return the name of the quantity of a ball that differs from its ordinary value by the
+    greatest factor; the ``quantities`` have young_modulus, density and diameter, SI, all above
+    zero.
     """
 
     def find_distance(name: str) -> float:
@@ -800,10 +801,10 @@ class SceneSource(Places):
         option = getattr(error, "option", None)
         if option is not None:
             option_path, words = self._find_option(option)
-            # "start" is the one option with which a medium can fail: the load of a history must be
-            # one that its start bears
-            allowed = {"start": "a load that the balls bear without friction, or gas"}
-            return option_path, f"found {words}; allowed: {allowed[option]}; "
+            # a medium can fail with the option "start" alone, the first load of a history, which
+            # the balls must bear
+            allowed = "a load that the balls bear without friction, or gas"
+            return option_path, f"found {words}; allowed: {allowed}; "
         block_of_error = getattr(error, "block", None)
         if block_of_error is not None:
             return block_of_error, ""
@@ -942,7 +943,7 @@ class SceneSource(Places):
         gravity = values.get("gravity")
         with self.at(*path):
             if kind is None:
-                return Load("pressure", 0.0, values.get("balls_per_side"), gravity=gravity)
+                return Load("pressure", 0.0, gravity=gravity)
             if kind in TENSORS:
                 return Load(**split_tensor(values), gravity=gravity)
             return Load(kind, values[kind], values.get("balls_per_side"), gravity=gravity)

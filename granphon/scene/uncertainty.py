@@ -605,9 +605,9 @@ def _resample(columns: Mapping[str, Any], along: str, places: Array) -> dict[str
     """
     if along not in columns:
         return {}
-    own_places = np.asarray(columns[along])
+    values_along = np.asarray(columns[along])
     return {
-        name: np.interp(places, own_places, values, left=np.nan, right=np.nan)
+        name: np.interp(places, values_along, values, left=np.nan, right=np.nan)
         for name, values in columns.items()
     }
 
@@ -619,17 +619,18 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
     """
     if _OF_NODES not in results:
         return results
-    places = base[_OF_NODES].values
-    own_places = results[_OF_NODES].values
+    base_frequencies = base[_OF_NODES].values  # (..., n)
+    frequencies = results[_OF_NODES].values  # (..., m)
     changed = {}
     for name, variable in results.data_vars.items():
         if _NODE in variable.dims and name != _OF_NODES:
             values = variable.values
-            at_places = np.full(places.shape, np.nan)
-            for index in np.ndindex(places.shape[:-1]):
-                columns = {_OF_NODES: own_places[index], str(name): values[index]}
-                at_places[index] = _resample(columns, _OF_NODES, places[index])[str(name)]
-            changed[name] = (base[_OF_NODES].dims, at_places, variable.attrs)
+            densities = np.full(base_frequencies.shape, np.nan)
+            for state in np.ndindex(base_frequencies.shape[:-1]):
+                columns = {_OF_NODES: frequencies[state], str(name): values[state]}
+                resampled = _resample(columns, _OF_NODES, base_frequencies[state])
+                densities[state] = resampled[str(name)]
+            changed[name] = (base[_OF_NODES].dims, densities, variable.attrs)
     return (
         results.drop_vars([_OF_NODES, *changed]).drop_dims(_NODE, errors="ignore").assign(changed)
     )
@@ -672,8 +673,8 @@ def _write(scene: Any) -> dict[str, Any]:
     """Return the blocks of a scene as plain data in SI, without correlations.
 
     Masses and moments of inertia are left out where they follow from the density and the diameter
-    of a solid ball: if one of these two is shifted, the mass and the inertia are to follow. Values
-    are lists where the path of a standard error leads into a list.
+    of a solid ball: where a density or diameter is shifted, the mass and the inertia are to follow.
+    Values are lists where the path of a standard error leads into a list.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))
     blocks.pop("correlations", None)

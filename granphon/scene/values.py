@@ -465,7 +465,7 @@ class SceneValues:
             "onsets",
             len(self.directions) > 1,
             "along several directions",
-            "onsets along one direction, of the curvatures",
+            "onsets along one direction, that of their curvatures",
             "Make a scene of each.",
         )
         return [
