@@ -772,7 +772,7 @@ def test_branches_that_are_not_there(make):
         ("triangular", {}, ("longitudinal", "shear")),
     ):
         state = make(lattice, **more)
-        with pytest.raises(InputError, match="unknown branch|branches is an empty list"):
+        with pytest.raises(InputError, match=r"unknown branch|branches is an empty list"):
             gp.pulse_velocities(
                 state, 100.0, np.eye(state.packing.structure.periods)[0], branches=bad
             )
