@@ -459,7 +459,8 @@ class MediaStudy:
                 state = EffectiveMedium(self.packing).at(self.load)
         by_force = np.asarray(local_exponent(state))  # d log v / d log f
         overlap = np.asarray(state.overlap)
-        # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
+        # with the force f, the overlap delta and the width W, the velocity v is f^(1/6) times a
+        # function of f/W^(3/2), or W^(1/4) times a function of delta/W
         if self.load.kind == "overlap":
             by_load = by_force * overlap * state.normal_stiffness / state.force
             by_width = (EXPONENT - 1.0) / 2.0 - by_load
@@ -534,8 +535,8 @@ class MediaStudy:
             return DirectSimulation(self.packing, shape, first_seed, samples, **history.options)
 
         seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
-        simulated = "simulation with friction" if history.is_loaded else "simulation"
-        method = f"{simulated}, {counted(samples, 'sample')}"
+        simulation = "simulation with friction" if history.is_loaded else "simulation"
+        method = f"{simulation}, {counted(samples, 'sample')}"
         return Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
 
     def find_reference(
