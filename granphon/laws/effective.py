@@ -85,9 +85,9 @@ _LAST_COEFFICIENTS = 1e-12
 #: suffice
 _MANY_OPENINGS = 100
 #: number of collocation points on short steps
-_STAGES_OF_SHORT = 12
+STAGES_OF_SHORT = 12
 #: tolerance of the last coefficients of k on short steps, relative to the least value of k
-_LAST_OF_SHORT = 1e-10
+LAST_OF_SHORT = 1e-10
 #: number of nodes of the average over balls (see Shape.nodes)
 _ORDER = 32
 #: the lowest step of an interval is halved until the next opening below is at least this fraction
@@ -784,7 +784,7 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
     is valid.
     """
     if shape.openings.size >= _MANY_OPENINGS:
-        return solve_curve(shape, xi, _STAGES_OF_SHORT, _LAST_OF_SHORT)
+        return solve_curve(shape, xi, STAGES_OF_SHORT, LAST_OF_SHORT)
     return solve_curve(shape, xi, _STAGES, _LAST_COEFFICIENTS)
 
 
