@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 
 import granphon as gp
 from granphon.base.errors import InputError, LimitWarning, OutputError, StoppedEarlyWarning
-from granphon.base.records import RecordFile, hold
+from granphon.base.records import RecordFile, lock_file
 from granphon.waves import nonlinear
 from tests.networks.test_cuts import D, bulk
 
@@ -783,7 +783,7 @@ def test_only_a_motion_is_written_over(tmp_path):
         with pytest.raises(OutputError, match="cannot be written"):
             write(other / "motion.nc")
         with open(path, "rb") as file:
-            hold(file)
+            lock_file(file)
             with pytest.raises(OutputError, match=r"writing .*motion.nc"):
                 write(path)
         write(tmp_path / "made" / "motion.nc")
