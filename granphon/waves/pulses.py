@@ -1073,11 +1073,13 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, for what is no pulse, and
-    for pulses that differ in frequency, cycles, direction, polarisation, drag or burst, or by more
-    than a tenth in their dampings or in the distances of planes. Pulses do not hold their ends, nor
-    whether one ball or a plane was pushed: the caller has to see to these.
+    Raises :class:`~granphon.base.errors.InputError` for no list, an empty list, and what is no
+    pulse; and for pulses that differ in frequency, cycles, direction, polarisation, drag or burst,
+    or by more than a tenth in their dampings or in the distances of planes. Pulses do not hold
+    their ends, nor whether one ball or a plane was pushed: the caller has to see to these.
     """
+    if not isinstance(pulses, Sequence):
+        raise InputError(f"{brief(pulses)} is no list of pulses", mend="Give a list")
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
     for pulse in pulses:
@@ -1741,15 +1743,18 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
 
 
 def _read_list(name: str, value: ArrayLike, unit: str, low: Low) -> Array:
-    """Return the ``value`` of the argument ``name`` as numbers (n,), in its ``unit``; it may be
-    empty.
+    """Return the ``value`` of the argument ``name``, a number or a list of numbers in the ``unit``,
+    as an array (n,), which may be empty.
 
-    Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, or that the
-    lower bound ``low`` does not allow.
+    Raises :class:`~granphon.base.errors.InputError` for an array of more axes, and for numbers that
+    are not finite, or that the lower bound ``low`` does not allow.
     """
     if not real_array(name, value).size:
         return np.zeros(0)
-    return finite_array(name, value, unit, low).ravel()
+    numbers = np.atleast_1d(finite_array(name, value, unit, low))
+    if numbers.ndim > 1:
+        raise InputError(f"{name} has the shape {numbers.shape}", mend="Give a list of numbers")
+    return numbers
 
 
 def read_vector(name: str, value: Any, dimension: int) -> Array:

@@ -350,7 +350,7 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     n_samples = np.bincount(length_of_run)
     if len(lengths) < 2 or n_samples.min() < 2:
         fewest = counted(int(n_samples.min()), "sample")
-        fault = f"there are {counted(len(lengths), 'length')}, with {fewest} or more"
+        fault = f"the runs have {counted(len(lengths), 'length')}, with {fewest} or more of each"
         raise InputError(fault, "A fall and its error need two of each", "Give more runs")
     # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
     coherent = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
