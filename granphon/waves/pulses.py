@@ -1445,13 +1445,13 @@ def _find_fastest(
     return np.asarray(fastest)
 
 
-def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
-    """Return the stiffness over the mass, (k, n_u, n_u), (m/s)^2, of each of the ``chosen`` pieces,
-    for waves along the ``course`` in which all balls move in proportion to a plane wave; n_u is the
+def _find_stiffnesses(course: Course, piece_of_ball: Index, pieces: Index) -> Array:
+    """Return the stiffness over the mass, (k, n_u, n_u), (m/s)^2, of each of the ``pieces``, for
+    waves along the ``course`` in which all balls move in proportion to a plane wave; n_u is the
     number of axes along which balls move.
 
-    ``piece_of_ball`` (n,) is the number of the piece of each ball, and ``chosen`` (k,) are numbers
-    of pieces.
+    ``piece_of_ball`` (n,) is the number of the piece of each ball, and ``pieces`` (k,) are such
+    numbers.
     """
     network = course.network
     axes = list(network.ball_motions.translations)
@@ -1478,8 +1478,8 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
             if a == b:
                 contact_stiffness = contact_stiffness + shear * squared_lengths
             stiffness[row, column] = np.bincount(piece_of_contact, contact_stiffness, n_pieces)
-    tensors = np.moveaxis(stiffness, -1, 0)[chosen]
-    return np.asarray(tensors / masses[chosen, None, None])
+    tensors = np.moveaxis(stiffness, -1, 0)[pieces]
+    return np.asarray(tensors / masses[pieces, None, None])
 
 
 def _require_room(period: float, distance: float, velocity: float, burst: ToneBurst) -> None:
