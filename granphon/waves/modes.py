@@ -743,12 +743,13 @@ class _FilterSearch:
         chosen_modes = self.problem.choose_nearest(modes.omega, self.count, self.target)
         if chosen_modes.size < self.count:
             return None
-        farthest = np.max(np.abs(modes.omega[chosen_modes] - self.target), initial=0.0)
+        reach = np.max(np.abs(modes.omega[chosen_modes] - self.target), initial=0.0)
         # random vectors without a share of zero modes have hardly any share of the softest modes,
         # so that a missing one would not show there
-        softest = _SOFTEST_SHARE * farthest if self.power else 0.0
-        low = _find_phi(top, self.target + farthest)
-        high = _find_phi(top, max(self.target - farthest, softest))
+        least_omega = _SOFTEST_SHARE * reach if self.power else 0.0
+        # phi falls as the frequency rises
+        low = _find_phi(top, self.target + reach)
+        high = _find_phi(top, max(self.target - reach, least_omega))
         least, greatest = window.find_ends(1.0 - _EDGE_SHARE / window.n_filters)
         return (low, high) if least <= low and high <= greatest else None
 
@@ -1308,22 +1309,22 @@ def _find_damped_near(
     two.
     """
     zero_motions = _find_zero_motions(problem, count)
-    available = problem.live.size - zero_motions.shape[1]
-    if available < count:
-        raise explain_too_few(available, count)
-    rate_count = 2 * count + _SPARE  # each mode has two rates, though both need not be near
+    n_elastic = problem.live.size - zero_motions.shape[1]
+    if n_elastic < count:
+        raise explain_too_few(n_elastic, count)
+    n_rates = 2 * count + _SPARE  # each mode has two rates, though both need not be near
     if is_coupled:
-        rate_count += zero_motions.shape[1]  # rates of zero, which are left out later
+        n_rates += zero_motions.shape[1]  # rates of zero, which are left out later
         zero_motions = zero_motions[:, :0]
-    while rate_count <= available:
-        omega, vectors = _find_rates_near(stiffness, viscous, zero_motions, rate_count, target)
+    while n_rates <= n_elastic:
+        omega, vectors = _find_rates_near(stiffness, viscous, zero_motions, n_rates, target)
         if is_coupled:
             omega, vectors = _drop_zeros(omega, vectors)
         chosen_modes = _choose_damped(omega, count, target)
         if chosen_modes.size == count:
             return omega[chosen_modes], vectors[:, chosen_modes]
         # of some modes both rates were found, which make one mode: more rates are needed
-        rate_count *= 2
+        n_rates *= 2
     fault = (
         f"{count} modes of {problem.live.size} motions that are damped unevenly are too many to be"
         f" found"
@@ -1367,9 +1368,9 @@ def _find_zero_motions(problem: Problem, count: int) -> Array:
 
 @single_products()
 def _find_rates_near(
-    stiffness: Any, viscous: Any, zero_motions: Array, rate_count: int, target: float
+    stiffness: Any, viscous: Any, zero_motions: Array, n_rates: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return the modes of x'' + G x' + D x = 0 that belong to the ``rate_count`` rates r = i omega
+    """Return the modes of x'' + G x' + D x = 0 that belong to the ``n_rates`` rates r = i omega
     nearest to i ``target``: the complex frequencies omega (m,) and the vectors (n, m).
 
     D is the ``stiffness`` and G the ``viscous`` matrix (n, n), in units of the top frequency, as
@@ -1378,7 +1379,7 @@ def _find_rates_near(
     D + s G + s^2. The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and each has the
     rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them. One of
     the two rates of each mode is kept, by :func:`_drop_second_rates`, so that m is at most
-    ``rate_count``.
+    ``n_rates``.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -1411,7 +1412,7 @@ def _find_rates_near(
     inverse = LinearOperator((2 * n, 2 * n), matvec=solve, dtype=complex)
     start = remove_zeros(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
-        rates, vectors = eigs(first_order, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
+        rates, vectors = eigs(first_order, k=n_rates, sigma=shift, OPinv=inverse, v0=start)
     shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
     return _drop_second_rates(-1j * rates, shapes, viscous)
 
@@ -1692,10 +1693,11 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     a shift next to the target.
 
     The number of modes that are sought is doubled until all residuals are small and
-    :func:`_prove_complete` finds no mode missing. If a large part of all modes would be sought,
-    :func:`_find_dense` finds all instead. In packings most zero modes are of single balls, which
-    turn about the line through their two contacts. These are known, and Lanczos's vectors are kept
-    free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy.
+    :func:`_prove_complete` finds no mode missing. If more than a third of all modes would be
+    sought, :func:`_find_dense` finds all instead. In packings most zero modes are of single balls,
+    which turn about the line through their two contacts. These modes are known, and Lanczos's
+    vectors are kept free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes
+    cost energy.
     """
     size = problem.live.size
     top = problem.top
@@ -1725,14 +1727,13 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
             # zero modes are nearest to the shift: the next search has to find them all
             n_searched = max(n_searched, count + n_zeros - free_motions.shape[1] + _SPARE)
         elif np.max(residuals[chosen_modes]) <= RESIDUAL:
-            known_zeros = _prove_complete(problem, omega, chosen_modes, target)
-            if known_zeros is not None:
-                largest_residual = float(residuals[chosen_modes].max())
+            n_live_zeros = _prove_complete(problem, omega, chosen_modes, target)
+            if n_live_zeros is not None:
                 return Eigenpairs(
                     omega[chosen_modes],
                     modes[:, chosen_modes],
-                    largest_residual,
-                    problem.n_loose + known_zeros,
+                    float(residuals[chosen_modes].max()),
+                    problem.n_loose + n_live_zeros,
                 )
     return _find_dense(problem, count, target)
 
@@ -1806,9 +1807,9 @@ def _prove_complete(
     """
     zero = ZERO * problem.top
     n_free = problem.free_motions.shape[1]
-    farthest = np.max(np.abs(omega[chosen_modes] - target)) * (1.0 - _END_MARGIN)
-    low = target - farthest
-    high = target + farthest
+    reach = np.max(np.abs(omega[chosen_modes] - target)) * (1.0 - _END_MARGIN)
+    low = target - reach
+    high = target + reach
     n_below_high = problem.count_below(high**2)
     if low <= zero:  # the interval holds all zero modes, so that they need no count of their own
         is_complete = n_below_high == n_free + np.count_nonzero(omega < high)
@@ -1834,15 +1835,16 @@ def require_countable(operator: WaveOperator) -> None:
 
 
 def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
-    """Return the numbers (n_f,) of modes below each of the ``frequencies`` (n_f,), Hz, in a network
+    """Return the number of modes below each of the ``frequencies`` (n_f,), Hz, (n_f,), in a network
     that is stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
 
-    Zero modes count, also those of motions that no spring holds. Raises what
+    Zero modes count, also those of motions that nothing acts on. Raises what
     :func:`require_countable` raises.
     """
     require_countable(operator)
     problem = Problem.of(operator)
     size = problem.live.size
+    # modes up to this frequency cost no energy, and are below every frequency
     omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
     counts = np.full(omega.size, size)  # all modes are below the top frequency
     with operator.progress.step("modes below frequencies", omega.size) as step:

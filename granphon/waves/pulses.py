@@ -1029,10 +1029,10 @@ class Pulse(Result):
     def time_of_flight(self) -> float:
         """Time of flight by the envelope of the coherent signal, s.
 
-        It is nan, and :attr:`warnings` say why, in six cases: the signal is zero; it does not come
-        after the burst; the record ends before the pulse is over; an echo may come before the
-        maximum of the pulse; the velocity would be above the fastest wave; other frequencies than
-        that of the burst arrive, as in a gap.
+        The time is nan, and :attr:`warnings` say why, in six cases: the signal is zero; the signal
+        does not come after the burst; the record ends before the pulse is over; an echo may come
+        before the maximum of the pulse; the velocity would be above that of the fastest wave; other
+        frequencies than that of the burst arrive, as in a gap.
         """
         return self._flight.time
 

@@ -797,7 +797,8 @@ class TransmissionWork:
         """Number of frequencies for which the waves of the leads are found together, as one stack
         of matrices: many if the matrices are small, and one if they are large.
         """
-        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // (2 * self.lead_size) ** 2), 1)
+        entries = (2 * self.lead_size) ** 2  # the waves of both ways are found by one matrix
+        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // entries), 1)
 
     @property
     def by_slices(self) -> bool:
