@@ -1785,8 +1785,11 @@ def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
 
 
 def _count_rigid(operator: WaveOperator) -> int:
-    """Return the number of motions in which the whole network moves as a rigid body: none if a ball
-    is held or tied to the ground by a spring, and translations alone if the network repeats.
+    """Return the number of zero modes that are expected of motions of the whole network as a rigid
+    body: none if a ball is held or tied to the ground by a spring, the translations if the network
+    repeats, else as many as a ball has motions.
+
+    Where balls do not rotate, rigid rotations cost no energy either, and are not counted.
     """
     network = operator.network
     if not np.all(network.moving) or np.any(operator.anchors):

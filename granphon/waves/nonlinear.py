@@ -34,7 +34,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -1046,6 +1046,7 @@ class _System:
         operator = WaveOperator(self.network)
         self.operator = operator
         axes = list(operator.motions.translations)
+        # bodies that drives displace, and their directions by the displacements that balls have
         self._along = [(balls, direction[axes]) for balls, direction in self.moved_bodies]
         self.bound = _RateBound(operator, waves.punch)
         # index of each number of a vector in the flattened motions (n, m) of all balls, and the
@@ -1236,7 +1237,7 @@ class _System:
 
     def integrate(
         self, x: Array, v: Array, schedule: _Schedule, scheme: str, recorder: Frames
-    ) -> Any:
+    ) -> Iterator[bool]:
         """Run from mass-weighted motions x with velocities v (size,), let the ``recorder`` take a
         frame at each time of the ``schedule``, and yield after each frame: False after the first,
         which is the start, and True after all others.

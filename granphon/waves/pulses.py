@@ -247,17 +247,17 @@ class Course:
 
     def _describe_cell(self) -> tuple[str, str]:
         """Return two parts of the message of :meth:`require_period`: a sentence with the lengths of
-        the cell along the direction, empty if only one is not zero; and words for an array that
-        would have a longer period.
+        the cell along the direction, empty unless two or more are above zero; and words for an
+        array that would have a longer period.
         """
-        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        rounding = _ZERO_LENGTH * float(np.max(heights))
-        sides = [f"{height:.6g}" for height in heights if height > rounding]
+        lengths = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
+        rounding = _ZERO_LENGTH * float(np.max(lengths))
+        sides = [f"{length:.6g}" for length in lengths if length > rounding]
         if len(sides) < 2:
             return "", "a longer array"
         cell = (
-            f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
-            f" measure counts"
+            f". The cell is {' and '.join(sides)} m long along the direction, and the greatest"
+            f" common measure counts"
         )
         # lengths of the cell that are equal along the direction are the period
         return cell, "an array whose numbers of cells make these lengths equal"
@@ -556,8 +556,8 @@ def find_envelope(signals: Array) -> Array:
     count = signals.shape[-1]
     # zeros behind the record keep the transform, which is periodic, from joining its end to its
     # beginning
-    analytic = hilbert(signals, next_fast_len(2 * count), axis=-1)
-    return np.asarray(np.abs(analytic)[..., :count])
+    analytic_signals = hilbert(signals, next_fast_len(2 * count), axis=-1)
+    return np.asarray(np.abs(analytic_signals)[..., :count])
 
 
 def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:

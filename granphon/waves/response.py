@@ -471,10 +471,10 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
     (n_f,), over the largest of the ``values`` (n_f, n_r) there, is above :data:`_WARNED_ERROR`;
     ``unit`` is that of the values.
     """
-    unsure = np.flatnonzero(error > _WARNED_ERROR)
-    worst = unsure[np.argmax(error[unsure])]
+    n_unsure = int(np.count_nonzero(error > _WARNED_ERROR))
+    worst = int(np.argmax(error))
     frequencies = (
-        f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
+        f"{counted(n_unsure, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
         f" {hertz[worst]:.6g} Hz"
     )
     why = "hardly anything reaches the receivers, or a mode hardly loses energy"
@@ -779,7 +779,7 @@ class ResponseWork:
     def distance(self) -> Array:
         """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g') with
         0 <= d <= top^2 and g' >= g, over top^2, where g is :attr:`least_losses` and gamma the least
-        drag. At frequencies where it is not above zero, nothing bounds the error.
+        drag. At frequencies where this bound is not above zero, nothing bounds the error.
         """
         w = self.omega / self.operator.top
         depth = w**2 * self.least_losses + w * np.min(self.drags)
