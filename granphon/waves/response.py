@@ -267,19 +267,17 @@ class Response(Result, array="values"):
         """Return the :attr:`peaks` of means over receivers, such as the balls of a plane.
 
         ``groups`` has for each mean the positions of its receivers among those of the response, as
-        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group without a
-        receiver, and for receivers that are not there.
+        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group that is
+        neither, for one without a receiver, and for receivers that are not there.
         """
         if not groups:
             return ()
-        count = len(self.receivers)
-        for group in groups:
-            positions = np.arange(count)[group] if isinstance(group, slice) else group
-            index_array("groups", positions, count, "receivers")
+        positions_of_groups = [self._find_positions(group) for group in groups]
 
         def take_means(values: Complex) -> Complex:
             """Return the means (n_f, groups) of values (n_f, n_r)."""
-            return np.stack([np.mean(values[:, group], axis=1) for group in groups], axis=1)
+            means = [np.mean(values[:, positions], axis=1) for positions in positions_of_groups]
+            return np.stack(means, axis=1)
 
         def solve(frequencies: Array) -> Complex:
             """Return the means (n_f, groups) at other frequencies (n_f,), Hz."""
@@ -287,6 +285,22 @@ class Response(Result, array="values"):
 
         means = take_means(self.values)
         return find_peaks(self.frequencies, means, solve if self._solver else None)
+
+    def _find_positions(self, group: Any) -> Index:
+        """Return the positions (k,) among the receivers of a ``group`` of :meth:`peaks_of_means`,
+        which says what is raised.
+        """
+        count = len(self.receivers)
+        positions = group
+        if isinstance(group, slice):
+            try:
+                positions = list(range(count))[group]
+            except (TypeError, ValueError):  # ends that are no whole numbers, or a step of zero
+                positions = None
+        if not isinstance(positions, Sequence | np.ndarray):
+            mend = "Give for each mean a list of positions of receivers, or a slice"
+            raise InputError(f"groups has {brief(group)}", mend=mend)
+        return index_array("groups", positions, count, "receivers")
 
     @property
     def method(self) -> str:
@@ -466,10 +480,10 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
     (n_f,), over the largest of the ``values`` (n_f, n_r) there, is above :data:`_WARNED_ERROR`;
     ``unit`` is that of the values.
     """
-    unsure = np.flatnonzero(error > _WARNED_ERROR)
-    worst = unsure[np.argmax(error[unsure])]
+    n_unsure = int(np.count_nonzero(error > _WARNED_ERROR))
+    worst = int(np.argmax(error))
     frequencies = (
-        f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
+        f"{counted(n_unsure, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
         f" {hertz[worst]:.6g} Hz"
     )
     why = "hardly anything reaches the receivers, or a mode hardly loses energy"
@@ -794,7 +808,7 @@ class ResponseWork:
     def distance(self) -> Array:
         """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g') with
         0 <= d <= top^2 and g' >= g, over top^2, where g is :attr:`least_losses` and gamma the least
-        drag. At frequencies where it is not above zero, nothing bounds the error.
+        drag. At frequencies where this bound is not above zero, nothing bounds the error.
         """
         w = self.omega / self.operator.top
         depth = w**2 * self.least_losses + w * np.min(self.drags)

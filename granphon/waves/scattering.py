@@ -350,20 +350,20 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     n_samples = np.bincount(length_of_run)
     if len(lengths) < 2 or n_samples.min() < 2:
         fewest = counted(int(n_samples.min()), "sample")
-        fault = f"there are {counted(len(lengths), 'length')}, with {fewest} or more"
+        fault = f"the runs have {counted(len(lengths), 'length')}, with {fewest} or more of each"
         raise InputError(fault, "A fall and its error need two of each", "Give more runs")
     # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
-    coherent = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
+    amplitudes = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
     totals = np.array([run.total for run in runs])
     # waves that run on both sides, (n_f, m)
-    is_running = np.arange(coherent.shape[2]) < first.modes.min(axis=1)[:, None]
+    is_running = np.arange(amplitudes.shape[2]) < first.modes.min(axis=1)[:, None]
     has_running = np.any(is_running, axis=1)
     if np.any(totals[:, has_running] <= 0.0) or not np.all(has_running):
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
     runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
-    amplitudes_of_length = [coherent[numbers] for numbers in runs_of_length]
+    amplitudes_of_length = [amplitudes[numbers] for numbers in runs_of_length]
     path, path_error = _fit_paths(lengths, amplitudes_of_length, is_running)
     logs = [np.log(totals[numbers]) for numbers in runs_of_length]
     log_rate, log_rate_error = _fit_logarithms(lengths, logs)
@@ -797,7 +797,8 @@ class TransmissionWork:
         """Number of frequencies for which the waves of the leads are found together, as one stack
         of matrices: many if the matrices are small, and one if they are large.
         """
-        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // (2 * self.lead_size) ** 2), 1)
+        entries = (2 * self.lead_size) ** 2  # the waves of both ways are found by one matrix
+        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // entries), 1)
 
     @property
     def by_slices(self) -> bool:

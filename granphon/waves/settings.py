@@ -293,7 +293,7 @@ def _read_wall(value: Any, context: ValueContext) -> Any:
         return value
 
     def read_material(material: Any) -> Any:
-        """Return a material, or the name of a kind of balls, of whose material the wall is."""
+        """Return a material, or the name of the kind of balls of whose material the wall is."""
         return label(material) if isinstance(material, str) else _MATERIAL.read(material, context)
 
     return Wall(block(value, {"wall": read_material}, ("wall",))["wall"])
