@@ -120,8 +120,8 @@ class BlochWaves(NamedTuple):
         return np.asarray(np.linalg.solve(basis.T, image_of_basis.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
-        """Return the amplitudes (running, ...) of the running waves of which, with those that
-        decay, a ``motion`` (n, ...) of a block is made.
+        """Return the amplitudes (running, ...) of the running waves in a ``motion`` (n, ...) of a
+        block, which is a sum of running waves and of waves that decay.
         """
         basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])

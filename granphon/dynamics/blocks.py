@@ -45,7 +45,7 @@ DEGENERATE = 1e-9
 _EQUAL_SLOPES = 1e-9
 #: length of the step in q, 1/d, after which branches of one frequency and one slope are told apart
 _STEP_BESIDE = 1e-3
-#: a number is zero if it is at most this part of the largest that rounding could leave of
+#: size of a number, over that of the terms that cancel in it, up to which the number is rounding
 _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: relative error up to which the rotation of two balls about their middle leaves their contact
 #: undeformed
@@ -91,8 +91,9 @@ def _find_lengths(waves: WaveRows) -> Array:
 
 
 def _clear_rounding(rows: NDArray[Any], lengths: Array) -> NDArray[Any]:
-    """Return ``rows`` (kinds, n_c, n) with zero for entries that are rounding errors, given the
-    ``lengths`` (kinds, n_c, 1) of the rows before their ends cancelled.
+    """Return ``rows`` (kinds, n_c, n) with zero for entries that are rounding errors. Each entry is
+    compared with the length of its row before the two ends of the contact cancelled, ``lengths``
+    (kinds, n_c, 1).
     """
     return np.where(np.abs(rows) <= _ROUNDING * lengths, 0.0, rows)
 
@@ -445,21 +446,21 @@ class Block:
         matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
-            steps = np.searchsorted(solved_points, points)
-            highest = squares[steps, branches.stop - 1]
-            lowest = squares[steps, branches.start]
+            numbers = np.searchsorted(solved_points, points)  # among the solved points
+            highest = squares[numbers, branches.stop - 1]
+            lowest = squares[numbers, branches.start]
             is_split = highest - lowest > DEGENERATE * highest
             if not np.any(is_split):
                 continue
             split_points = points[is_split]
-            split_steps = steps[is_split]
+            split_numbers = numbers[is_split]
             amplitudes = modes[split_points, :, branches]
             vectors = amplitudes
             if point.basis is not None:
                 vectors = point.basis[split_points] @ amplitudes
-            rows = rows_beside[split_steps]
+            rows = rows_beside[split_numbers]
             if self.pushing is not None:
-                rows = factorise(matrices[split_steps], self.slack)
+                rows = factorise(matrices[split_numbers], self.slack)
             modes_beside = lapack_svd(rows)[1][:, :, branches]
             # u vh is the unitary matrix that takes the vectors nearest to the modes beside
             u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ modes_beside)

@@ -84,11 +84,11 @@ def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     # So the vectors whose bisecting planes bound the zone are no longer than the sum
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
-    squared = np.sum(vectors**2, axis=1)
+    squares = np.sum(vectors**2, axis=1)  # of their lengths
     projection = along @ vectors.T
-    is_ahead = projection > _ACROSS * np.sqrt(squared)
+    is_ahead = projection > _ACROSS * np.sqrt(squares)
     # the plane that bisects a reciprocal vector G is met at the distance |G|^2/(2 G.u)
-    distances = np.where(is_ahead, squared / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
+    distances = np.where(is_ahead, squares / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
     return np.min(distances, axis=-1)[()]  # of one direction a number
 
 
@@ -487,8 +487,8 @@ def _find_maximum(
     while high - low > ROUNDED * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest_modes(lattice, points, along, references)
-        rises = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
-        first_fall = int(np.argmin(rises))
+        is_rising = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
+        first_fall = int(np.argmin(is_rising))
         edges = np.concatenate([[low], points, [high]])
         is_unchanged = (edges[first_fall], edges[first_fall + 1]) == (low, high)
         if is_unchanged:
@@ -503,8 +503,8 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
     the sum of their overlaps is the greatest. ``overlap`` (n, m, n_branches) is that of each branch
     with all columns.
     """
-    # where each branch has its largest overlap with another column, these columns are the best
-    # assignment
+    # where the largest overlaps of all branches are in different columns, these columns are the
+    # best assignment
     columns: NDArray[np.intp] = np.argmax(overlap, axis=2)
     all_differ = np.all(np.diff(np.sort(columns, axis=1), axis=1) > 0, axis=1)
     for row in np.flatnonzero(~all_differ).tolist():
@@ -520,8 +520,9 @@ def follow_acoustic_branches(
     """Return the acoustic branches along ``direction`` (p,), followed through crossings to their
     maxima, as a dictionary by the lattice's ``wave_names``.
 
-    Raises :class:`~granphon.base.errors.InputError` for another number of directions than one, and
-    what :meth:`ContactLattice.sound_velocities` raises.
+    Raises :class:`~granphon.base.errors.InputError` for another number of directions than one and
+    for a direction that is not finite or of length zero, and what
+    :meth:`ContactLattice.sound_velocities` raises.
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])

@@ -227,16 +227,16 @@ class ContactLattice(LongWaves):
         units = network.scales
         numbers = contacts.numbers
         normal_stiffness = network.normal_stiffness[numbers]
-        rotational = normal_stiffness * units.length**2
+        rotational_unit = normal_stiffness * units.length**2  # of torques over angles
         motions = allowed_motions(network.dimension)[network.motions]
         anchored_balls, springs = _find_springs(network, contacts.axes, motions)
 
-        def extend(values: Array, of_spring: float = 0.0) -> Array:
-            """Return ``values`` (n_c, ...) of contacts, followed by one value, ``of_spring``, for
-            each of the n_g springs to the ground, (n_c + n_g, ...).
+        def extend(values: Array, spring_value: float = 0.0) -> Array:
+            """Return ``values`` (n_c, ...) of contacts, followed by ``spring_value`` for each of
+            the n_g springs to the ground, (n_c + n_g, ...).
             """
             shape = (len(anchored_balls), *values.shape[1:])
-            return np.concatenate([values, np.full(shape, of_spring)])
+            return np.concatenate([values, np.full(shape, spring_value)])
 
         static_fields: dict[str, Any] = {}
         if network.prestress:
@@ -253,8 +253,8 @@ class ContactLattice(LongWaves):
             stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[moving] / units.mass,
             gyration=find_gyration(network)[moving] / units.length,
-            torsion=extend(network.torsion_stiffness[numbers] / rotational),
-            bending=extend(network.bending_stiffness[numbers] / rotational),
+            torsion=extend(network.torsion_stiffness[numbers] / rotational_unit),
+            bending=extend(network.bending_stiffness[numbers] / rotational_unit),
             tangential_growth=extend(network.tangential_growth[numbers] * units.length),
             lever_excesses=np.array([extend(at_end) for at_end in contacts.find_excesses()]),
             slip_stretch=extend(network.slip_stretch[numbers]),
@@ -690,22 +690,22 @@ class ContactLattice(LongWaves):
             first += block.size
         frequencies, vectors, velocities = _sort_branches(frequencies, vectors, velocities)
         # modes of zero frequency get the order of their frequencies beside the point
-        zeros = np.count_nonzero(frequencies == 0.0, axis=1)
-        for n in np.flatnonzero(zeros > self.free_branches).tolist():
-            order = np.argsort(velocities[n, : zeros[n]] @ along[n], kind="stable")
-            vectors[n, :, : zeros[n]] = vectors[n][:, order]
-            velocities[n, : zeros[n]] = velocities[n, order]
+        n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
+        for n in np.flatnonzero(n_zeros > self.free_branches).tolist():
+            order = np.argsort(velocities[n, : n_zeros[n]] @ along[n], kind="stable")
+            vectors[n, :, : n_zeros[n]] = vectors[n][:, order]
+            velocities[n, : n_zeros[n]] = velocities[n, order]
         return frequencies, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
         """Return the error of a lattice that buckles, which names the wave vector, among q
         (n_q, p), of the lowest squared frequency.
         """
-        squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
-        lowest = int(np.argmin(squared[:, 0]))
+        squares, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
+        lowest = int(np.argmin(squares[:, 0]))
         where = (
             f"a squared frequency at {self.name_wavevector(q[lowest])} is negative,"
-            f" {squared[lowest, 0]:.3g} k/M"
+            f" {squares[lowest, 0]:.3g} k/M"
         )
         motion = (self._to_balls @ vectors[lowest, :, 0]).reshape(self.n_balls, -1)
         return self.explain_buckling(where, motion[:, self.motions.translating].T)

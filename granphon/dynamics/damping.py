@@ -191,20 +191,22 @@ class Losses:
         """Return gamma (m,), 1/s, of the ``motions`` of a ball."""
         return np.asarray(np.where(motions.is_rotation, self.drag[1], self.drag[0]))
 
-    def find_warnings(self, highest: float) -> tuple[str, ...]:
-        """Return one sentence if at the ``highest`` frequency in use, Hz, the dashpots of
+    def find_warnings(self, highest_frequency: float) -> tuple[str, ...]:
+        """Return one sentence if at the ``highest_frequency`` in use, Hz, the dashpots of
         :attr:`damping` resist more than the springs; else an empty tuple.
 
         A damping is a time. If the product of the time and the angular frequency is above 1, the
         number may have been meant as a loss factor. For modes, give the highest frequency without
         losses: strong dashpots lower the frequency of a mode, down to zero.
         """
-        viscous = 2.0 * np.pi * highest * float(np.max(self.damping, initial=0.0))
-        if viscous <= 1.0:
+        longest_time = float(np.max(self.damping, initial=0.0))
+        # the force of the dashpot over that of the spring
+        ratio = 2.0 * np.pi * highest_frequency * longest_time
+        if ratio <= 1.0:
             return ()
         return (
-            f"at {highest:.4g} Hz dashpots resist {viscous:.3g} times as much as springs: the"
-            " damping is a time, in s, and no loss factor.",
+            f"at {highest_frequency:.4g} Hz dashpots resist {ratio:.3g} times as much as springs:"
+            " the damping is a time, in s, and no loss factor.",
         )
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
@@ -222,7 +224,7 @@ class Losses:
 
         Losses are even if eta and tau are the same in all deformations that contacts resist, and
         gamma in all motions. If contacts lose energy, there must also be no static forces and no
-        springs to the ground, which lose none.
+        springs to the ground, because these lose no energy.
         """
         if self.is_none:
             return 0.0, 0.0, 0.0

@@ -162,8 +162,8 @@ def _maps_balls(turn: Array, cell: Array, balls: Array) -> bool:
         offset = (turned + shift)[:, None] - balls
         steps = offset[..., :p] @ np.linalg.inv(cell)
         offset[..., :p] = (steps - np.rint(steps)) @ cell
-        nearest = np.min(np.linalg.norm(offset, axis=-1), axis=1)
-        if np.all(nearest < _TOLERANCE):
+        nearest_distances = np.min(np.linalg.norm(offset, axis=-1), axis=1)
+        if np.all(nearest_distances < _TOLERANCE):
             return True
     return False
 
@@ -400,7 +400,8 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     periods = _PERIODS[tensor.shape[-1]]
     along = as_direction(direction, periods)
     pairs = voigt_pairs(periods)
-    # (..., p, n), the strain, over i |q|, of a wave with a unit displacement along each axis
+    # (..., p, v), in Voigt order: the strain, over i |q|, of a wave with a unit displacement along
+    # each axis
     strain = np.zeros((*along.shape, len(pairs)))
     for number, (a, b) in enumerate(pairs):
         strain[..., a, number] += along[..., b]

@@ -85,12 +85,13 @@ _NEWTON_TOLERANCE = 1e-8
 _ONE_POLE = 0.1 * _NEWTON_TOLERANCE
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
-#: part of the energy of such a motion in the top layer, at least
+#: least part of the kinetic energy of a motion at zero frequency, in the top layer, with which the
+#: motion is one of the edge
 _FREE_TOP_PART = 1e-3
 #: distance of two resonances, over the lesser half width, up to which both lead to one pole
 _SAME_POLE = 0.5
-#: motion of a factor of a wave, over what parts it from those of other waves, up to which it counts
-#: as the same wave
+#: change of the factor of a wave in a step, over its distance from the factors of other waves, up
+#: to which the wave counts as the same
 _MOST_MOVED = 0.25
 #: least step below the real axis, and step of a difference, over the half width
 _LEAST_STEP = 1e-4
@@ -219,7 +220,7 @@ class HalfSpace:
         return np.asarray((springs / masses[:, None]).ravel()[: 2 * self.size])
 
     def _count_reach(self) -> int:
-        """Return the number of layers that a contact reaches across, at most; raise
+        """Return the largest number of layers that a contact reaches across; raise
         :class:`~granphon.base.errors.InputError` if no contact joins layers.
         """
         network = self.network
@@ -541,7 +542,7 @@ class HalfSpace:
             ends += intervals
         low, high = np.array(ends).reshape(-1, 2).T
         margin = _GAP_MARGIN * (high - low)
-        # motions that cost nothing are no waves
+        # an interval begins above zero, as motions that cost nothing are no waves
         low = np.maximum(low + margin, _FREE_IN_GAP * high)
         return np.array(points, np.intp), np.stack([low, high - margin])
 
@@ -732,8 +733,8 @@ class HalfSpace:
         """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), with one
         index for each set of equal w.
 
-        Two w are equal if they differ by no more than ``tolerance`` times the lesser half width,
-        and a part :data:`_ONE_POLE` of the highest w.
+        Two w are equal if they differ by no more than ``tolerance`` times the lesser half width
+        plus :data:`_ONE_POLE` times the highest w of the crystal.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
@@ -936,9 +937,10 @@ def _choose_side(
     """Return the waves (m, 2 size) of this edge among ``count`` waves on which M, ``matrix``, is
     zero.
 
-    ``motions_beyond`` and ``motions_on_top`` (size, 2 size) are the motions beyond the cut and on
-    top. A wave of this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on
-    top: the degenerate waves are turned into those whose share of the motion on top is one or zero.
+    ``motions_beyond`` and ``motions_on_top`` (size, 2 size) take a wave to its motions beyond the
+    cut and on top. A wave of this edge moves nothing beyond the cut, and a wave of the edge beyond
+    nothing on top: the degenerate waves are turned into those whose share of the motion on top is
+    one or zero.
     """
     eigenvalues, vectors = np.linalg.eigh(matrix)
     smallest = np.argsort(np.abs(eigenvalues))[:count]
@@ -974,8 +976,8 @@ def _find_complement(intervals: list[tuple[float, float]]) -> list[tuple[float, 
     bottoms = [0.0, *(high for _, high in intervals)]
     tops = [low for low, _ in intervals]
     # the last bottom, above all bands, has no top
-    between = zip(bottoms, tops, strict=False)
-    return [(bottom, top) for bottom, top in between if top - bottom > _LEAST_GAP * top]
+    pairs = zip(bottoms, tops, strict=False)
+    return [(bottom, top) for bottom, top in pairs if top - bottom > _LEAST_GAP * top]
 
 
 def _find_minima(evaluate: Callable[[Array], Array], start: Array, reach: float) -> Array:
@@ -1125,7 +1127,7 @@ class _EdgeBlocks(NamedTuple):
 
     def descend(self, begin: complex, end: complex, least_step: float) -> _Decay | None:
         """Return the waves that decay at ``begin``, above the real axis, continued straight down to
-        ``end``; None if steps longer than ``least_step`` lose them.
+        ``end``; None if a step shorter than ``least_step`` still loses them.
         """
         position = begin
         decay = self.continue_waves(position)

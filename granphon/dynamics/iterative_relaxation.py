@@ -150,15 +150,16 @@ class IterativeRelaxation:
 
     @property
     def leaves_loose(self) -> bool:
-        """Whether several balls can move together at no cost, or at too little to be told from
-        none, but for shifts of all balls, what each ball can do alone, and small clusters.
+        """Whether several balls can move together at no cost, or at so little that the iteration
+        does not tell it from none. Left out are shifts of all balls, the motions of single balls
+        and those of small clusters.
         """
         return bool(self._first_loose.size)
 
     @property
     def loose(self) -> Array:
-        """(n_branches, k) all orthonormal motions of several balls that cost nothing, but for
-        shifts of all balls, what each ball can do alone, and small clusters.
+        """(n_branches, k) orthonormal basis of all motions of several balls that cost nothing. Left
+        out are shifts of all balls, the motions of single balls and those of small clusters.
 
         Raises :class:`~granphon.base.errors.InputError` if there are more than
         :data:`_MOST_LOOSE`, or if the iteration cannot tell a motion that costs little from one
@@ -215,8 +216,9 @@ class IterativeRelaxation:
 
     @property
     def _loose_estimate(self) -> float:
-        """Number of loose motions, estimated from what the first random motions leave: its squared
-        length is the sum of the squares of as many normal random numbers.
+        """Number of loose motions, estimated from the remainders of the first random motions: the
+        squared length of a remainder is a sum of squares of normal random numbers, one for each
+        loose motion.
         """
         return float(np.mean(np.sum(self._first_remainders**2, axis=0)))
 
@@ -416,11 +418,12 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
         lines_of_cluster = (balls[:, None] * count + np.arange(count)).ravel()
         stiffness = matrix[lines_of_cluster][:, lines_of_cluster].toarray()
         energies, vectors = np.linalg.eigh(stiffness)
-        free = vectors[:, energies <= NO_ENERGY * highest]
-        numbers = n_motions + np.arange(free.shape[1])
-        n_motions += free.shape[1]
-        entries.append(free.ravel())
-        lines.append(np.repeat(lines_of_cluster, free.shape[1]))
+        free_motions = vectors[:, energies <= NO_ENERGY * highest]
+        n_free = free_motions.shape[1]
+        numbers = n_motions + np.arange(n_free)
+        n_motions += n_free
+        entries.append(free_motions.ravel())
+        lines.append(np.repeat(lines_of_cluster, n_free))
         columns.append(np.tile(numbers, lines_of_cluster.size))
     of_clusters = csc_array(
         (np.concatenate(entries), (np.concatenate(lines), np.concatenate(columns))),

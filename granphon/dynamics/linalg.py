@@ -110,8 +110,8 @@ def graded_eigh(
     finds them from A.
 
     ``matrices`` (n_matrices, n, n) are Hermitian. ``factor`` returns A (k, m, n) of k of them. Up
-    to n = 3 it is called for all matrices, otherwise only for those where LAPACK's error may exceed
-    1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
+    to n = 3 ``factor`` is called for all matrices, otherwise only for those where LAPACK's error
+    may exceed 1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
     """
     if matrices.shape[2] <= _FEW_COLUMNS:
         return jacobi_svd(factor(matrices))
@@ -186,10 +186,10 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     is_graded = np.zeros(len(matrices), bool)
     for number, lengths in zip(candidates.tolist(), sizes, strict=True):
         # a column of zeros has a singular value of exactly zero; only the others are judged
-        zeros = np.count_nonzero(lengths == 0.0)
-        values[number, :zeros] = 0.0
+        n_zeros = np.count_nonzero(lengths == 0.0)
+        values[number, :n_zeros] = 0.0
         lengths_above_zero = lengths[lengths > 0.0]
-        if not lengths_above_zero.size or values[number, zeros] > limit * values[number, -1]:
+        if not lengths_above_zero.size or values[number, n_zeros] > limit * values[number, -1]:
             continue
         is_graded[number] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
     graded = np.flatnonzero(is_graded)
@@ -484,8 +484,8 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
 
 @contextmanager
 def lanczos_converges() -> Iterator[None]:
-    """Make a :class:`~granphon.base.errors.ConvergenceError` of an error of ARPACK within the
-    block: its iteration has ended without the modes.
+    """Raise :class:`~granphon.base.errors.ConvergenceError` in place of an error of ARPACK within
+    the block, which says that the iteration has ended without the modes.
     """
     from scipy.sparse.linalg import ArpackError
 

@@ -159,7 +159,7 @@ class LongWaves(Compatibility):
         Sparse matrices relax every motion that deforms contacts, by however little. Gears whose
         lever arms differ within overlaps deform contacts as they turn, but the same turn is free
         in the :attr:`_touching_lattice`, and is to stay behind; dense matrices leave it behind, and
-        so does iteration where the motions are given.
+        so does iteration to which the motions are given (:meth:`IterativeRelaxation.keep_back`).
         """
         touching = self._touching_lattice
         if touching is self or relaxation.keeps_back:
@@ -208,7 +208,7 @@ class LongWaves(Compatibility):
         """Return the relaxation by iteration of a large cell in space; None of any other.
 
         Cells whose factors would not fit into memory are iterated in any case: motions that cost
-        nothing in the :attr:`_touching_lattice`, as gears, then stay behind. Smaller cells are
+        nothing in the :attr:`_touching_lattice`, such as gears, then stay behind. Smaller cells are
         iterated only if no motion of several balls costs nothing, or nearly so: factors find such
         motions in less time. The arguments are those of :class:`IterativeRelaxation`.
         """
@@ -853,11 +853,11 @@ class LongWaves(Compatibility):
         """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
         contacts under each displacement gradient, with the inner motions relaxed.
 
-        The deformations give the derivatives of :meth:`gradient_stiffness`. Its derivative with
-        respect to the stiffness of a contact is the product of the deformations of that contact
-        under both gradients: the inner motions make the energy least, so that their change does not
-        matter. Its derivative with respect to a force over the distance is minus the product of the
-        displacements across the contact.
+        The deformations give the derivatives of :meth:`gradient_stiffness`, the energy form of two
+        gradients. The derivative with respect to the stiffness of a contact is the product of the
+        deformations of that contact under both gradients: the inner motions make the energy least,
+        so that their change does not matter. The derivative with respect to a force over the
+        distance is minus the product of the displacements across the contact.
         """
         self.require_rigid()
         table = self.contacts
@@ -966,8 +966,8 @@ class LongWaves(Compatibility):
         ``tensor`` is (..., n_u, n_u) for a direction ``along`` (p,), or (..., n, n_u, n_u) for n
         directions (n, p).
         """
-        squared, vectors = np.linalg.eigh(tensor)
-        worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
+        squares, vectors = np.linalg.eigh(tensor)  # squares are density times squared velocity
+        worst = np.unravel_index(np.argmin(squares[..., 0]), squares.shape[:-1])
         direction = along if along.ndim == 1 else along[worst[-1]]
         components = ", ".join(f"{component:.6g}" for component in direction)
         where = f"a squared sound velocity in direction ({components}) is negative"
@@ -1090,7 +1090,7 @@ class LongWaves(Compatibility):
             raise InputError(
                 f"the motions {self.motions.name!r} have no elastic moduli",
                 "The balls do not move along the lattice, as a strain moves them",
-                "Give motions along the periods, as 'in_plane'",
+                "Give motions along the periods, such as 'in_plane'",
             )
 
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:

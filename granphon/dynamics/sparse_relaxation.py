@@ -53,12 +53,12 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
         (table.j, [row.head for row in rows]),
         (table.i, [row.tail for row in rows]),
     ):
-        moving = np.flatnonzero(balls < n)  # contacts with a ball at this end that can move
+        contacts = np.flatnonzero(balls < n)  # those with a ball at this end that can move
         # entries (kinds, contacts, motions of a ball), with their rows and columns
-        effects = root[:, moving, None] * np.asarray(coefficients)[:, moving]
-        effects = effects / np.sqrt(lattice.masses[balls[moving]])[:, None]
-        line = (np.arange(len(rows))[:, None] * len(table) + moving)[..., None]
-        column = (balls[moving] * count)[:, None] + np.arange(count)
+        effects = root[:, contacts, None] * np.asarray(coefficients)[:, contacts]
+        effects = effects / np.sqrt(lattice.masses[balls[contacts]])[:, None]
+        line = (np.arange(len(rows))[:, None] * len(table) + contacts)[..., None]
+        column = (balls[contacts] * count)[:, None] + np.arange(count)
         lines = np.broadcast_to(line, effects.shape).ravel()
         columns = np.broadcast_to(column, effects.shape).ravel()
         shape = (len(rows) * len(table), lattice.n_branches)
@@ -239,8 +239,8 @@ class SparseRelaxation:
         :class:`~granphon.base.errors.InstabilityError` if an inner motion that a gradient moves has
         a negative energy.
         """
-        saved, _ = self._respond(form, mixed, block)
-        return np.asarray(form - saved)
+        saved_energy, _ = self._respond(form, mixed, block)
+        return np.asarray(form - saved_energy)
 
     def respond(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
@@ -299,10 +299,10 @@ class SparseRelaxation:
         """
         # each motion that the factors set aside, with all other motions as they follow it; each
         # correction takes away the forces that rounding has left on the others
-        set_aside = fronts.follow()
+        motions = fronts.follow()
         for _ in range(_CORRECTIONS):
-            set_aside -= fronts.solve(matrix @ set_aside)
-        basis = np.linalg.qr(set_aside / self._scale[:, None])[0]
+            motions -= fronts.solve(matrix @ motions)
+        basis = np.linalg.qr(motions / self._scale[:, None])[0]
         energy_form = basis.T @ (block @ basis)
         energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
         return energies, basis @ vectors

@@ -221,7 +221,7 @@ def _make_real(matrix: Any) -> Any:
     """Return the real symmetric matrix (2 n, 2 n) that multiplies the real and the imaginary parts
     of a vector, one after the other, as a Hermitian ``matrix`` (n, n) multiplies the vector.
 
-    The solver of symmetric matrices takes it, but no Hermitian matrix.
+    The solver of symmetric matrices takes real matrices alone.
     """
     from scipy.sparse import block_array
 

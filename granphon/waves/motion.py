@@ -49,9 +49,9 @@ _ROUNDING = 1e-10
 _NO_CHANGE = 1e-300
 #: correlation of distances and times up to which they make no straight line
 _LEAST_CORRELATION = 0.9
-#: greatest rise of the quadratic part of a parabola fitted to times over distances, over the rise
-#: of its linear part, both along the whole line: with more it is no straight line. A signal that
-#: diffuses, t ~ x^2, has one, and a third if the first distance is half of the last
+#: greatest change of the slope of a parabola fitted to times over distances, from the middle to an
+#: end, over the slope in the middle: with more it is no straight line. For a signal that diffuses,
+#: t ~ x^2, the number is 1, and a third if the first distance is half of the last
 _MOST_BENDING = 0.25
 #: least number of frames in a period of the highest harmonic
 _FRAMES_PER_PERIOD = 2.5

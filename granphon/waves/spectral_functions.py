@@ -37,7 +37,8 @@ _MOST_PHASE = 1e15
 #: length of the component of a direction across q, over that of the direction, below which the
 #: component is zero
 _ACROSS = 1e-9
-#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is tried
+#: largest number that is tried as a common denominator of the sites of a lattice, in fractions of
+#: the lattice vectors
 _MOST_PARTS = 24
 #: l of the full width l L + ((1 - l)^2 L^2 + G^2)^1/2 to which a kernel of the width G broadens a
 #: Lorentz curve of the full width L. A Gaussian kernel has l = 0.5346, Voigt's curve (Olivero and
@@ -127,7 +128,7 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     """
     if network.lattice is None or network.shape is None:
         return None
-    periods = len(network.shape)
+    n_periods = len(network.shape)
     # steps between the balls of a cell, in fractions of the lattice vectors
     sites = network.lattice.positions @ np.linalg.pinv(network.lattice.vectors)
     steps = sites - sites[0]
@@ -136,7 +137,7 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
         return None
     whole_steps = np.round(denominator * steps).astype(int)
     repeats = _find_repeats(whole_steps, denominator)
-    lattice_vectors = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
+    lattice_vectors = network.cell[:n_periods, : q.shape[1]] / np.array(network.shape)[:, None]
     # the vectors whose reciprocal vectors are the repeats
     periods_of_waves = np.linalg.inv(repeats).T @ lattice_vectors
     return q - _find_nearest(periods_of_waves, q)
