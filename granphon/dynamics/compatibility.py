@@ -436,12 +436,12 @@ class Compatibility:
             fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
         require_digits(fractions)
         copies = np.rint(fractions) @ self.reciprocal
-        near = q - copies
+        near_q = q - copies
         # at a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
-        is_rounding = np.linalg.norm(near, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
+        is_rounding = np.linalg.norm(near_q, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
         is_copy = np.any(copies != 0.0, axis=1)
-        near[is_rounding & is_copy] = 0.0
-        return near, copies
+        near_q[is_rounding & is_copy] = 0.0
+        return near_q, copies
 
     def name_wavevector(self, wavevector: Array) -> str:
         """Return the text of a ``wavevector`` (p,), 1/d, in fractions of the reciprocal vectors."""
@@ -720,8 +720,8 @@ class Compatibility:
         tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
         difference = root[:, :, None, None] * (head - tail)
         total = root[:, :, None, None] * (head + tail)
-        flat = (*root.shape, self.n_branches)
-        return difference.reshape(flat), total.reshape(flat)
+        flat_shape = (*root.shape, self.n_branches)
+        return difference.reshape(flat_shape), total.reshape(flat_shape)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
@@ -834,11 +834,11 @@ class Compatibility:
         shift = table.shift + cells[table.i] - cells[table.j]
         # an image is straight if the table lists it from the image of ball j to that of ball i, and
         # not the other way round
-        listed = np.column_stack([table.i, table.j, table.shift]).tolist()
-        numbers = {tuple(key): contact for contact, key in enumerate(listed)}
-        straight = _look_up(numbers, i, j, shift)
-        is_straight = straight >= 0
-        images = np.where(is_straight, straight, _look_up(numbers, j, i, -shift))
+        contact_keys = np.column_stack([table.i, table.j, table.shift]).tolist()
+        numbers = {tuple(key): contact for contact, key in enumerate(contact_keys)}
+        straight_images = _look_up(numbers, i, j, shift)
+        is_straight = straight_images >= 0
+        images = np.where(is_straight, straight_images, _look_up(numbers, j, i, -shift))
         if np.any(images < 0) or np.any(images[images] != np.arange(len(table))):
             return None
         if self._have_equal_properties(images, is_straight):

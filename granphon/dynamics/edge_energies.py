@@ -85,13 +85,13 @@ class EdgeEnergies:
         self.half_space = half_space
         cut = half_space.cut
         self.rows: list[Row] = network_unit_rows(cut)
-        moving = np.flatnonzero(cut.moving)
+        moving_balls = np.flatnonzero(cut.moving)
         #: (n,) the number of each ball of the cut among those that move; -1 of other balls
         self.ball_number: Index = np.full(cut.n_balls, -1)
-        self.ball_number[moving] = np.arange(moving.size)
+        self.ball_number[moving_balls] = np.arange(moving_balls.size)
         per_block = half_space.reach * half_space.per_layer
         # a body that does not move belongs to no block
-        block = np.where(self.ball_number < 0, moving.size, self.ball_number // per_block)
+        block = np.where(self.ball_number < 0, moving_balls.size, self.ball_number // per_block)
         #: (n_c,) the number, from the edge, of the outermost block that each contact of the cut
         #: joins
         self.outer_block: Index = np.minimum(block[cut.i], block[cut.j])
@@ -131,10 +131,10 @@ class EdgeEnergies:
         of_cut = []
         for number, size in enumerate(sizes.tolist()):
             members = np.flatnonzero(group == number)
-            at = point[members[0]]  # number of the wave vector of the group
+            q_number = point[members[0]]  # of the wave vector of the group
             w = float(np.mean(squares[members]))
-            waves = self._find_waves(outer[at], inner[at], hop[at], w, size)
-            energies_of_cut, energies_of_crystal = self._measure(waves, q[at])
+            waves = self._find_waves(outer[q_number], inner[q_number], hop[q_number], w, size)
+            energies_of_cut, energies_of_crystal = self._measure(waves, q[q_number])
             of_cut += [energies_of_cut] * size
             of_crystal += [energies_of_crystal] * size
         angular = frequencies * half_space.units.angular_frequency

@@ -167,19 +167,19 @@ class IterativeRelaxation:
         """
         loose, costs_little = self._search_result
         count = loose.shape[1] if self._are_few else self._loose_estimate
-        relaxed = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
+        method = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
         mend = "Leave out balls that carry no load: network.without_rattlers()"
         if costs_little:
             raise InputError(
                 "balls of the cell can move together at almost no cost",
-                f"{relaxed}, which does not tell such motions from those that cost nothing, and"
+                f"{method}, which does not tell such motions from those that cost nothing, and"
                 " stay behind in sound",
                 mend,
             )
         if count > _MOST_LOOSE:
             raise InputError(
                 f"balls of the cell can move together at no cost in some {count:.0f} ways",
-                f"{relaxed}, which finds {_MOST_LOOSE} at most: what stays behind in sound is not"
+                f"{method}, which finds {_MOST_LOOSE} at most: what stays behind in sound is not"
                 " known",
                 mend,
             )
@@ -256,8 +256,8 @@ class IterativeRelaxation:
         basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
         likely_motions = basis[:, sizes > _LEFT]
         _, costs, combinations = np.linalg.svd(self._rows @ likely_motions, full_matrices=False)
-        free = likely_motions @ combinations[costs <= self.accuracy * self._highest].T
-        return np.asarray(free), free.shape[1] < candidates.shape[1]
+        free_motions = likely_motions @ combinations[costs <= self.accuracy * self._highest].T
+        return np.asarray(free_motions), free_motions.shape[1] < candidates.shape[1]
 
     def _find_remainders(self, motions: Array, loose: Array) -> Array:
         """Return the remainders (n_branches, m) of ``motions`` (n_branches, m) without four parts:
@@ -280,9 +280,9 @@ class IterativeRelaxation:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
-        flat = deformations.reshape(len(deformations), -1)
-        relaxed = flat - self._rows @ self.find_motions(flat)
-        return np.asarray(relaxed).reshape(deformations.shape)
+        columns = deformations.reshape(len(deformations), -1)
+        relaxed_columns = columns - self._rows @ self.find_motions(columns)
+        return np.asarray(relaxed_columns).reshape(deformations.shape)
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the

@@ -347,6 +347,6 @@ def _list_bridges(spokes: Array) -> Array:
     ``spokes`` (n, 2), d, are the vectors from the ball to its neighbours.
     """
     # from a neighbour the second neighbours at its two bridges lie at 60 degrees from the spoke
-    across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
-    sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
+    turned_spokes = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
+    sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * turned_spokes for sign in (1.0, -1.0)]
     return np.concatenate([spokes + 0.5 * side for side in sides])

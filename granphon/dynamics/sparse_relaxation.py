@@ -202,8 +202,8 @@ class SparseRelaxation:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
-        relaxed, _ = self._relax(deformations)
-        return relaxed
+        remainder, _ = self._relax(deformations)
+        return remainder
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
@@ -217,18 +217,18 @@ class SparseRelaxation:
         (n_branches, m) that make the part that does not, in units of the scale of their columns; m
         is the number of columns of deformations.
         """
-        relaxed = deformations.reshape(len(deformations), -1)
-        motions = np.zeros((len(self._scale), relaxed.shape[1]))
+        remainder = deformations.reshape(len(deformations), -1)
+        motions = np.zeros((len(self._scale), remainder.shape[1]))
         with single_products():
             for _ in range(1 + _CORRECTIONS):
-                motion = self._fronts.solve(self._columns @ relaxed)
-                relaxed = relaxed - self._rows @ motion
+                motion = self._fronts.solve(self._columns @ remainder)
+                remainder = remainder - self._rows @ motion
                 motions += motion
         # motions that the factors have set aside, and that deform contacts, relax last
-        amplitudes = self._soft_deformations.T @ relaxed
-        relaxed = relaxed - self._soft_deformations @ amplitudes
+        amplitudes = self._soft_deformations.T @ remainder
+        remainder = remainder - self._soft_deformations @ amplitudes
         motions += self._soft_motions @ amplitudes
-        return relaxed.reshape(deformations.shape), motions
+        return remainder.reshape(deformations.shape), motions
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return the energy ``form`` (m, m) of m displacement gradients under static forces, less
@@ -270,9 +270,9 @@ class SparseRelaxation:
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
             is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
-            unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
-            if unstable.size:
-                raise self._explain_buckling(block, motions[:, unstable[0]])
+            unstable_numbers = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
+            if unstable_numbers.size:
+                raise self._explain_buckling(block, motions[:, unstable_numbers[0]])
             # motions that cost nothing are left out. Static forces do not act on them; that
             # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest

@@ -754,22 +754,22 @@ def _begin_file(
     """
     network = network.storable()
     network_fields = {entry.name: getattr(network, entry.name) for entry in fields(network)}
-    fixed = {}  # arrays that do not grow with the frames, each with the names of its axes
+    fixed_arrays = {}  # arrays that do not grow with the frames, each with the names of its axes
     plain_values = {}
     for name, value in network_fields.items():
         if isinstance(value, np.ndarray):
-            fixed[_NETWORK_PREFIX + name] = (value, _name_axes(name, ContactNetwork))
+            fixed_arrays[_NETWORK_PREFIX + name] = (value, _name_axes(name, ContactNetwork))
         else:
             plain_values[name] = plain(value)
     if len(met):  # a dimension of no length would be the one that grows
-        fixed["met"] = (met, _name_axes("met", Motion))
-    growing = {
+        fixed_arrays["met"] = (met, _name_axes("met", Motion))
+    growing_arrays = {
         name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()
     }
     network_units = {_NETWORK_PREFIX + name: unit for name, unit in ContactNetwork.units.items()}
     units = Motion.units | network_units
     about = _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)}
-    return RecordFile(path, fixed, growing, units, about)
+    return RecordFile(path, fixed_arrays, growing_arrays, units, about)
 
 
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:

@@ -514,19 +514,19 @@ def _fit_peak(log: Array, highest: int) -> tuple[float, float]:
     return float(highest) + shift, height - 0.25 * (previous - following) * shift
 
 
-def find_true_width(broadened: Array, kernel_width: Array) -> Array:
+def find_true_width(broadened_width: Array, kernel_width: Array) -> Array:
     """Return the full widths L (n,), Hz, of Lorentz curves to which a kernel of the full width
-    ``kernel_width`` G (n,), Hz, has given the ``broadened`` full widths (n,), Hz.
+    ``kernel_width`` G (n,), Hz, has given the ``broadened_width`` full widths (n,), Hz.
 
     L follows from broadened = l L + ((1 - l)^2 L^2 + G^2)^1/2 with l = :data:`_LORENTZ_SHARE`. A
     curve that is not wider than the kernel has the width zero.
     """
-    width = np.maximum(broadened, kernel_width)
+    width = np.maximum(broadened_width, kernel_width)
     # the positive root of (1 - 2 l) L^2 + 2 l B L = B^2 - G^2, B the broadened width
     square = (1.0 - _LORENTZ_SHARE) ** 2
-    leading = square - _LORENTZ_SHARE**2  # 1 - 2 l
-    root = np.sqrt(square * width**2 - leading * kernel_width**2)
-    return np.asarray(np.maximum((root - _LORENTZ_SHARE * width) / leading, 0.0))
+    leading_coefficient = square - _LORENTZ_SHARE**2  # 1 - 2 l
+    root = np.sqrt(square * width**2 - leading_coefficient * kernel_width**2)
+    return np.asarray(np.maximum((root - _LORENTZ_SHARE * width) / leading_coefficient, 0.0))
 
 
 def find_ioffe_regel(
@@ -642,8 +642,8 @@ class SpectralFunction(Refinable):
         Raises :class:`~granphon.base.errors.InputError`, as :attr:`peak` does, if the line falls so
         far on neither side: the resolution is too coarse.
         """
-        _, broadened = self._lines
-        return find_true_width(broadened, self._kernel_width)
+        _, broadened_width = self._lines
+        return find_true_width(broadened_width, self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
@@ -737,8 +737,8 @@ class SpectralFunction(Refinable):
         highest = max(found, key=lambda spectrum: spectrum.top)
         for spectrum in found:
             spectrum._require_like(highest)
-        interpolated = [spectrum._interpolate(highest.frequencies) for spectrum in found]
-        values = np.mean(interpolated, axis=0)
+        interpolated_values = [spectrum._interpolate(highest.frequencies) for spectrum in found]
+        values = np.mean(interpolated_values, axis=0)
         # interpolation changes the integral a little: it is made 1 again
         integrals = highest._kernel.integral(values)
         return replace(highest, values=values / integrals[:, None])
