@@ -343,8 +343,8 @@ def _find_green(
         ``level``, rounded so that those of most samples and loads are equal.
         """
         means = np.mean(values.reshape(kinds, cells), axis=1) / level
-        steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / options.alike)
-        return tuple(np.where(means > 0.0, np.exp(options.alike * steps), 0.0).tolist())
+        logarithms = np.round(np.log(np.maximum(means, LEAST_NORMAL)), options.digits - 1)
+        return tuple(np.where(means > 0.0, np.exp(logarithms), 0.0).tolist())
 
     if even:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]

@@ -32,11 +32,10 @@ class GridOptions:
     damped : part of the way to its balance that each ball moves before and after Green's function:
         the energy of a contact is at most twice that of its two balls moving one at a time, so that
         with less than the whole way the preconditioner is positive definite.
-    digits : decimals of the mean directions and arms of a kind of contact: Green's function need
-        not be exact, and samples of a packing share one.
-    alike : ratio, less one, of two mean stiffnesses of a kind of contact that count as equal: loads
-        share Green's function too. To find it takes as long as five iterations with it, of which
-        differences of some hundredths cost none.
+    digits : decimals of the mean directions and arms of a kind of contact, and one more than those
+        of the logarithms of its mean stiffnesses over the mean of all: Green's function need not be
+        exact, and samples of a packing, and loads, share one. To find it takes as long as five
+        iterations, of which errors of some hundredths cost none.
     kept : balls, at most, whose Green's function of mean stiffnesses is kept, and whose right sides
         share transforms: for more balls memory counts.
     kept_even : balls, at most, whose Green's function of equal contacts is kept: the function
@@ -51,7 +50,6 @@ class GridOptions:
     holding: float = 1e-5
     damped: float = 0.8
     digits: int = 2
-    alike: float = 0.05
     kept: int = 2**13
     kept_even: int = 2**17
     waves: int = 2**15
