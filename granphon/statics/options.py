@@ -128,8 +128,8 @@ class RestOptions:
         open contacts have none.
     spring : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
     reduction : relative residual at which iterations end near rest.
-    probe_reduction : part of the error of a response to random forces that is left when the curvature
-        has been probed, less than the part of one ball among 10^6.
+    probe_reduction : part of the error of a response to random forces that is left when the
+        curvature has been probed, less than the part of one ball among 10^6.
     rough_reduction : relative residual at which iterations end far from rest, over the root of the
         residual of rest: a step from there need not be exact.
     tear_part : part of the step at which the first contact that adheres would be torn, to which a
