@@ -71,7 +71,9 @@ def assert_digits(loading, state, digits, tolerance=1e-10):
         unit = state.force if name == "tangential_forces" else 1.0
         expected = np.array(digits[name]) / unit
         assert np.max(np.abs(expected)) > 1e-2
-        np.testing.assert_allclose(np.ravel(values), expected, rtol=0.0, atol=tolerance, err_msg=name)
+        np.testing.assert_allclose(
+            np.ravel(values), expected, rtol=0.0, atol=tolerance, err_msg=name
+        )
 
 
 def resume(loading, digits):
