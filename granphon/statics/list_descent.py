@@ -96,7 +96,8 @@ class LatticeWay:
             parting = self._loss > 0.0
             torn = (start.overlap - laws.least)[parting] / self._loss[parting]
             longest = options.tear_part * float(np.min(torn, initial=math.inf))
-            self.longest = max(longest, options.shortest_step)
+            # a contact that is about to be torn does not end the search at once
+            self.longest = max(longest, ROUNDING)
 
     def go(self, length: float) -> Configuration:
         """Return the configuration at a length."""

@@ -396,21 +396,19 @@ class GridEquations:
         assembly = self.problem.assembly
         forces = _draw_forces(configuration)
         right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
-        # of n motions, each has about the part 1/n of the energy, the root of it in the norm
-        reduction = 1.0 / len(forces)
         count = 0
         solution = None
         if self._last is not None:
             stiffness, iteration = self._last
             if has_hardly_changed(configuration, stiffness, options):
-                solution = iteration.solve(right, reduction, most, 0.0)
+                solution = iteration.solve(right, options.probe_reduction, most, 0.0)
                 count = solution.iterations
         if solution is None or solution.way_down is not None:
             blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
             axes = np.arange(assembly.dimension)
             blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
-            solution = iteration.solve(right, reduction, most, 0.0)
+            solution = iteration.solve(right, options.probe_reduction, most, 0.0)
             count += solution.iterations
         return GridProbe(self._extend(solution.way_down), solution.has_arrived, count)
 
