@@ -881,7 +881,8 @@ def _extend_basis(basis: Array, vectors: Array) -> Array:
     from scipy.linalg import qr
 
     m = basis.shape[1]
-    joint_vectors = np.empty((len(basis), m + vectors.shape[1]), order="F")  # as LAPACK overwrites
+    # in the order of columns, so that LAPACK can overwrite the array
+    joint_vectors = np.empty((len(basis), m + vectors.shape[1]), order="F")
     joint_vectors[:, :m] = basis
     joint_vectors[:, m:] = vectors
     joint_basis, _ = qr(joint_vectors, overwrite_a=True, mode="economic", check_finite=False)

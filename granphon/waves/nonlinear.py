@@ -373,7 +373,8 @@ class NonlinearWaves:
             """Return the means of the coefficient over the root of the radius and of kappa/(2 E* a)
             over the contacts of a ``pair`` of kinds, and 1 in place of E*.
 
-            Raises :class:`~granphon.base.errors.InputError` if the coefficients differ.
+            Raises :class:`~granphon.base.errors.InputError` if the coefficients over the root
+            differ by more than :data:`_SAME_MATERIAL` times their mean.
             """
             contacts = pairs.get(pair, slice(None))
             coefficients = coefficient_per_root[contacts]
