@@ -1040,7 +1040,7 @@ class NetworkModes(Result):
         square_motions = self.vectors[:, moving] ** 2
 
         def average(values: Array) -> Array:
-            """Return values (m, ...) of modes, each replaced by the mean over the modes of its
+            """Return values (m, ...) of modes, each replaced by the mean over the modes of the same
             frequency.
             """
             return np.moveaxis(average_equal(np.moveaxis(values, 0, -1), groups, groups), -1, 0)

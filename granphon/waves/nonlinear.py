@@ -1124,7 +1124,8 @@ class _System:
         less the overlap of its balls by radii and positions; zero without contacts of two balls.
         """
         network = self.network
-        contacts = np.flatnonzero(np.isfinite(network.distance))  # those with a flat wall are not
+        # the distance of a ball from a flat wall is infinite
+        contacts = np.flatnonzero(np.isfinite(network.distance))
         i = network.i[contacts]
         j = network.j[contacts]
         gaps = network.distance[contacts] - network.radii[i] - network.radii[j]
@@ -1342,9 +1343,9 @@ class _System:
         self._speeds = np.zeros_like(self.current.motions)
 
     def _set_accelerations(self, speeds: Array) -> None:
-        """Set the accelerations with which a step begins, those of the step before, which are taken
-        to be the same, and the forces that resist drives, from the present state and the ``speeds``
-        of drives, m/s.
+        """Set what a step begins with from the present state and the ``speeds`` of drives, m/s: the
+        accelerations, which are also taken as those of the step before, and the forces that resist
+        drives.
         """
         self._spread(self.v, speeds, self._speeds)
         self.contacts.act(self.current, self._speeds)

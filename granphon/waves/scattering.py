@@ -88,7 +88,8 @@ class Transmission(Result, array="transmitted"):
     amplitudes : (n_f, m, m) amplitude of each wave that runs out behind the strip (middle axis) for
         each wave that runs in (last axis); their squared sizes are parts of the energy.
     wavenumbers : (n_f, m) wave numbers of the waves that run in, across the layers, 1/m.
-    length : length of the strip, m: the number of its layers times their height in the first lead.
+    length : length of the strip, m: the height of a layer of the first lead, times the number of
+        balls of the strip that move over that of the layer.
     warnings : one sentence if contacts of the strip are more viscous than stiff, which suggests
         that the damping, a time, was meant in another unit.
     """
