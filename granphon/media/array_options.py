@@ -206,7 +206,8 @@ class FrictionHistory:
             return start
         if self.from_gas:
             return "gas"
-        return ReducedLoad(overlap=float(self.start) - 0.5)  # y = a* - 1/2
+        # the overlap in units of the width W is a* - 1/2
+        return ReducedLoad(overlap=float(self.start) - 0.5)
 
     def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
         """Return the indices of the ``prescribed`` loads in the order in which they are applied: as

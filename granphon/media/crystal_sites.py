@@ -18,7 +18,7 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.validation import real_array
 
-#: least length, area or volume of a cell, over the power of the mean radius
+#: least length, area or volume of a cell, over the mean radius, its square or its cube
 _LEAST_CELL = 1e-3
 
 

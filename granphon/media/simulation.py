@@ -2,10 +2,11 @@
 under load.
 
 Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
-L1 x L2 balls is simulated. The mechanical equilibrium of the sample is found without friction
-(:mod:`granphon.array.equilibrium`); the linear response (:mod:`granphon.statics.response`) then
-has shear springs at every contact that carries load. A state is a mean over samples; its
-attributes, elastic tensor, sound waves and local exponent have standard errors.
+L1 x ... x Lp cells is simulated, on a lattice with p periods. The mechanical equilibrium of the
+sample is found without friction (:mod:`granphon.array.equilibrium`); the linear response
+(:mod:`granphon.statics.response`) then has shear springs at every contact that carries load. A
+state is a mean over samples; its attributes, elastic tensor, sound waves and local exponent have
+standard errors.
 """
 
 from __future__ import annotations
@@ -1533,7 +1534,9 @@ class DirectSimulation(Medium[SimulatedState]):
         stiffness and its slope.
         """
         equilibrium: Any = sample.equilibrium
-        arrays = {name: getattr(equilibrium, name) for name in _list_kept(type(equilibrium))}
+        arrays = {
+            name: getattr(equilibrium, name) for name in _list_names_of_arrays(type(equilibrium))
+        }
         balls = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
         if not self.history.is_loaded:  # a history's derivatives follow from the elastic tensors
             balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
@@ -1545,7 +1548,9 @@ class DirectSimulation(Medium[SimulatedState]):
         kind: type[Equilibrium] = TrueEquilibrium if self.ratio else Equilibrium
         if self.history.is_loaded:
             kind = PressedEquilibrium
-        arrays: dict[str, Any] = {name: balls[name] for name in _list_kept(kind) if name in balls}
+        arrays: dict[str, Any] = {
+            name: balls[name] for name in _list_names_of_arrays(kind) if name in balls
+        }
         deviations = read_only(self.deviations(0))
         structure = self.packing.structure
         equilibrium: Any = kind(deviations=deviations, lattice=structure, **arrays)
@@ -1613,7 +1618,7 @@ class DirectSimulation(Medium[SimulatedState]):
         return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
 
 
-def _list_kept(kind: type[Equilibrium]) -> list[str]:
+def _list_names_of_arrays(kind: type[Equilibrium]) -> list[str]:
     """Return the names of the arrays of an equilibrium that are kept of a sample: not the
     deviations, which are drawn again, nor the lattice, which is that of the packing.
     """
@@ -1659,14 +1664,14 @@ def _explain_soft_waves(structure: Lattice, motions: Motions) -> str | None:
     The waves are probed on a grid of :data:`_PROBED` wave vectors along each axis of the zone,
     without its centre, where every lattice moves as a whole.
     """
-    frictionless = ContactLattice.of(structure, 0.0, motions=motions)
-    if frictionless.mechanism:
-        return frictionless.mechanism
+    lattice = ContactLattice.of(structure, 0.0, motions=motions)
+    if lattice.mechanism:
+        return lattice.mechanism
     periods = structure.periods
     coordinates = np.arange(_PROBED) / _PROBED  # fractions of a reciprocal vector
     grids = np.meshgrid(*[coordinates for _ in range(periods)], indexing="ij")
     fractions = np.stack(grids, axis=-1).reshape(-1, periods)
-    wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
-    lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
+    wavevectors = lattice.wavevectors(fractions[1:])  # without q = 0
+    lowest_frequencies = lattice.frequencies(wavevectors)[:, 0]
     is_stable = bool(np.all(lowest_frequencies > _SOFT))
     return None if is_stable else "Some of its waves cost no energy"

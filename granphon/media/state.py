@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-#: greatest relative difference, put down to rounding, also that of another machine, between a
-#: number of a state that was read and the number that follows from the law and the samples
+#: greatest relative difference that is put down to rounding, maybe of another machine: between a
+#: number of a state that was read, and the same number as the law and the samples give it
 _READ_TOLERANCE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
@@ -194,8 +194,8 @@ class State(ABC):
 
     @abstractmethod
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return the velocities of :meth:`long_waves` along ``direction``, and the unit
-        displacements of these waves.
+        """Return the velocities of :meth:`long_waves` along ``direction``, m/s, and the unit
+        displacements of these n_u waves.
 
         The displacements are the columns of an array (..., n_u, n_u), or (..., n, n_u, n_u) for
         directions (n, p).
@@ -248,7 +248,8 @@ class State(ABC):
         return self.reference_lattice.wave_names
 
     def long_waves(self, direction: ArrayLike) -> Array:
-        """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
+        """Return the velocities of the n_u long waves in the order of :attr:`wave_names`, m/s,
+        (..., n_u).
 
         ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n,
         n_u). In the plane the waves are the longitudinal and the transverse one.
@@ -810,8 +811,8 @@ class ContactState(State, Result):
         """
         if not self.reference_lattice.runs_twist:
             return None
-        # with I = M (GYRATION d)^2, d cancels: it is also the distance of the balls, as there is no
-        # finite overlap here: with finite overlap a straight chain buckles
+        # with I = M (GYRATION d)^2, d cancels. The balls are at the distance d: there is no finite
+        # overlap here, as a straight chain with finite overlap buckles
         frequency = np.sqrt(self.torsion_stiffness / self.packing.mass)
         return np.asarray(frequency / GYRATION)
 
