@@ -48,7 +48,8 @@ _LOOKS_LIKE_MM = 1.0 / 200.0
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
 _PIECES = ("clusters", "rows", "layers", "networks")
-#: least square of a component, over the distance of touching balls, from which it is scaled
+#: least square of the component of a vector along an axis, in distances of touching balls, from
+#: which coordinates along the axis are scaled
 _LEAST_SQUARE = 1e-2
 #: distance, over that of touching balls, up to which pairs are listed
 _NEAR_TOUCH = 1.0 + NEAR + 1e-9

@@ -109,8 +109,8 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
         rule = partial(_read_stiffness, unit=SPRING_PARAMETERS[ON_SITE])
         stiffness: float = require("on_site", rule, value)
         return [0.0 if name in ROTATIONS else stiffness for name in names]
-    allowed = (*names, ROTATION) if motions.rotations else names
-    rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed}
+    allowed_names = (*names, ROTATION) if motions.rotations else names
+    rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed_names}
     stiffnesses = require("on_site", partial(block, rules=rules), value)
     rotation_stiffness = stiffnesses.get(ROTATION, 0.0)  # of rotations without one of their own
     defaults = {name: rotation_stiffness if name in ROTATIONS else 0.0 for name in names}
