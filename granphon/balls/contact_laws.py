@@ -319,10 +319,16 @@ class JKR(_Adhesive):
 class JKRLaw(EnergyLaw):
     """The law of a pair that :class:`~granphon.JKR` returns.
 
-    With the contact radius a = ``spot`` times u^2, ``spot`` being (2 pi w R^2/E*)^(1/3), m, force
-    and overlap are ``force_scale`` times (4/3) u^6 - 2 u^3, N, and ``length`` times u^4 - u, m; u^3
-    is 3/4 where the contact breaks, and 3/2 where it bears no load. The energy is that over balls
-    far apart.
+    All follows from one number u. The contact radius is ``spot`` times u^2, the force is
+    ``force_scale`` times (4/3) u^6 - 2 u^3, and the overlap is ``length`` times u^4 - u. The
+    contact breaks where u^3 is 3/4, and bears no load where u^3 is 3/2. The energy is that over
+    balls far apart.
+
+    Attributes
+    ----------
+    force_scale : 2 pi w R, N, with the letters of :class:`~granphon.JKR`.
+    length : spot^2/R, m.
+    spot : (2 pi w R^2/E*)^(1/3), m.
     """
 
     force_scale: float
@@ -529,9 +535,9 @@ class TabulatedLaw(EnergyLaw):
     def _energies(self) -> Array:
         """Energies (n,) at the points of the table, J."""
         knots, _ = self._knots
-        energy_at_first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
+        energy_at_first_point = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         differences = self._integrate(knots[:-1], knots[1:])
-        return energy_at_first + np.concatenate([[0.0], np.cumsum(differences)])
+        return energy_at_first_point + np.concatenate([[0.0], np.cumsum(differences)])
 
     def _integrate(self, low: Array, high: Array) -> Array:
         """Return the integral of the force over the overlap, J, (m,) from ``low`` (m,) to ``high``

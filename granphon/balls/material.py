@@ -137,8 +137,8 @@ class Material(Block):
         # mode of order two lies between
         if sigma >= 0.0:
             return _TORSIONAL * frequency_unit
-        breathing = _find_breathing_mode(sigma)
-        reduced_frequency = _TORSIONAL if breathing is None else breathing
+        breathing_frequency = _find_breathing_mode(sigma)
+        reduced_frequency = _TORSIONAL if breathing_frequency is None else breathing_frequency
         return reduced_frequency * frequency_unit
 
 

@@ -258,8 +258,8 @@ class Packing:
         """Density of the array, the one that belongs to its moduli.
 
         In the plane the density is rho~, the mass over the volume of a layer one diameter thick,
-        kg/m^3 (equation 17: pi rho / 3 sqrt(3)); in space it is that of the crystal, kg/m^3; of a
-        chain it is the mass per length, kg/m.
+        kg/m^3 (equation 17: pi rho / 3 sqrt(3) on the triangular lattice). In space it is the
+        density of the crystal, kg/m^3, and on a line the mass per length, kg/m.
         """
         measure_per_ball = self.structure.measure_per_ball  # in diameters to the power p
         if self.structure.periods == 1:
@@ -299,8 +299,10 @@ class Packing:
 def read_rolling(
     subject: str, dimension: int, motions: Any, torsion: Any, bending: Any
 ) -> tuple[float | str, float]:
-    """Check the ``motions`` of balls on a line, in a plane or in space (``dimension`` 1, 2, 3), and
-    return ``torsion`` and ``bending``, over k d^2; a torsion may be the word "mindlin".
+    """Return the ``torsion`` and the ``bending`` of contacts as floats, over k d^2, after a check
+    of both and of the ``motions`` of the balls. A torsion may also be the word "mindlin".
+
+    ``dimension`` is 1, 2 or 3 for balls on a line, in a plane or in space.
 
     Raises :class:`InputError` for motions that such balls do not have, for a stiffness that is no
     number or too large, and for one that resists none of the motions. The message calls the lattice

@@ -534,8 +534,9 @@ class DensityBalls:
         self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less
-        ``base_force`` (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of the steps (B,).
+        """Return three arrays for the stiffness ``k`` (B, s + 1) at the points: the force G(y, k)
+        less ``base_force``, (B, s + 1); dG/dk, (B, s + 1); and G at the lower ends of the steps,
+        (B,).
 
         G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
@@ -750,9 +751,9 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less its
-        value at the upper end of the step (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of
-        the steps (B,).
+        """Return three arrays for the stiffness ``k`` (B, s + 1) at the points: the force G(y, k)
+        less its value at the upper end of the step, (B, s + 1); dG/dk, (B, s + 1); and G at the
+        lower ends of the steps, (B,).
 
         G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
@@ -763,8 +764,8 @@ class PointBalls:
         top_excess = self.top_force - mean_top_force
         # <(F^Q - f) compliance> is zero at the upper end. So at the other points it is a sum of
         # the changes of F^Q and of the compliance from the upper end, which keeps all digits
-        stiffening = self.change + self.xi * (k - k[:, -1:])
-        changes = self.force_change - stiffening * (top_excess * top_compliance)[..., None]
+        stiffness_change = self.change + self.xi * (k - k[:, -1:])  # of K^Q + Xi k
+        changes = self.force_change - stiffness_change * (top_excess * top_compliance)[..., None]
         total = self._average(compliance)
         force = self._average(compliance * changes) / total
         excess = self.force_change + top_excess[..., None] - force
@@ -1051,8 +1052,8 @@ def _sort_by_overlap(y: Array, ratio: Array) -> tuple[Array, Array]:
     """Return overlaps ``y`` (B, s + 1) and the ``ratio`` (B, s + 1) at them, both flat, (m,), in
     ascending order of the overlap.
     """
-    ascending = np.argsort(y, axis=None)
-    return y.ravel()[ascending], ratio.ravel()[ascending]
+    order = np.argsort(y, axis=None)
+    return y.ravel()[order], ratio.ravel()[order]
 
 
 def _divide_range(ends: list[float], longest: float) -> list[Step]:
@@ -1123,9 +1124,10 @@ def _estimate(
 
 
 def _find_rough(table: Array, k: Array, tolerance: Array) -> Flags:
-    """Return (B,) whether ``k`` (B, s + 1) is not resolved on each step, because one of the last
-    two of its Chebyshev coefficients, ``table`` (B, s + 1), is above the ``tolerance`` (B,) or (1,)
-    times the least k.
+    """Return (B,) for each step whether the stiffness ``k`` (B, s + 1) is not resolved: one of the
+    last two of its Chebyshev coefficients is above the tolerance times the least k.
+
+    ``table`` (B, s + 1) are the coefficients, and ``tolerance`` is (B,) or (1,).
     """
     last_coefficients = np.max(np.abs(table[:, -2:]), axis=1)
     return np.asarray(last_coefficients > tolerance * np.min(k, axis=1))

@@ -464,8 +464,8 @@ class Arrangement:
         if not springs:
             return crystal
         n = crystal.n_balls
-        changed = change_springs(crystal.on_site, springs, crystal.named_motions, n)
-        return crystal.with_springs(changed)
+        on_site = change_springs(crystal.on_site, springs, crystal.named_motions, n)
+        return crystal.with_springs(on_site)
 
     def _change_springs(self, changes: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
         """Return :attr:`on_site` with the ``changes``, stiffnesses by the names of parameters, N/m
@@ -483,11 +483,11 @@ class Arrangement:
         cuts = []
         for (axis, layers, edges), face in zip(self.cut, self.crystal.faces, strict=True):
             # the edge at the face of the crystal has a name, which the edge of the cut may lack
-            changed = [
+            changed_edges = [
                 walls.get(at_face.name, edge) if isinstance(at_face, Wall) else edge
                 for edge, at_face in zip(edges, face.edges, strict=True)
             ]
-            cuts.append((axis, layers, tuple(changed)))
+            cuts.append((axis, layers, tuple(changed_edges)))
         return tuple(cuts)
 
 

@@ -93,11 +93,12 @@ _MEANINGS_OF_TRUTH = (
 class AutoMedium(Medium[ContactState]):
     """The first medium whose expected error is within a tolerance.
 
-    At high load that is the averaged lattice, then the averaged force, then the effective medium
-    (unless a list of diameters makes it slow), and below the load where these fail a simulation of
-    one sample (seed 0) of as many balls as the tolerance needs: up to 1024 x 1024 on the triangular
-    lattice, and a cube of 96 diameters in fcc and hcp. Errors are relative errors of velocities and
-    frequencies, from :mod:`granphon.media.accuracy`, against simulated arrays, the :attr:`truth`.
+    As the load falls, that is first the averaged lattice, then the averaged force, and then the
+    effective medium, unless a list of diameters makes it slow. Below the load where these fail it
+    is a simulation of one sample (seed 0), of as many balls as the tolerance needs: up to 1024 x
+    1024 on the triangular lattice, and a cube of 96 diameters in fcc and hcp. Errors are relative
+    errors of velocities and frequencies against simulated arrays, the :attr:`truth`; they are those
+    of :mod:`granphon.media.accuracy`.
     The expected error of a simulation is 1.9 standard deviations of a sample. ``at_*`` take scalars
     or arrays, and return the state of the first medium that is accurate enough at all of these
     loads, or else of the largest simulation; :meth:`choose` chooses for each load.

@@ -230,8 +230,8 @@ def _write_digits(value: float) -> str:
     """Return a ``value`` above zero as a text of two significant digits. It has no exponent if the
     value is 1e-4 or more.
     """
-    rounded = float(f"{value:.2g}")
-    return f"{rounded:.2g}" if rounded < 100.0 else f"{rounded:,.0f}"
+    rounded_value = float(f"{value:.2g}")
+    return f"{rounded_value:.2g}" if rounded_value < 100.0 else f"{rounded_value:,.0f}"
 
 
 # -- what is timed ---------------------------------------------------------------------------------
@@ -395,9 +395,11 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters:
 
 
 def relaxation_memory(balls: int, motions: int, dimension: int) -> float:
-    """Return the memory, bytes, of the moduli and sound velocities of a crystal of so many
-    ``balls`` with ``motions`` each on a line, in a plane or in space (``dimension`` 1, 2, 3), and
-    of their derivatives: that of the factors of its matrices.
+    """Return the memory, bytes, that the moduli and sound velocities of a crystal take, and their
+    derivatives: that of the factors of its matrices.
+
+    The crystal has so many ``balls`` with so many ``motions`` each. ``dimension`` is 1, 2 or 3 for
+    balls on a line, in a plane or in space.
     """
     growth = math.pow(max(balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
     return _RELAXED_BYTES[dimension] * balls * motions * growth

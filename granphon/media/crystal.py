@@ -177,9 +177,13 @@ class Side(NamedTuple):
 class _Bodies(NamedTuple):
     """What moves in the statics: balls, and walls on faces.
 
-    ``ball_number`` (n,) is the number of each ball among those that move by themselves, -1 of a
-    ball that a wall carries or holds; ``walls`` are the faces whose upper wall moves, and
-    ``wall_of_ball`` (n,) is the number of the wall that carries each ball, -1 of a ball on no wall.
+    Attributes
+    ----------
+    ball_number : (n,) the number of each ball among those that move by themselves; -1 of a ball of
+        a clamped layer.
+    walls : the faces whose upper wall moves.
+    wall_of_ball : (n,) the number of the moving wall that carries each ball; -1 of a ball that none
+        carries.
     """
 
     ball_number: Index
@@ -1152,8 +1156,8 @@ class Crystal(Result):
         ball (n_s,), the axis (n_s,) and the stiffness (n_s,), N/m, of each of the n_s springs.
         """
         if self.on_site is None:
-            nothing = np.zeros(0, np.intp)
-            return nothing, nothing, np.zeros(0)
+            no_numbers = np.zeros(0, np.intp)
+            return no_numbers, no_numbers, np.zeros(0)
         axes = np.array(self.named_motions.translations)
         # balls come to rest in d dimensions: displacements out of the plane are not among them
         columns_of_axes = np.flatnonzero(axes < self.dimension)
@@ -1428,8 +1432,8 @@ class Crystal(Result):
         def describe(tensor: Array) -> str:
             """Return a stress (p, p) in words."""
             # digits of rounding are not shown, unless the stress is as small as they are
-            rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
-            return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
+            shown_tensor = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
+            return f"the stress {brief(shown_tensor.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), accelerations, strict=True)
         applied = (
@@ -1477,11 +1481,12 @@ class Crystal(Result):
 
     def _read_tensor(self, name: str, tensor: ArrayLike, shear_factor: float) -> Array:
         """Return symmetric tensors (..., p, p) from a ``tensor`` of that shape, or from its
-        components in Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by
-        ``shear_factor``: 1 of a stress, 1/2 of a strain. With one period a number is a tensor too.
-        Raises InputError for other shapes, and for tensors that are not symmetric.
+        components in Voigt's order, (..., p (p + 1)/2). With one period a number is a tensor too.
 
-        ``name`` is what messages call the tensor.
+        Shears among the components are multiplied by ``shear_factor``: 1 of a stress, 1/2 of a
+        strain. ``name`` is what messages call the tensor. Raises InputError for other shapes, for
+        numbers that are not finite, for tensors that are not symmetric, and for a crystal without
+        periods.
         """
         p = self.periods
         if not p:
@@ -1580,8 +1585,8 @@ class Crystal(Result):
 
         Raises FloatingPointError if the forces are not finite.
         """
-        pressing = self._press_faces(pressure)
-        force = pressing.copy()
+        pressing_force = self._press_faces(pressure)
+        force = pressing_force.copy()
         lift: tuple[str, str] | None = None  # why gravity lifts balls, and what mends that
         if acceleration is not None:
             masses = self.masses[self._bodies.ball_number >= 0]
@@ -1590,7 +1595,7 @@ class Crystal(Result):
         if not np.all(np.isfinite(force)):
             raise FloatingPointError(f"the forces of {words} are not finite")
         strain_of_cell = np.zeros((self.periods,) * 2) if strain is None else strain
-        return AppliedLoad(force, words, stress, strain_of_cell, pressing, lift)
+        return AppliedLoad(force, words, stress, strain_of_cell, pressing_force, lift)
 
     def _press_faces(self, pressure: float) -> Array:
         """Return the forces, N, of a pressure: the d components of each ball that moves by itself,
@@ -1869,11 +1874,11 @@ class Crystal(Result):
             "strain": strain,
             "ways": wall_motions,
         }
-        shaped: dict[str, Any] = {
+        attributes: dict[str, Any] = {
             name: read_only(array.reshape(*load_shape, *array.shape[1:]))
             for name, array in arrays.items()
         }
-        return CrystalState(self, **shaped, finite_overlap=is_exact)
+        return CrystalState(self, **attributes, finite_overlap=is_exact)
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
@@ -2070,10 +2075,11 @@ class CrystalState(Result):
     def limits(self) -> tuple[Check, ...]:
         """The conditions within which the state holds.
 
-        Three conditions limit the largest, over the contacts, of a ratio: the contact radius over
-        the radius of the ball; the overlap over the last overlap of the law, if a law has one; and
-        the mean pressure of the contact over the yield strength, if one is known. Further
-        conditions stand for each diameter and material constant that no solid ball has.
+        Up to three conditions limit the largest value that a ratio has over the contacts. The
+        ratios are the contact radius over the radius of the ball; the overlap over the last overlap
+        of the law, if a law has one; and the mean pressure of the contact over the yield strength,
+        if one is known. Further conditions stand for each diameter and material constant that no
+        solid ball has.
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)

@@ -1189,16 +1189,16 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.diameters is None:
             return max(0.0, largest_of_spread)
         # diameters that are given may be larger than the largest of the packing's spread
-        largest_given = packing.width_units.width * float(np.max(self.deviations(0)))
-        return max(largest_given, largest_of_spread)
+        largest_of_given = packing.width_units.width * float(np.max(self.deviations(0)))
+        return max(largest_of_given, largest_of_spread)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of the sample number ``index``, from 0; None if diameters are given."""
         return None if self.diameters is not None else self.seed + index
 
     def deviations(self, index: int) -> Array:
-        """Return the reduced deviations x = Delta/W, without a unit and with mean zero, of the
-        diameters of the sample number ``index``, from 0.
+        """Return the reduced deviations x = Delta/W of the diameters of a sample, without a unit.
+        Their mean is zero. ``index`` is the number of the sample, from 0.
 
         The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """
@@ -1607,7 +1607,7 @@ class DirectSimulation(Medium[SimulatedState]):
         if start is None:
             return 0.0
         starts_at_force = start.overlap is None
-        are_forces = [reduced.overlap is None for reduced in self.prescribed(load)]
+        are_forces = [reduced_load.overlap is None for reduced_load in self.prescribed(load)]
         if all(is_force == starts_at_force for is_force in are_forces):
             return 0.0  # loads of the kind of the start are compared with it unsolved
         # a start at a low force takes longer, and so does one in the exact geometry
