@@ -623,11 +623,11 @@ class LinearSteps:
             pull = force.reshape(fields)
             moved = motion.reshape(fields)
             moved[:] = 0.0
-            grid_product.add_alone(alone, pull, moved)
-            grid_product.leave(product.product, pull, moved, remaining)
+            grid_product.add_block_products(alone, pull, moved)
+            grid_product.find_residual(product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
-                grid_product.leave(product.product, pull, moved, remaining)
+                grid_product.find_residual(product.product, pull, moved, remaining)
             # after that of single balls, the motion by Green's function under the forces that are
             # left. Where few balls touch, it would carry these forces too far: there it acts on the
             # whole force
