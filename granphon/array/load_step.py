@@ -32,7 +32,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts import grid_product
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
-from granphon.contacts.slips import find_largest
+from granphon.contacts.slips import find_greatest_length
 from granphon.statics.options import LoadingOptions
 
 #: part of the residual that a whole step of Newton's method leaves where a ball that nothing else
@@ -332,7 +332,7 @@ class LoadStep:
         on_balls = place.push(*self._add_dashpots(contacts, overlap))
         pull = self._geometry.collect_forces(*on_balls)
         push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
-        largest = max(map(find_largest, on_balls))
+        largest = max(map(find_greatest_length, on_balls))
         left, missed = self._measure_imbalance(contacts, largest, push)
         return Trial(
             place=place,
