@@ -32,7 +32,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts import grid_product
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
-from granphon.contacts.slips import find_largest
+from granphon.contacts.slips import find_greatest_length
 from granphon.statics.options import LoadingOptions
 
 #: part of the residual that a whole step of Newton's method leaves where a ball that nothing else
@@ -332,7 +332,7 @@ class LoadStep:
         on_balls = place.push(*self._add_dashpots(contacts, overlap))
         pull = self._geometry.collect_forces(*on_balls)
         push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
-        largest = max(map(find_largest, on_balls))
+        largest = max(map(find_greatest_length, on_balls))
         left, missed = self._measure_imbalance(contacts, largest, push)
         return Trial(
             place=place,
@@ -632,11 +632,11 @@ class LinearSteps:
             pull = force.reshape(fields)
             moved = motion.reshape(fields)
             moved[:] = 0.0
-            grid_product.add_alone(alone, pull, moved)
-            grid_product.leave(product.product, pull, moved, remaining)
+            grid_product.add_block_products(alone, pull, moved)
+            grid_product.find_residual(product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
-                grid_product.leave(product.product, pull, moved, remaining)
+                grid_product.find_residual(product.product, pull, moved, remaining)
             # after that of single balls, the motion by Green's function under the forces that are
             # left. Where few balls touch, it would carry these forces too far: there it acts on the
             # whole force
