@@ -87,6 +87,7 @@ class GridProblem:
         coefficient = assembly.law.coefficient
         self.unit = _choose_unit(spread, given, float(hertz.overlap_of(force / coefficient)))
         self.force_unit = coefficient * self.unit**hertz.EXPONENT
+        # a large array is not copied where the unit is one metre
         self.offset = offset if self.unit == 1.0 else offset / self.unit
         self.spread = spread / self.unit
         self.given = given / self.unit
@@ -115,13 +116,13 @@ class GridProblem:
         near rest: where balls differ, and at the ``strains`` (s,) of the start so few contacts are
         closed, or the mean force is so small, as ``options`` say.
         """
-        # in space that takes too many iterations without factors
+        # in space the interior-point method takes too many iterations without factors
         if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
             return False
         common = self.find_common(strains)
         if self.is_given:
-            closed = np.mean(common[:, None] + self.offset > 0.0)
-            return bool(closed < options.closed_part)
+            closed_part = np.mean(common[:, None] + self.offset > 0.0)
+            return bool(closed_part < options.closed_part)
         force = float(np.mean(hertz.force_of(common)))
         least = options.least_interior_force
         most = options.largest_interior_force
@@ -160,6 +161,15 @@ class GridProblem:
         grid_loops.measure_losses(self.grid.runs, balls, loss)
         return loss
 
+    def find_overlaps(self, balls: Array, strains: Array) -> Array:
+        """Return the overlaps (kinds, cells) at displacements ``balls`` (f, cells) and ``strains``
+        (s,).
+        """
+        overlaps = self.measure_losses(balls)
+        np.subtract(self.offset, overlaps, out=overlaps)
+        overlaps += self.find_common(strains)[:, None]
+        return np.asarray(overlaps)
+
     def add_losses(self, loss: Values, strains: Array) -> Values:
         """Add to losses of overlap (kinds, cells), in place, those by strains (s,), and return
         them.
@@ -176,7 +186,7 @@ class GridProblem:
         grid_loops.add_forces(self.grid.runs, force, on_balls)
         return on_balls
 
-    def find_largest(self, on_balls: Values) -> float:
+    def find_largest_force(self, on_balls: Values) -> float:
         """Return the size of the largest of the forces (f, cells) on balls."""
         d = len(self.grid.shape)
         forces = on_balls.reshape(-1, d, self.grid.n_cells)
