@@ -542,10 +542,10 @@ class DensityBalls:
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
-        total = np.sum(weights, axis=-1)
-        force = np.sum(weights * self.force, axis=-1) / total
+        total_weight = np.sum(weights, axis=-1)
+        force = np.sum(weights * self.force, axis=-1) / total_weight
         excess = self.force - force[..., None]
-        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total
+        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total_weight
         return force, by_k, (self.base_force + force)[:, 0]
 
 
@@ -766,10 +766,10 @@ class PointBalls:
         # the changes of F^Q and of the compliance from the upper end, which keeps all digits
         stiffness_change = self.change + self.xi * (k - k[:, -1:])  # of K^Q + Xi k
         changes = self.force_change - stiffness_change * (top_excess * top_compliance)[..., None]
-        total = self._average(compliance)
-        force = self._average(compliance * changes) / total
+        total_weight = self._average(compliance)
+        force = self._average(compliance * changes) / total_weight
         excess = self.force_change + top_excess[..., None] - force
-        by_k = -self.xi * self._average(compliance * compliance * excess) / total
+        by_k = -self.xi * self._average(compliance * compliance * excess) / total_weight
         return force, by_k, mean_top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
@@ -1070,8 +1070,8 @@ def _divide_range(ends: list[float], longest: float) -> list[Step]:
         while origin - next_below < _NEAR * cuts[-1] ** 2:
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
-            pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
-            roots = np.linspace(low, high, pieces + 1).tolist()
+            n_pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
+            roots = np.linspace(low, high, n_pieces + 1).tolist()
             steps += [(origin, *step_roots) for step_roots in pairwise(roots)]
         next_below = origin
     return steps

@@ -32,7 +32,7 @@ from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
 from granphon.array.sample import STEP, Sample
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
-from granphon.balls.diameters import Measured
+from granphon.balls.diameters import Measured, subtract_mean
 from granphon.balls.hertz import EnergyLaw, HertzLaw, read_overlap
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
@@ -1212,11 +1212,7 @@ class DirectSimulation(Medium[SimulatedState]):
             diameters = packing.spread.sample(drawn_shape, self.seed + index)
         if n > 1:  # the balls of a cell come in front of the cells
             diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
-        # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
-        # deviations, not of the diameters
-        differences = diameters - np.mean(diameters)
-        differences = differences - np.mean(differences)
-        return np.asarray(differences / packing.width_units.width)
+        return np.asarray(subtract_mean(diameters) / packing.width_units.width)
 
     @property
     def is_quick(self) -> bool:
