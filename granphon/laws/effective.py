@@ -846,6 +846,7 @@ def _list_steps(curve: EffectiveCurve, numbers: slice) -> list[Step]:
     """Return the steps of a ``curve`` with the ``numbers`` in a slice, in descending order."""
     steps = []
     for origin, middle, half in curve.steps[:, numbers].T[::-1].tolist():
+        # a step that begins at an opening begins at the root 0, without rounding
         low = 0.0 if middle == half else middle - half
         steps.append((origin, low, middle + half))
     return steps
@@ -1035,7 +1036,7 @@ class _CurveSolver:
         self.stiffness = float(k[solved_count - 1, 0])
         self.force = float(forces[solved_count - 1])
         del self.pending_steps[-block_size:]
-        self.count *= 2
+        self.count *= 2  # more steps are tried at once as long as they succeed
         self.guess = None
 
 

@@ -737,8 +737,8 @@ class Crystal(Result):
         return self._derive(on_site=read_on_site(on_site, self.named_motions, self.n_balls))
 
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
-        """Return the crystal with other ``walls``, by name, in the place of those of these names;
-        a name that no wall has changes nothing.
+        """Return the crystal with other ``walls``, by name: each takes the place of the wall that
+        has its name. A name that no wall has changes nothing.
 
         Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
         to walls.
@@ -1015,11 +1015,11 @@ class Crystal(Result):
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
-        """The different pairs of kinds that touch, with their names, and the number (n_c,) of the
-        pair of each contact.
+        """The different pairs of kinds that touch, and the number (n_c,) of the pair of each
+        contact. A wall counts as a kind. A pair has four entries: the two bodies, and their names.
         """
         table = self.contacts
-        walls = self._walls  # these count as kinds after those of the balls
+        walls = self._walls  # their numbers follow those of the kinds of balls
         body_count = len(self.kinds) + len(walls)
         kinds_i = self.kind[table.i]
         kinds_j = self.kind[table.j]
@@ -2220,7 +2220,7 @@ class CrystalState(Result):
             heights = positions[floor.balls, floor.axis] + floor.sign * radii
             positions[number, floor.axis] = np.mean(heights)
         # a body of infinite mass and radius does not move, and is flat
-        of_floors = np.full(len(floors), np.inf)
+        infinities = np.full(len(floors), np.inf)
         masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
@@ -2228,9 +2228,9 @@ class CrystalState(Result):
         return {
             "cell": cell,
             "positions": positions,
-            "radii": np.append(crystal.radii, of_floors),
-            "masses": np.append(masses, of_floors),
-            "inertias": np.append(inertias, of_floors),
+            "radii": np.append(crystal.radii, infinities),
+            "masses": np.append(masses, infinities),
+            "inertias": np.append(inertias, infinities),
             "kinds": tuple(kinds),
         }
 

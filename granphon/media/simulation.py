@@ -675,8 +675,8 @@ class SimulatedState(ContactState):
 
         The exponent is a difference over :data:`~granphon.array.sample.STEP` of log f to either
         side: each sample is solved at two more loads, when the exponent or its error is first asked
-        for. The derivative itself is not used, as its variance is infinite: a contact about to open
-        contributes a slope of h^(-1/2). After a history of friction both loads are higher, by 5 %
+        for. The derivative itself is not used, as its variance is infinite: a contact of a small
+        overlap h contributes a slope that goes as h^(-1/2). After a history of friction both loads are higher, by 5 %
         and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log
         f; density and pressure follow.
         """
@@ -1131,8 +1131,8 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def has_finite_overlap(self, asked: bool) -> bool:
         """Return whether the states have the terms of relative order delta/d, see
-        :meth:`Medium.has_finite_overlap`: a geometry that the simulation names decides, whether or
-        not the user has ``asked`` for the terms.
+        :meth:`Medium.has_finite_overlap`. If the simulation names a geometry, the geometry decides;
+        otherwise the states have the terms if the user has ``asked`` for them.
         """
         return asked if self.geometry is None else self.is_exact
 
@@ -1505,9 +1505,9 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the first sample at rest under one reduced load, with the same numbers as in a
         state at many loads.
 
-        There each load starts from the equilibrium of the load before it, in the order of
-        :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the reduced overlap and
-        displacements of that equilibrium; it is None for the first load.
+        In such a state the search at each load starts from the equilibrium at the load before it,
+        in the order of :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the
+        reduced overlap and displacements of that equilibrium; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
