@@ -676,9 +676,9 @@ class SimulatedState(ContactState):
         The exponent is a difference over :data:`~granphon.array.sample.STEP` of log f to either
         side: each sample is solved at two more loads, when the exponent or its error is first asked
         for. The derivative itself is not used, as its variance is infinite: a contact of a small
-        overlap h contributes a slope that goes as h^(-1/2). After a history of friction both loads are higher, by 5 %
-        and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log
-        f; density and pressure follow.
+        overlap h contributes a slope that goes as h^(-1/2). After a history of friction both loads
+        are higher, by 5 % and 15 %. In the exact geometry the spacing falls with the load, by f/k
+        for each unit of log f; density and pressure follow.
         """
         if not self.packing.spread_matters:
             return super().exponent
