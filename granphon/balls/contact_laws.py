@@ -535,6 +535,7 @@ class TabulatedLaw(EnergyLaw):
     def _energies(self) -> Array:
         """Energies (n,) at the points of the table, J."""
         knots, _ = self._knots
+        # below the first point the force is a power of the overlap
         energy_at_first_point = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         differences = self._integrate(knots[:-1], knots[1:])
         return energy_at_first_point + np.concatenate([[0.0], np.cumsum(differences)])

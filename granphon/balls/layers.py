@@ -87,8 +87,8 @@ class Layers:
         return cls(basis, turn, layer_cell, turned_vectors[-1])
 
     def split(self, shift: Index) -> tuple[Index, Index]:
-        """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
-        other cells, ``shift`` (n_c, p).
+        """Return by how many cells within a layer, (n_c, p - 1), and by how many layers, (n_c,),
+        each contact leads that leads to another cell by ``shift`` (n_c, p).
         """
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]

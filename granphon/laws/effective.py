@@ -542,10 +542,10 @@ class DensityBalls:
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
-        total = np.sum(weights, axis=-1)
-        force = np.sum(weights * self.force, axis=-1) / total
+        total_weight = np.sum(weights, axis=-1)
+        force = np.sum(weights * self.force, axis=-1) / total_weight
         excess = self.force - force[..., None]
-        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total
+        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total_weight
         return force, by_k, (self.base_force + force)[:, 0]
 
 
@@ -766,10 +766,10 @@ class PointBalls:
         # the changes of F^Q and of the compliance from the upper end, which keeps all digits
         stiffness_change = self.change + self.xi * (k - k[:, -1:])  # of K^Q + Xi k
         changes = self.force_change - stiffness_change * (top_excess * top_compliance)[..., None]
-        total = self._average(compliance)
-        force = self._average(compliance * changes) / total
+        total_weight = self._average(compliance)
+        force = self._average(compliance * changes) / total_weight
         excess = self.force_change + top_excess[..., None] - force
-        by_k = -self.xi * self._average(compliance * compliance * excess) / total
+        by_k = -self.xi * self._average(compliance * compliance * excess) / total_weight
         return force, by_k, mean_top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
@@ -846,6 +846,7 @@ def _list_steps(curve: EffectiveCurve, numbers: slice) -> list[Step]:
     """Return the steps of a ``curve`` with the ``numbers`` in a slice, in descending order."""
     steps = []
     for origin, middle, half in curve.steps[:, numbers].T[::-1].tolist():
+        # a step that begins at an opening begins at the root 0, without rounding
         low = 0.0 if middle == half else middle - half
         steps.append((origin, low, middle + half))
     return steps
@@ -1035,7 +1036,7 @@ class _CurveSolver:
         self.stiffness = float(k[solved_count - 1, 0])
         self.force = float(forces[solved_count - 1])
         del self.pending_steps[-block_size:]
-        self.count *= 2
+        self.count *= 2  # more steps are tried at once as long as they succeed
         self.guess = None
 
 
@@ -1070,8 +1071,8 @@ def _divide_range(ends: list[float], longest: float) -> list[Step]:
         while origin - next_below < _NEAR * cuts[-1] ** 2:
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
-            pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
-            roots = np.linspace(low, high, pieces + 1).tolist()
+            n_pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
+            roots = np.linspace(low, high, n_pieces + 1).tolist()
             steps += [(origin, *step_roots) for step_roots in pairwise(roots)]
         next_below = origin
     return steps
