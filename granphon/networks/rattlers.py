@@ -20,8 +20,9 @@ def find_rattlers(network: Any, held_by: int | None = None) -> Index:
     """Return the indices (m,) of the balls that carry no load; for ``held_by`` see
     :meth:`granphon.networks.network.ContactNetwork.without_rattlers`.
 
-    First the balls with too few contacts are found; then the contacts of these are removed, ball by
-    ball, and their neighbours that now have too few contacts are added, until none is left.
+    First the balls with too few contacts are found. Then the contacts of these balls are removed,
+    ball by ball, and neighbours that have too few contacts after that are added, until there is no
+    further one.
     """
     hold = _Hold(network, held_by)
     is_loose = ~hold.are_held(np.arange(network.n_balls))
