@@ -86,7 +86,7 @@ class _Data(_Times):
         A heading has the number of balls, the time, and the bounds of the box: first the lower ones
         along each axis, and then the upper ones.
         """
-        while not lines.at_end:
+        while not lines.is_at_end:
             number, *further_numbers = _read_numbers(lines)
             n_bounds = len(further_numbers) - 1
             is_count = 0.0 <= number < _MOST and not number % 1.0
@@ -279,7 +279,7 @@ def _read_restart(
     is_plane = False
     cell = np.zeros((3, 3))
     notes = list[str]()
-    while not lines.at_end:
+    while not lines.is_at_end:
         words = lines.read().split()
         if "timeMax" in words:
             time = _read_time(lines, words)
