@@ -536,6 +536,7 @@ def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> 
     """
     targets = [Path(path) for path, _text in files]
     contents = [text.encode("utf-8") for _path, text in files]
+    _require_no_null_character(*targets)
     _require_different(targets)
     for target, content in zip(targets, contents, strict=True):
         with explaining(target):
@@ -553,7 +554,7 @@ def _require_different(targets: Sequence[Path]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if two of the ``targets`` are one file."""
     for first, second in combinations(targets, 2):
         is_same = False
-        with suppress(OSError, ValueError):  # a file that is not there, or a null character
+        with suppress(OSError, ValueError):  # no such file, or a name that no file can have
             is_same = os.path.realpath(first) == os.path.realpath(second)
             is_same = is_same or os.path.samefile(first, second)
         if is_same:
@@ -564,22 +565,19 @@ def _require_different(targets: Sequence[Path]) -> None:
             )
 
 
-def _require_no_null_character(target: Path, *names: str) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if a null character is part of the path
-    ``target``, or of one of the ``names`` of files to be written there.
+def _require_no_null_character(*paths: StrPath) -> None:
+    """Raise :class:`~granphon.base.errors.OutputError` if a null character is part of one of the
+    ``paths``, or names of files, which are to be written.
     """
-    if any("\0" in text for text in (str(target), *names)):
-        raise OutputError(
-            f"{str(target)!r} cannot be written: a null character is part of the name"
-        )
+    for path in map(str, paths):
+        if "\0" in path:
+            raise OutputError(f"{path!r} cannot be written: a null character is part of the name")
 
 
 def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder, or has a null
-    character, or is a file of another kind than the one that begins with ``new_head``. With
-    ``replace`` true a file of any kind passes.
+    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder or, unless it may
+    ``replace`` any file, a file of another kind than the one that begins with ``new_head``.
     """
-    _require_no_null_character(target)
     if target.is_dir():
         raise OutputError(f"{target} is a folder", "A file of that name is to be written")
     if replace or not os.path.lexists(target):

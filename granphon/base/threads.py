@@ -25,7 +25,7 @@ Result = TypeVar("Result")
 #: why a worker process ends before its work is done
 LOST_WORKER = "It was killed, or ran out of memory"
 #: signals with which a terminal or a batch system stops this process
-_STOPS = (signal.SIGINT, signal.SIGTERM)
+_STOPS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)
 
 
 def count_processors() -> int:

@@ -120,8 +120,8 @@ class BlochWaves(NamedTuple):
         return np.asarray(np.linalg.solve(basis.T, image_of_basis.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
-        """Return the amplitudes (running, ...) of the running waves of which, with those that
-        decay, a ``motion`` (n, ...) of a block is made.
+        """Return the amplitudes (running, ...) of the running waves in a ``motion`` (n, ...) of a
+        block, which is a sum of running waves and of waves that decay.
         """
         basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
@@ -180,8 +180,8 @@ def find_bloch_waves(
         _require_passing_on(null_spaces, inner[n], scale)
         # a motion that decays infinitely fast is no wave, and one nearly so fast has no digits
         finite_waves = _choose_finite(inverse[n], null_spaces)
-        smallest = np.min(np.abs(inverse[n, finite_waves]), initial=1.0)
-        if smallest < _LEAST_INVERSE:
+        smallest_inverse = np.min(np.abs(inverse[n, finite_waves]), initial=1.0)
+        if smallest_inverse < _LEAST_INVERSE:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
         factors = _SHIFT + 1.0 / inverse[n, finite_waves]
         motions = vectors[n][:size, finite_waves]
@@ -206,13 +206,13 @@ def _list_steps(
     """
     reach = inner.shape[-1] // layer_size
     # all layers are equal, so D_s is read from the rows or columns of the first layer of a block
-    first = slice(0, layer_size)
+    first_layer = slice(0, layer_size)
     other_layers = [slice(s * layer_size, (s + 1) * layer_size) for s in range(1, reach)]
-    steps = [down[:, first, first]]
-    steps += [inner[:, other, first] for other in reversed(other_layers)]
-    steps += [inner[:, first, first] - w[:, None, None] * np.eye(layer_size)]
-    steps += [inner[:, first, other] for other in other_layers]
-    steps += [up[:, first, first]]
+    steps = [down[:, first_layer, first_layer]]
+    steps += [inner[:, other_layer, first_layer] for other_layer in reversed(other_layers)]
+    steps += [inner[:, first_layer, first_layer] - w[:, None, None] * np.eye(layer_size)]
+    steps += [inner[:, first_layer, other_layer] for other_layer in other_layers]
+    steps += [up[:, first_layer, first_layer]]
     return steps
 
 
@@ -302,8 +302,8 @@ def _sharpen_long_waves(
     long_waves = np.flatnonzero(is_running & is_long)
     # without loss of energy D_-s is the adjoint of D_s
     loss = max(
-        np.max(np.abs(coupling - opposite.conj().T))
-        for coupling, opposite in zip(couplings, couplings[::-1], strict=True)
+        np.max(np.abs(coupling - opposite_coupling.conj().T))
+        for coupling, opposite_coupling in zip(couplings, couplings[::-1], strict=True)
     )
     largest = np.max(np.abs(couplings[len(couplings) // 2]))
     if not long_waves.size or loss > NO_ENERGY * largest:
@@ -449,11 +449,11 @@ def _normalise_running(
     one lambda than a block has motions.
     """
     flux = np.zeros(len(factors))
-    ungrouped = running  # waves that belong to no group of one lambda yet
-    while ungrouped.size:
-        is_equal = np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _EQUAL_FACTORS
-        group = ungrouped[is_equal]
-        ungrouped = np.setdiff1d(ungrouped, group)
+    ungrouped_waves = running  # waves that belong to no group of one lambda yet
+    while ungrouped_waves.size:
+        is_equal = np.abs(factors[ungrouped_waves] - factors[ungrouped_waves[0]]) < _EQUAL_FACTORS
+        group = ungrouped_waves[is_equal]
+        ungrouped_waves = np.setdiff1d(ungrouped_waves, group)
         if group.size > len(vectors):
             raise PrecisionError(
                 _ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency"

@@ -45,7 +45,7 @@ DEGENERATE = 1e-9
 _EQUAL_SLOPES = 1e-9
 #: length of the step in q, 1/d, after which branches of one frequency and one slope are told apart
 _STEP_BESIDE = 1e-3
-#: a number is zero if it is at most this part of the largest that rounding could leave of
+#: size of a number, over that of the terms that cancel in it, up to which the number is rounding
 _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: relative error up to which the rotation of two balls about their middle leaves their contact
 #: undeformed
@@ -91,8 +91,9 @@ def _find_lengths(waves: WaveRows) -> Array:
 
 
 def _clear_rounding(rows: NDArray[Any], lengths: Array) -> NDArray[Any]:
-    """Return ``rows`` (kinds, n_c, n) with zero for entries that are rounding errors, given the
-    ``lengths`` (kinds, n_c, 1) of the rows before their ends cancelled.
+    """Return ``rows`` (kinds, n_c, n) with zero for entries that are rounding errors. Each entry is
+    compared with the length of its row before the two ends of the contact cancelled, ``lengths``
+    (kinds, n_c, 1).
     """
     return np.where(np.abs(rows) <= _ROUNDING * lengths, 0.0, rows)
 
@@ -236,13 +237,13 @@ class Block:
         """
         if not self.bent or self.n_rows < self.size:
             return False
-        displaced, _, half = self._tilted_factors
+        bend_part, _, half = self._tilted_factors
         even = self.deforming.even.reshape(self.n_rows, self.size)
         # gradients (m, bent, p), with respect to q at q = 0, of the deformations of tilted motions
-        by_displacement = displaced[:, :, None] * half[:, None]
+        by_displacement = bend_part[:, :, None] * half[:, None]
         by_rotation = np.einsum("mn,kna->mka", even, self.tilt)
         largest = np.max(np.abs(by_displacement + by_rotation))
-        return bool(largest <= _RIGID * np.max(np.abs(displaced)))
+        return bool(largest <= _RIGID * np.max(np.abs(bend_part)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), (k/M)^1/2, ascending, and eigenvectors (n_q, n, n), as
@@ -361,12 +362,12 @@ class Block:
         change_along = np.tensordot(along, change, 1)
         # modes of higher frequencies follow, and compensate the deformations in their span
         basis = np.linalg.qr(stiff_deformations)[0]
-        rigid = change - basis @ (basis.conj().T @ change)
-        rigid_along = change_along - basis @ (basis.conj().T @ change_along)
-        forms = rigid.conj().swapaxes(1, 2) @ rigid_along
+        resisted_change = change - basis @ (basis.conj().T @ change)
+        resisted_along = change_along - basis @ (basis.conj().T @ change_along)
+        forms = resisted_change.conj().swapaxes(1, 2) @ resisted_along
         # rows of zeros are added so that there are m singular values even if there are fewer rows
-        padded = np.pad(rigid_along, ((0, max(0, count - len(rigid_along))), (0, 0)))
-        _, speeds, turn = np.linalg.svd(padded, full_matrices=False)
+        padded_along = np.pad(resisted_along, ((0, max(0, count - len(resisted_along))), (0, 0)))
+        _, speeds, turn = np.linalg.svd(padded_along, full_matrices=False)
         return speeds[::-1], turn[::-1].conj().T, forms
 
     def _find_pressed_cones(
@@ -445,21 +446,21 @@ class Block:
         matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
-            steps = np.searchsorted(solved_points, points)
-            highest = squares[steps, branches.stop - 1]
-            lowest = squares[steps, branches.start]
+            numbers = np.searchsorted(solved_points, points)  # among the solved points
+            highest = squares[numbers, branches.stop - 1]
+            lowest = squares[numbers, branches.start]
             is_split = highest - lowest > DEGENERATE * highest
             if not np.any(is_split):
                 continue
             split_points = points[is_split]
-            split_steps = steps[is_split]
+            split_numbers = numbers[is_split]
             amplitudes = modes[split_points, :, branches]
             vectors = amplitudes
             if point.basis is not None:
                 vectors = point.basis[split_points] @ amplitudes
-            rows = rows_beside[split_steps]
+            rows = rows_beside[split_numbers]
             if self.pushing is not None:
-                rows = factorise(matrices[split_steps], self.slack)
+                rows = factorise(matrices[split_numbers], self.slack)
             modes_beside = lapack_svd(rows)[1][:, :, branches]
             # u vh is the unitary matrix that takes the vectors nearest to the modes beside
             u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ modes_beside)
@@ -494,10 +495,10 @@ class Block:
         basis, triangle = np.linalg.qr(motions)
         # a rigid rotation of two balls about the middle of their centres deforms no contact, so
         # sine and cosine do not cancel each other in the columns of tilted motions
-        displaced, rotated, half = self._tilted_factors
+        bend_part, turn_part, half = self._tilted_factors
         angle = q @ half.T
-        by_bending = bend(angle)[..., None] * displaced
-        by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", rotated, q)
+        by_bending = bend(angle)[..., None] * bend_part
+        by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turn_part, q)
         # the triangle turns the columns of the tilted motions into those of the first vectors of
         # the basis
         columns = (by_bending + by_turning) @ np.linalg.inv(triangle[:, :count, :count])
@@ -513,8 +514,8 @@ class Block:
     def _tilted_factors(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
         """What the columns of the tilted motions in C(q) are made of, at half angles h = q.half.
 
-        A column is displaced (sin h - h cos h) + (rotated.q) sin h, where ``displaced`` (m, bent)
-        and ``rotated`` (m, bent, p) are the first two of the arrays. The third is ``half``, the
+        A column is bend_part (sin h - h cos h) + (turn_part.q) sin h, where ``bend_part`` (m, bent)
+        and ``turn_part`` (m, bent, p) are the first two of the arrays. The third is ``half``, the
         half vectors (m, p) of the rows.
         """
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
@@ -591,11 +592,11 @@ class Block:
         """
         squares = self._measure_columns(q)
         if self.bent:
-            displaced, rotated, half = self._tilted_factors
+            bend_part, turn_part, half = self._tilted_factors
             angle = np.abs(q @ half.T)[..., None]
-            turned = np.abs(np.einsum("mka,qa->qmk", rotated, q))  # |rotated.q| of each row m
+            turns = np.abs(np.einsum("mka,qa->qmk", turn_part, q))  # |turn_part.q| of each row m
             # bounds of |sin h - h cos h|, which is of third order in h, and of |sin h|
-            tilted_sizes = np.minimum(angle, angle**3) * np.abs(displaced) + angle * turned
+            tilted_sizes = np.minimum(angle, angle**3) * np.abs(bend_part) + angle * turns
             tilted_squares = np.sum(tilted_sizes**2, axis=1)
             plain_squares = squares[:, self._order[len(self.bent) :]]
             squares = np.concatenate([tilted_squares, plain_squares], axis=1)
@@ -690,12 +691,12 @@ class _Slopes:
             slopes = block.pushing.compute_rows(point.q, derivative=True)
             self.row_sets.append((point.across, slopes, half))
         if point.basis is not None:
-            displaced, rotated, half = block._tilted_factors
+            bend_part, turn_part, half = block._tilted_factors
             angle = (point.q @ half.T)[..., None]
-            # derivative with respect to the half angle h, and that by q in (rotated.q)
-            by_angle = angle * np.sin(angle) * displaced
-            by_angle = by_angle + np.cos(angle) * np.einsum("mka,qa->qmk", rotated, point.q)
-            by_rotation = np.sin(angle)[:, None] * np.moveaxis(rotated, 2, 0)
+            # derivative with respect to the half angle h, and that by q in (turn_part.q)
+            by_angle = angle * np.sin(angle) * bend_part
+            by_angle = by_angle + np.cos(angle) * np.einsum("mka,qa->qmk", turn_part, point.q)
+            by_rotation = np.sin(angle)[:, None] * np.moveaxis(turn_part, 2, 0)
             #: gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
             self.tilted = half.T[:, :, None] * by_angle[:, None] + by_rotation
 
@@ -721,8 +722,8 @@ class _Slopes:
                     rows = rows[points]
                     slope = slope[points]
                 deformations = (rows @ vectors).conj().swapaxes(1, 2)
-                weighted = deformations * (along @ half.T)[:, None]
-                products = products + weighted @ (slope @ vectors)
+                weighted_deformations = deformations * (along @ half.T)[:, None]
+                products = products + weighted_deformations @ (slope @ vectors)
         return np.asarray(products + products.conj().swapaxes(-1, -2))
 
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:
@@ -824,10 +825,10 @@ def _find_runs(is_joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], sli
     ``is_joined`` (n, m - 1) says whether item j + 1 of a row belongs with item j.
     """
     count, width = is_joined.shape
-    padded = np.zeros((count, width + 2), np.int8)
-    padded[:, 1:-1] = is_joined
+    padded_joins = np.zeros((count, width + 2), np.int8)
+    padded_joins[:, 1:-1] = is_joined
     # 1 where a run begins, and -1 at its last item
-    edges = padded[:, 1:] - padded[:, :-1]
+    edges = padded_joins[:, 1:] - padded_joins[:, :-1]
     rows, start = np.nonzero(edges == 1)
     stop = np.nonzero(edges == -1)[1] + 1
     if not rows.size:

@@ -84,11 +84,11 @@ def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     # So the vectors whose bisecting planes bound the zone are no longer than the sum
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
-    squared = np.sum(vectors**2, axis=1)
+    squares = np.sum(vectors**2, axis=1)  # of their lengths
     projection = along @ vectors.T
-    is_ahead = projection > _ACROSS * np.sqrt(squared)
+    is_ahead = projection > _ACROSS * np.sqrt(squares)
     # the plane that bisects a reciprocal vector G is met at the distance |G|^2/(2 G.u)
-    distances = np.where(is_ahead, squared / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
+    distances = np.where(is_ahead, squares / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
     return np.min(distances, axis=-1)[()]  # of one direction a number
 
 
@@ -191,9 +191,9 @@ def _find_nearest_modes(
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         difference = np.abs(modes.frequencies - frequencies[:, None])
         slope_difference = np.abs(slopes - slopes[points, nearest][:, None])
-        steepest = np.max(np.abs(slopes), axis=1, keepdims=True)
+        steepest_slope = np.max(np.abs(slopes), axis=1, keepdims=True)
         is_coincident = difference <= DEGENERATE * frequencies[:, None]
-        is_coincident &= slope_difference <= DEGENERATE * steepest
+        is_coincident &= slope_difference <= DEGENERATE * steepest_slope
         counts = np.count_nonzero(is_coincident, axis=1)
         crossings = np.flatnonzero(counts > 1)  # points at which several branches coincide
         coincident_velocities = is_coincident[..., None] * modes.group_velocities
@@ -227,27 +227,29 @@ def _solve_wavenumbers(
     # the root at any scale
     q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
     omega, velocity = _find_nearest_modes(lattice, q, along, references)
-    unsettled = np.arange(q.size)  # numbers of the targets whose wavenumbers still change
+    unsettled_targets = np.arange(q.size)  # numbers of the targets whose wavenumbers still change
     for _ in range(_MOST_STEPS):
-        goal = target[unsettled]
-        guess = q[unsettled]
-        value = omega[unsettled]
-        high[unsettled] = np.where(value >= goal, guess, high[unsettled])
-        low[unsettled] = np.where(value <= goal, guess, low[unsettled])
-        slope = np.sum(velocity[unsettled] * along[unsettled], axis=1)
+        goal = target[unsettled_targets]
+        guess = q[unsettled_targets]
+        value = omega[unsettled_targets]
+        high[unsettled_targets] = np.where(value >= goal, guess, high[unsettled_targets])
+        low[unsettled_targets] = np.where(value <= goal, guess, low[unsettled_targets])
+        slope = np.sum(velocity[unsettled_targets] * along[unsettled_targets], axis=1)
         step = np.divide(value - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
         newton_q = guess - step
-        middle = 0.5 * (low[unsettled] + high[unsettled])
+        middle = 0.5 * (low[unsettled_targets] + high[unsettled_targets])
         # a step of Newton's method that leaves the bracket is replaced by bisection
-        is_inside = (newton_q >= low[unsettled]) & (newton_q <= high[unsettled])
-        q[unsettled] = np.where(is_inside, newton_q, middle)
-        omega[unsettled], velocity[unsettled] = _find_nearest_modes(
-            lattice, q[unsettled], along[unsettled], references[unsettled]
+        is_inside = (newton_q >= low[unsettled_targets]) & (newton_q <= high[unsettled_targets])
+        q[unsettled_targets] = np.where(is_inside, newton_q, middle)
+        omega[unsettled_targets], velocity[unsettled_targets] = _find_nearest_modes(
+            lattice, q[unsettled_targets], along[unsettled_targets], references[unsettled_targets]
         )
         # Newton's method converges quadratically: after a step as small as this only rounding is
         # left
-        unsettled = unsettled[np.abs(q[unsettled] - guess) > _STEP_TOLERANCE * guess]
-        if not unsettled.size:
+        unsettled_targets = unsettled_targets[
+            np.abs(q[unsettled_targets] - guess) > _STEP_TOLERANCE * guess
+        ]
+        if not unsettled_targets.size:
             break
     is_lost = np.abs(omega - target) > _FREQUENCY_TOLERANCE * target
     if np.any(is_lost):
@@ -487,8 +489,8 @@ def _find_maximum(
     while high - low > ROUNDED * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest_modes(lattice, points, along, references)
-        rises = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
-        first_fall = int(np.argmin(rises))
+        is_rising = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
+        first_fall = int(np.argmin(is_rising))
         edges = np.concatenate([[low], points, [high]])
         is_unchanged = (edges[first_fall], edges[first_fall + 1]) == (low, high)
         if is_unchanged:
@@ -503,8 +505,8 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
     the sum of their overlaps is the greatest. ``overlap`` (n, m, n_branches) is that of each branch
     with all columns.
     """
-    # where each branch has its largest overlap with another column, these columns are the best
-    # assignment
+    # where the largest overlaps of all branches are in different columns, these columns are the
+    # best assignment
     columns: NDArray[np.intp] = np.argmax(overlap, axis=2)
     all_differ = np.all(np.diff(np.sort(columns, axis=1), axis=1) > 0, axis=1)
     for row in np.flatnonzero(~all_differ).tolist():
@@ -520,8 +522,9 @@ def follow_acoustic_branches(
     """Return the acoustic branches along ``direction`` (p,), followed through crossings to their
     maxima, as a dictionary by the lattice's ``wave_names``.
 
-    Raises :class:`~granphon.base.errors.InputError` for another number of directions than one, and
-    what :meth:`ContactLattice.sound_velocities` raises.
+    Raises :class:`~granphon.base.errors.InputError` for another number of directions than one and
+    for a direction that is not finite or of length zero, and what
+    :meth:`ContactLattice.sound_velocities` raises.
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])

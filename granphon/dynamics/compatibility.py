@@ -357,8 +357,8 @@ class Compatibility:
 
     @cached_property
     def is_prestressed(self) -> bool:
-        """Whether static contact forces enter the stiffness, and D may have negative
-        eigenvalues.
+        """Whether static contact forces, or levers of slip that exceed the arms, enter the
+        stiffness, so that D may have negative eigenvalues.
         """
         return bool(np.any(self.prestress != 0.0) or self.lacks_potential)
 
@@ -436,12 +436,12 @@ class Compatibility:
             fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
         require_digits(fractions)
         copies = np.rint(fractions) @ self.reciprocal
-        near = q - copies
+        near_q = q - copies
         # at a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
-        is_rounding = np.linalg.norm(near, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
+        is_rounding = np.linalg.norm(near_q, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
         is_copy = np.any(copies != 0.0, axis=1)
-        near[is_rounding & is_copy] = 0.0
-        return near, copies
+        near_q[is_rounding & is_copy] = 0.0
+        return near_q, copies
 
     def name_wavevector(self, wavevector: Array) -> str:
         """Return the text of a ``wavevector`` (p,), 1/d, in fractions of the reciprocal vectors."""
@@ -536,10 +536,9 @@ class Compatibility:
     @cached_property
     def rows(self) -> list[Row]:
         """Rows of the deformations that contacts resist, as coefficients of the motions of their
-        two balls, u and w.
+        two balls, u and w; where the motions deform no contact, as out of the plane without
+        friction, one row of zeros.
         """
-        # where the motions deform no contact, as out of the plane without friction, there is one
-        # row, of zeros
         zeros = np.zeros((len(self.contacts), self.motions.count))
         return self.make_rows(self.motions) or [Row("elongation", 1.0, zeros, zeros)]
 
@@ -711,23 +710,24 @@ class Compatibility:
         except in contacts with bodies that do not move.
         """
         # displacements of balls, instead of mass-weighted motions
-        weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
+        displacements = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         # exactly equal for all balls, so that the centre of mass deforms no contact
-        weighted[:, 0] = 1.0 / np.sqrt(self.masses.sum())
-        motion = np.pad(weighted, ((0, 1), (0, 0)))  # the last row: bodies that do not move
+        displacements[:, 0] = 1.0 / np.sqrt(self.masses.sum())
+        motion = np.pad(displacements, ((0, 1), (0, 0)))  # the last row: bodies that do not move
         # axes: kinds, contacts, columns of the frame, motions of a ball
         shape = (len(rows), len(self.contacts), 1, self.motions.count)
         head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
         tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
         difference = root[:, :, None, None] * (head - tail)
         total = root[:, :, None, None] * (head + tail)
-        flat = (*root.shape, self.n_branches)
-        return difference.reshape(flat), total.reshape(flat)
+        flat_shape = (*root.shape, self.n_branches)
+        return difference.reshape(flat_shape), total.reshape(flat_shape)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
         roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. The rows are
-        real for one ball in the cell, unless its contacts have unequal arms or a fixed end.
+        real for one ball in the cell, unless a contact has unequal arms, or joins the ball to a
+        body that does not move.
         """
         # In a motion z exp(i q.r) a row is cos(half angle) times the difference of the effects of
         # its two ends, plus i sin(half angle) times their sum. Rotations and rows are divided by i.
@@ -834,11 +834,11 @@ class Compatibility:
         shift = table.shift + cells[table.i] - cells[table.j]
         # an image is straight if the table lists it from the image of ball j to that of ball i, and
         # not the other way round
-        listed = np.column_stack([table.i, table.j, table.shift]).tolist()
-        numbers = {tuple(key): contact for contact, key in enumerate(listed)}
-        straight = _look_up(numbers, i, j, shift)
-        is_straight = straight >= 0
-        images = np.where(is_straight, straight, _look_up(numbers, j, i, -shift))
+        contact_keys = np.column_stack([table.i, table.j, table.shift]).tolist()
+        numbers = {tuple(key): contact for contact, key in enumerate(contact_keys)}
+        straight_images = _look_up(numbers, i, j, shift)
+        is_straight = straight_images >= 0
+        images = np.where(is_straight, straight_images, _look_up(numbers, j, i, -shift))
         if np.any(images < 0) or np.any(images[images] != np.arange(len(table))):
             return None
         if self._have_equal_properties(images, is_straight):
@@ -908,17 +908,17 @@ class Compatibility:
         if self._images is None or np.array_equal(self._images[0], np.arange(n)):
             return self._frame
         image = self._images[0]
-        fixed = np.flatnonzero(image == np.arange(n))  # balls that are their own images
-        first = np.flatnonzero(image > np.arange(n))  # one ball of each pair
-        second = image[first]
+        self_images = np.flatnonzero(image == np.arange(n))  # balls that are their own images
+        first_balls = np.flatnonzero(image > np.arange(n))  # one ball of each pair of images
+        second_balls = image[first_balls]
         unit = np.eye(n)
-        sums = np.sqrt(0.5) * (unit[:, first] + unit[:, second])
-        even = np.concatenate([unit[:, fixed], sums], axis=1)
+        sums = np.sqrt(0.5) * (unit[:, first_balls] + unit[:, second_balls])
+        even = np.concatenate([unit[:, self_images], sums], axis=1)
         centre_of_mass = np.sqrt(self.masses / self.masses.sum())
-        n_even = n - len(first)
+        n_even = n - len(first_balls)
         frame = np.zeros((n, n), complex)
         frame[:, :n_even] = even @ self._complete(even.T @ centre_of_mass)
-        frame[:, n_even:] = 1j * np.sqrt(0.5) * (unit[:, first] - unit[:, second])
+        frame[:, n_even:] = 1j * np.sqrt(0.5) * (unit[:, first_balls] - unit[:, second_balls])
         return frame
 
     @cached_property

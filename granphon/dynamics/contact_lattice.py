@@ -223,20 +223,20 @@ class ContactLattice(LongWaves):
         contacts = _LatticeContacts.of(network)
         cell = contacts.turn(network.cell[contacts.periodic_axes])
         cell[:, len(cell) :] = 0.0  # rounding alone, as the periods lie along the first axes
-        moving = network.moving
+        is_moving = network.moving
         units = network.scales
         numbers = contacts.numbers
         normal_stiffness = network.normal_stiffness[numbers]
-        rotational = normal_stiffness * units.length**2
+        rotational_unit = normal_stiffness * units.length**2  # of torques over angles
         motions = allowed_motions(network.dimension)[network.motions]
         anchored_balls, springs = _find_springs(network, contacts.axes, motions)
 
-        def extend(values: Array, of_spring: float = 0.0) -> Array:
-            """Return ``values`` (n_c, ...) of contacts, followed by one value, ``of_spring``, for
-            each of the n_g springs to the ground, (n_c + n_g, ...).
+        def extend(values: Array, spring_value: float = 0.0) -> Array:
+            """Return ``values`` (n_c, ...) of contacts, followed by ``spring_value`` for each of
+            the n_g springs to the ground, (n_c + n_g, ...).
             """
             shape = (len(anchored_balls), *values.shape[1:])
-            return np.concatenate([values, np.full(shape, of_spring)])
+            return np.concatenate([values, np.full(shape, spring_value)])
 
         static_fields: dict[str, Any] = {}
         if network.prestress:
@@ -247,14 +247,14 @@ class ContactLattice(LongWaves):
             }
         return cls(
             cell / units.length,
-            contacts.turn(network.positions[moving]) / units.length,
-            _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(moving))),
+            contacts.turn(network.positions[is_moving]) / units.length,
+            _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(is_moving))),
             extend(network.shear_stiffness[numbers] / normal_stiffness),
             stiffness=extend(normal_stiffness / units.stiffness, 1.0),
-            masses=network.masses[moving] / units.mass,
-            gyration=find_gyration(network)[moving] / units.length,
-            torsion=extend(network.torsion_stiffness[numbers] / rotational),
-            bending=extend(network.bending_stiffness[numbers] / rotational),
+            masses=network.masses[is_moving] / units.mass,
+            gyration=find_gyration(network)[is_moving] / units.length,
+            torsion=extend(network.torsion_stiffness[numbers] / rotational_unit),
+            bending=extend(network.bending_stiffness[numbers] / rotational_unit),
             tangential_growth=extend(network.tangential_growth[numbers] * units.length),
             lever_excesses=np.array([extend(at_end) for at_end in contacts.find_excesses()]),
             slip_stretch=extend(network.slip_stretch[numbers]),
@@ -543,15 +543,15 @@ class ContactLattice(LongWaves):
             flat_squares = self._square_at_wavevector(q[0], head, tail, vectors[0])
             sums_by_kind = sum_kinds(rows, flat_squares)
             return {name: sums[None, : self.n_between] for name, sums in sums_by_kind.items()}
-        # one product for all wave vectors: the columns of `flat` are the modes at all of them. The
-        # deformation of a contact is head.x_j - exp(-2i h) tail.x_i, but for a phase
+        # one product for all wave vectors: the columns of `all_motions` are the modes at all of
+        # them. The deformation of a contact is head.x_j - exp(-2i h) tail.x_i, but for a phase
         half_angle = 0.5 * q @ self.contacts.vector[:, : self.periods].T
         phase = np.exp(1j * half_angle).T[None, :, :, None]  # kinds, n_c, n_q, m
         motions = np.moveaxis(vectors, 1, 0)
-        flat = motions.reshape(self.n_branches, -1)
+        all_motions = motions.reshape(self.n_branches, -1)
         shape = (len(rows), count, *motions.shape[1:])
-        deformations = (head @ flat).reshape(shape)
-        deformations -= phase.conj() ** 2 * (tail @ flat).reshape(shape)
+        deformations = (head @ all_motions).reshape(shape)
+        deformations -= phase.conj() ** 2 * (tail @ all_motions).reshape(shape)
         squares = (deformations.real**2 + deformations.imag**2).reshape(-1, *motions.shape[1:])
         by_kind = sum_kinds(rows, squares)
         return {name: sums[: self.n_between].swapaxes(0, 1) for name, sums in by_kind.items()}
@@ -634,8 +634,8 @@ class ContactLattice(LongWaves):
         displacement = motion[:, :, self.motions.translating]
         axes = list(self.motions.translations)
         # component along the direction of each ball i in each branch b: the sum over the axes a
-        parallel = np.einsum("qiab,qa->qib", displacement, direction_in_space[:, axes])
-        longitudinal = (np.abs(parallel) ** 2).sum(axis=1)
+        parallel_parts = np.einsum("qiab,qa->qib", displacement, direction_in_space[:, axes])
+        longitudinal = (np.abs(parallel_parts) ** 2).sum(axis=1)
         out_of_plane = np.zeros_like(rotation)
         if self.periods == 2 and 2 in axes:
             out_of_plane = kinetic[:, :, axes.index(2)].sum(axis=1)
@@ -690,22 +690,22 @@ class ContactLattice(LongWaves):
             first += block.size
         frequencies, vectors, velocities = _sort_branches(frequencies, vectors, velocities)
         # modes of zero frequency get the order of their frequencies beside the point
-        zeros = np.count_nonzero(frequencies == 0.0, axis=1)
-        for n in np.flatnonzero(zeros > self.free_branches).tolist():
-            order = np.argsort(velocities[n, : zeros[n]] @ along[n], kind="stable")
-            vectors[n, :, : zeros[n]] = vectors[n][:, order]
-            velocities[n, : zeros[n]] = velocities[n, order]
+        n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
+        for n in np.flatnonzero(n_zeros > self.free_branches).tolist():
+            order = np.argsort(velocities[n, : n_zeros[n]] @ along[n], kind="stable")
+            vectors[n, :, : n_zeros[n]] = vectors[n][:, order]
+            velocities[n, : n_zeros[n]] = velocities[n, order]
         return frequencies, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
         """Return the error of a lattice that buckles, which names the wave vector, among q
         (n_q, p), of the lowest squared frequency.
         """
-        squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
-        lowest = int(np.argmin(squared[:, 0]))
+        squares, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
+        lowest = int(np.argmin(squares[:, 0]))
         where = (
             f"a squared frequency at {self.name_wavevector(q[lowest])} is negative,"
-            f" {squared[lowest, 0]:.3g} k/M"
+            f" {squares[lowest, 0]:.3g} k/M"
         )
         motion = (self._to_balls @ vectors[lowest, :, 0]).reshape(self.n_balls, -1)
         return self.explain_buckling(where, motion[:, self.motions.translating].T)
@@ -860,11 +860,11 @@ class ContactLattice(LongWaves):
             "torsion": self.torsion,
             "bending": self.bending,
         }
-        missing = [name for name, ratio in stiffness.items() if not np.any(ratio)]
-        for count in range(1, len(missing) + 1):
+        missing_names = [name for name, ratio in stiffness.items() if not np.any(ratio)]
+        for count in range(1, len(missing_names) + 1):
             remedies = [
                 names
-                for names in itertools.combinations(missing, count)
+                for names in itertools.combinations(missing_names, count)
                 if stops(self._stiffen(names))
             ]
             if remedies:
@@ -1031,9 +1031,9 @@ class _LatticeContacts(NamedTuple):
         """Return ``vectors`` of all contacts of the network, from ball i to ball j, as vectors
         (n_c, d) from ball i to ball j of the lattice, along its axes.
         """
-        oriented = self.turn(vectors[self.numbers])
-        oriented[self.is_swapped] *= -1.0
-        return oriented
+        oriented_vectors = self.turn(vectors[self.numbers])
+        oriented_vectors[self.is_swapped] *= -1.0
+        return oriented_vectors
 
     def _order_ends(self, at_i: Array, at_j: Array) -> tuple[Array, Array]:
         """Return the values at balls i and at balls j of the lattice, (n_c,) each, from the values

@@ -130,22 +130,22 @@ class Losses:
     tsuji: Array
 
     @classmethod
-    def of(cls, network: ContactNetwork, given: GivenLosses = NO_LOSSES) -> Self:
-        """Return the losses of a ``network`` that a public call has ``given``.
+    def of(cls, network: ContactNetwork, given_losses: GivenLosses = NO_LOSSES) -> Self:
+        """Return the losses of a ``network``, from ``given_losses`` of a public call.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
         :data:`LARGEST_LOSSES`, for a restitution not between :data:`LEAST_RESTITUTION` and 1, and
         for arrays of another length.
         """
         count = network.n_contacts
-        collisions = require("restitution", _read_restitution, given.restitution)
+        collisions = require("restitution", _read_restitution, given_losses.restitution)
         mend = "Give a number, or one for each contact"
         return cls(
             network,
-            _read_pair("damping", given.damping, count),
-            _read_pair("loss_factor", given.loss_factor, count),
-            _read_pair("drag", given.drag, 1, "of displacements, of rotations")[:, 0],
-            _read_pair("dashpot", given.dashpot, count),
+            _read_pair("damping", given_losses.damping, count),
+            _read_pair("loss_factor", given_losses.loss_factor, count),
+            _read_pair("drag", given_losses.drag, 1, "of displacements, of rotations")[:, 0],
+            _read_pair("dashpot", given_losses.dashpot, count),
             find_tsuji(_broadcast("restitution", collisions, count, mend)),
         )
 
@@ -199,20 +199,22 @@ class Losses:
         """Return gamma (m,), 1/s, of the ``motions`` of a ball."""
         return np.asarray(np.where(motions.is_rotation, self.drag[1], self.drag[0]))
 
-    def find_warnings(self, highest: float) -> tuple[str, ...]:
-        """Return one sentence if at the ``highest`` frequency in use, Hz, the dashpots of
+    def find_warnings(self, highest_frequency: float) -> tuple[str, ...]:
+        """Return one sentence if at the ``highest_frequency`` in use, Hz, the dashpots of
         :attr:`damping` resist more than the springs; else an empty tuple.
 
         A damping is a time. If the product of the time and the angular frequency is above 1, the
         number may have been meant as a loss factor. For modes, give the highest frequency without
         losses: strong dashpots lower the frequency of a mode, down to zero.
         """
-        viscous = 2.0 * np.pi * highest * float(np.max(self.damping, initial=0.0))
-        if viscous <= 1.0:
+        longest_time = float(np.max(self.damping, initial=0.0))
+        # the force of the dashpot over that of the spring
+        ratio = 2.0 * np.pi * highest_frequency * longest_time
+        if ratio <= 1.0:
             return ()
         return (
-            f"at {highest:.4g} Hz dashpots resist {viscous:.3g} times as much as springs: the"
-            " damping is a time, in s, and no loss factor.",
+            f"at {highest_frequency:.4g} Hz dashpots resist {ratio:.3g} times as much as springs:"
+            " the damping is a time, in s, and no loss factor.",
         )
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
@@ -230,7 +232,7 @@ class Losses:
 
         Losses are even if eta and tau are the same in all deformations that contacts resist, and
         gamma in all motions. If contacts lose energy, there must also be no static forces and no
-        springs to the ground, which lose none.
+        springs to the ground, because these lose no energy.
         """
         if self.is_none:
             return 0.0, 0.0, 0.0
@@ -292,8 +294,10 @@ def _read_restitution(value: Any) -> NDArray[Any]:
     is_outside = (restitution < LEAST_RESTITUTION) | (restitution > 1.0)
     if np.any(is_outside):
         first_outside = restitution[is_outside][0]
-        allowed = f"the velocity after a collision over that before, {LEAST_RESTITUTION:g} to 1"
-        raise Refused(f"{first_outside:g}", allowed)
+        allowed_values = (
+            f"the velocity after a collision over that before, {LEAST_RESTITUTION:g} to 1"
+        )
+        raise Refused(f"{first_outside:g}", allowed_values)
     return restitution
 
 
@@ -356,8 +360,9 @@ class DampedModes(Result, array="frequencies"):
         """
         real = self.frequencies.real
         decay = 2.0 * self.frequencies.imag
-        infinite = np.full(real.shape, np.inf)
-        return np.asarray(np.divide(real, decay, out=infinite, where=decay > 0.0))
+        quality = np.full(real.shape, np.inf)
+        np.divide(real, decay, out=quality, where=decay > 0.0)
+        return quality
 
     @property
     def decay(self) -> Array:
@@ -376,15 +381,15 @@ def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0
     slower of its two rates is returned. The units of ``omega`` and ``time`` are inverse to each
     other, and ``drag`` has the unit of ``omega``.
     """
-    squared = omega**2 * (1.0 + 1j * loss_factor)
+    squared_omega = omega**2 * (1.0 + 1j * loss_factor)
     creep = 0.5 * (time * omega**2 + drag)
-    root = np.sqrt(squared - creep**2)
+    root = np.sqrt(squared_omega - creep**2)
     damped = 1j * creep + root
-    # the product of both solutions is -squared, which gives the slower rate without cancellation.
-    # With a loss factor both solutions have a real part, unless omega is zero
-    is_creeping = (squared.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
-    slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=is_creeping)
-    return np.asarray(np.where(is_creeping, slower, damped))
+    # the product of both solutions is -squared_omega, which gives the slower rate without
+    # cancellation. With a loss factor both solutions have a real part, unless omega is zero
+    is_creeping = (squared_omega.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
+    slower_rates = np.divide(-squared_omega, damped, out=np.zeros_like(damped), where=is_creeping)
+    return np.asarray(np.where(is_creeping, slower_rates, damped))
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
@@ -407,10 +412,10 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
     scale = np.where(scale > 0.0, scale, 1.0)
     # rates are up to G/scale in size, and those of modes that creep of the order scale/G
-    strongest = float(np.max(np.abs(viscous) / scale, initial=0.0))
-    if strongest > _STRONGEST:
+    largest_ratio = float(np.max(np.abs(viscous) / scale, initial=0.0))
+    if largest_ratio > _STRONGEST:
         raise PrecisionError(
-            f"dashpots or drag resist {strongest:.2g} times as much as springs at the highest"
+            f"dashpots or drag resist {largest_ratio:.2g} times as much as springs at the highest"
             " frequency",
             "The modes that creep would have no digit",
             "Give less damping, dashpot or drag",

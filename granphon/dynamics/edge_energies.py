@@ -5,8 +5,8 @@ motions of two neighbouring blocks are V S^n z, n from zero at the edge: the col
 motions that decay, S takes them to the next block, and the outer block decides which z is the wave.
 V and S come from a generalised Schur decomposition of the pencil that joins blocks. So V and S
 exist also where the outer block of a crystal without this edge would have the wave itself. Energies
-of all layers together are sums over n, found by doubling: with P = z z^H the sum of S^n P S^nH over
-2 m blocks is that over m, plus S^m times that over m times S^mH.
+of all layers together are sums over n, found by doubling: with P = z z^H the sum of S^n P (S^n)^H
+over 2 m blocks is that over m, plus S^m times that over m times (S^m)^H.
 """
 
 from __future__ import annotations
@@ -85,13 +85,13 @@ class EdgeEnergies:
         self.half_space = half_space
         cut = half_space.cut
         self.rows: list[Row] = network_unit_rows(cut)
-        moving = np.flatnonzero(cut.moving)
+        moving_balls = np.flatnonzero(cut.moving)
         #: (n,) the number of each ball of the cut among those that move; -1 of other balls
         self.ball_number: Index = np.full(cut.n_balls, -1)
-        self.ball_number[moving] = np.arange(moving.size)
+        self.ball_number[moving_balls] = np.arange(moving_balls.size)
         per_block = half_space.reach * half_space.per_layer
         # a body that does not move belongs to no block
-        block = np.where(self.ball_number < 0, moving.size, self.ball_number // per_block)
+        block = np.where(self.ball_number < 0, moving_balls.size, self.ball_number // per_block)
         #: (n_c,) the number, from the edge, of the outermost block that each contact of the cut
         #: joins
         self.outer_block: Index = np.minimum(block[cut.i], block[cut.j])
@@ -131,10 +131,10 @@ class EdgeEnergies:
         of_cut = []
         for number, size in enumerate(sizes.tolist()):
             members = np.flatnonzero(group == number)
-            at = point[members[0]]  # number of the wave vector of the group
+            q_number = point[members[0]]  # of the wave vector of the group
             w = float(np.mean(squares[members]))
-            waves = self._find_waves(outer[at], inner[at], hop[at], w, size)
-            energies_of_cut, energies_of_crystal = self._measure(waves, q[at])
+            waves = self._find_waves(outer[q_number], inner[q_number], hop[q_number], w, size)
+            energies_of_cut, energies_of_crystal = self._measure(waves, q[q_number])
             of_cut += [energies_of_cut] * size
             of_crystal += [energies_of_crystal] * size
         angular = frequencies * half_space.units.angular_frequency
@@ -156,18 +156,19 @@ class EdgeEnergies:
         first = decaying_motions[:size]
         # the outer block: (E_0 - w) u_0 + A u_1 = 0
         condition = np.hstack([outer - w * np.eye(size), hop]) @ decaying_motions
+        # the motions of the waves are the null vectors of the condition
         amplitudes = np.linalg.svd(condition)[2][size - count :].conj().T
         metric = amplitudes.conj().T @ _sum_blocks(first.conj().T @ first, step.conj().T)
         metric = metric @ amplitudes
         # in the basis of the inverse factor the energy of each wave is one
         scale = np.linalg.inv(np.linalg.cholesky(0.5 * (metric + metric.conj().T)))
         amplitudes = amplitudes @ scale.conj().T
-        in_blocks = [amplitudes]
+        amplitudes_in_blocks = [amplitudes]
         for _ in range(self._n_blocks - 1):
-            in_blocks.append(step @ in_blocks[-1])
+            amplitudes_in_blocks.append(step @ amplitudes_in_blocks[-1])
         root = _find_root(_sum_blocks(amplitudes @ amplitudes.conj().T, step) / count)
         return _EqualWaves(
-            outer_motions=np.array([first @ z for z in in_blocks]),
+            outer_motions=np.array([first @ z for z in amplitudes_in_blocks]),
             block_root=first @ root,
             pair_root=decaying_motions @ step @ root,
         )
@@ -304,6 +305,7 @@ class EdgeEnergies:
         numbers = 0
         for network in (self.half_space.network, self.half_space.cut):
             numbers += len(self.rows) * network.n_contacts
+            # at most one of the mass, the inertia and a spring to the ground for each motion
             numbers += 3 * network.n_balls * self.half_space.motions.count
         require_memory(
             f"derivatives of {count:,} frequencies",
@@ -335,9 +337,11 @@ def _find_decay(inner: Complex, hop: Complex, w: float) -> tuple[Complex, Comple
     return np.asarray(vectors[:, :size], complex), np.asarray(step, complex)
 
 
-def _sum_blocks(first: Complex, step: Complex) -> Complex:
-    """Return the sum over n from zero of S^n ``first`` S^nH, all (size, size), for a ``step`` S."""
-    total = first
+def _sum_blocks(matrix: Complex, step: Complex) -> Complex:
+    """Return the sum over n from zero of S^n P (S^n)^H, all (size, size), for a ``matrix`` P and a
+    ``step`` S.
+    """
+    total = matrix
     for _ in range(_MOST_DOUBLINGS):
         addition = step @ total @ step.conj().T
         total = total + addition

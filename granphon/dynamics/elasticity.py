@@ -157,13 +157,13 @@ def _maps_balls(turn: Array, cell: Array, balls: Array) -> bool:
     periods are not turned.
     """
     p = len(cell)
-    turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
-    for shift in balls - turned[0]:  # each shift maps the first ball onto a ball
-        offset = (turned + shift)[:, None] - balls
+    turned_balls = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
+    for shift in balls - turned_balls[0]:  # each shift maps the first ball onto a ball
+        offset = (turned_balls + shift)[:, None] - balls
         steps = offset[..., :p] @ np.linalg.inv(cell)
         offset[..., :p] = (steps - np.rint(steps)) @ cell
-        nearest = np.min(np.linalg.norm(offset, axis=-1), axis=1)
-        if np.all(nearest < _TOLERANCE):
+        nearest_distances = np.min(np.linalg.norm(offset, axis=-1), axis=1)
+        if np.all(nearest_distances < _TOLERANCE):
             return True
     return False
 
@@ -233,8 +233,10 @@ def shears(tensor: Array) -> Array:
     if c.shape[-1] == 3:
         return np.stack([xx_less_yy, c[..., 2, 2]], axis=-1)
     # the strain s = 2zz - xx - yy has s.s = 6, and its shear modulus is s C s/(2 s.s)
-    uncoupled = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
-    along_z = uncoupled - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
+    without_z_coupling = (
+        c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]
+    ) / 12.0
+    along_z = without_z_coupling - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
     return np.stack([along_z, xx_less_yy, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
 
 
@@ -366,20 +368,20 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     return vectors * np.where(deciding_component < 0.0, -1.0, 1.0)[..., None, :]
 
 
-def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
-    """Return two unit vectors (n, 3) perpendicular to each other and to ``third`` (n, 3), of which
+def _choose_pair(along: Array, third_vector: Array) -> tuple[Array, Array]:
+    """Return two unit vectors (n, 3) perpendicular to each other and to ``third_vector`` (n, 3);
     the first is as near to the direction ``along`` (n, 3) as can be.
 
     Where the direction is parallel to the third vector, the first is as near as can be to the axis
     x, y or z that is farthest from the third.
     """
-    part_of_direction = along - np.sum(along * third, axis=-1, keepdims=True) * third
-    axis = np.eye(3)[np.argmin(np.round(np.abs(third), _DIGITS), axis=-1)]
-    part_of_axis = axis - np.sum(axis * third, axis=-1, keepdims=True) * third
+    part_of_direction = along - np.sum(along * third_vector, axis=-1, keepdims=True) * third_vector
+    axis = np.eye(3)[np.argmin(np.round(np.abs(third_vector), _DIGITS), axis=-1)]
+    part_of_axis = axis - np.sum(axis * third_vector, axis=-1, keepdims=True) * third_vector
     has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _TIED_ALONG
     first = np.where(has_part, part_of_direction, part_of_axis)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return first, np.cross(third, first)
+    return first, np.cross(third_vector, first)
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
@@ -400,7 +402,8 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     periods = _PERIODS[tensor.shape[-1]]
     along = as_direction(direction, periods)
     pairs = voigt_pairs(periods)
-    # (..., p, n), the strain, over i |q|, of a wave with a unit displacement along each axis
+    # (..., p, v), in Voigt order: the strain, over i |q|, of a wave with a unit displacement along
+    # each axis
     strain = np.zeros((*along.shape, len(pairs)))
     for number, (a, b) in enumerate(pairs):
         strain[..., a, number] += along[..., b]

@@ -215,11 +215,11 @@ class Fronts:
         motions = np.where(self._is_aside[:, None], 0.0, forces)
         fronts = [front for front in self._fronts if front.eliminated.size]
         for front in fronts:
-            forward = solve_triangular(
+            forward_solution = solve_triangular(
                 front.lower, motions[front.eliminated], lower=True, check_finite=False
             )
-            motions[front.eliminated] = forward
-            motions[front.coupled] -= front.below @ forward
+            motions[front.eliminated] = forward_solution
+            motions[front.coupled] -= front.below @ forward_solution
         motions[self.aside] = 0.0
         for front in reversed(fronts):
             residual = motions[front.eliminated] - front.below.T @ motions[front.coupled]
@@ -269,19 +269,19 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     lower, order, rank = _factorise(matrix[:n_inner, :n_inner])
     with_pivot = order[:rank]
     soft = order[rank:]
-    later = np.concatenate([soft, np.arange(n_inner, motions.size)])
-    below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, with_pivot)]))
+    later_motions = np.concatenate([soft, np.arange(n_inner, motions.size)])
+    below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later_motions, with_pivot)]))
     complement = np.zeros((0, 0))
-    if later.size:
+    if later_motions.size:
         # Schur's complement of the eliminated motions
-        complement = matrix[np.ix_(later, later)] - below @ below.T
+        complement = matrix[np.ix_(later_motions, later_motions)] - below @ below.T
     n_outer = motions.size - n_inner
     coupling = np.max(np.abs(complement[: soft.size]), axis=1, initial=0.0)
     is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(n_outer, bool)])
     has_front_above = n_outer > 0
     if not has_front_above:
         is_passed[:] = False
-    coupled = motions[later]
+    coupled = motions[later_motions]
     remainder = _Remainder(
         motions=coupled[is_passed],
         matrix=complement[np.ix_(is_passed, is_passed)],

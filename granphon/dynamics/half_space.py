@@ -85,12 +85,13 @@ _NEWTON_TOLERANCE = 1e-8
 _ONE_POLE = 0.1 * _NEWTON_TOLERANCE
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
-#: part of the energy of such a motion in the top layer, at least
+#: least part of the kinetic energy of a motion at zero frequency, in the top layer, with which the
+#: motion is one of the edge
 _FREE_TOP_PART = 1e-3
 #: distance of two resonances, over the lesser half width, up to which both lead to one pole
 _SAME_POLE = 0.5
-#: motion of a factor of a wave, over what parts it from those of other waves, up to which it counts
-#: as the same wave
+#: change of the factor of a wave in a step, over its distance from the factors of other waves, up
+#: to which the wave counts as the same
 _MOST_MOVED = 0.25
 #: least step below the real axis, and step of a difference, over the half width
 _LEAST_STEP = 1e-4
@@ -177,14 +178,14 @@ class HalfSpace:
         self.per_layer = int(np.count_nonzero(network.moving))
         self.size = self.reach * self.per_layer * self.motions.count
         rows, stiffnesses = self._list_rows()
-        moving = cut.moving
+        is_moving = cut.moving
         # number of each ball among those that move; all that do not move share the next number
-        number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
+        number = np.where(is_moving, np.cumsum(is_moving) - 1, np.count_nonzero(is_moving))
         block = number // (self.reach * self.per_layer)
         # of each contact: the blocks of its two ends, numbered from the edge
         outer_block = np.minimum(block[cut.i], block[cut.j])
         inner_block = np.maximum(block[cut.i], block[cut.j])
-        joins_moving_balls = moving[cut.i] & moving[cut.j]
+        joins_moving_balls = is_moving[cut.i] & is_moving[cut.j]
         is_crossing = (outer_block == 0) & (inner_block == 1) & joins_moving_balls
         # contacts of the two outer blocks, which reach into a third
         contacts = np.flatnonzero(outer_block < 2)
@@ -213,13 +214,13 @@ class HalfSpace:
         stiffness = find_anchors(self.cut)
         if stiffness is None:
             return np.zeros(2 * self.size)
-        moving = self.cut.moving
-        masses = self.cut.masses[moving] / self.units.mass
-        springs = stiffness[moving, : self.motions.count] / self.units.stiffness
+        is_moving = self.cut.moving
+        masses = self.cut.masses[is_moving] / self.units.mass
+        springs = stiffness[is_moving, : self.motions.count] / self.units.stiffness
         return np.asarray((springs / masses[:, None]).ravel()[: 2 * self.size])
 
     def _count_reach(self) -> int:
-        """Return the number of layers that a contact reaches across, at most; raise
+        """Return the largest number of layers that a contact reaches across; raise
         :class:`~granphon.base.errors.InputError` if no contact joins layers.
         """
         network = self.network
@@ -346,11 +347,15 @@ class HalfSpace:
         rows = self._compute_rows(q)
         stiffness = self._stiffness
         if factors is not None:
-            elongation, other = factors
+            elongation_factor, other_factor = factors
             # static forces, which push, are not changed
-            factor_of_kind = {"elongation": elongation, "push": np.ones_like(elongation)}
+            factor_of_kind = {
+                "elongation": elongation_factor,
+                "push": np.ones_like(elongation_factor),
+            }
             factor_of_row = [
-                factor_of_kind.get(kind, other)[:, self._contacts] for kind in self._row_kinds
+                factor_of_kind.get(kind, other_factor)[:, self._contacts]
+                for kind in self._row_kinds
             ]
             stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
         whole = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._spring_squares)
@@ -448,11 +453,13 @@ class HalfSpace:
         size = outer.shape[1]
         top = outer.copy()
         middle = inner.copy()
-        stacked = np.concatenate([hop, hop.conj().swapaxes(1, 2)], axis=1)  # A on top of B
+        stacked_hops = np.concatenate([hop, hop.conj().swapaxes(1, 2)], axis=1)  # A on top of B
         numbers = np.arange(len(outer))  # of the w at which blocks are still coupled
         for _ in range(_MOST_DOUBLINGS):
-            side_by_side = np.concatenate([stacked[:, :size], stacked[:, size:]], axis=2)
-            products = stacked @ np.linalg.solve(shift[numbers] - middle[numbers], side_by_side)
+            side_by_side = np.concatenate([stacked_hops[:, :size], stacked_hops[:, size:]], axis=2)
+            products = stacked_hops @ np.linalg.solve(
+                shift[numbers] - middle[numbers], side_by_side
+            )
             down_and_up = products[:, :size, size:]  # A g B
             up_and_down = products[:, size:, :size]  # B g A
             top[numbers] += down_and_up
@@ -462,7 +469,7 @@ class HalfSpace:
             change = np.max(np.abs(down_and_up) + np.abs(up_and_down), axis=(1, 2))
             is_coupled = change > _COUPLING_TOLERANCE * self.highest
             numbers = numbers[is_coupled]
-            stacked = np.concatenate([next_down, next_up], axis=1)[is_coupled]
+            stacked_hops = np.concatenate([next_down, next_up], axis=1)[is_coupled]
             if not numbers.size:
                 break
         return top, middle
@@ -541,7 +548,7 @@ class HalfSpace:
             ends += intervals
         low, high = np.array(ends).reshape(-1, 2).T
         margin = _GAP_MARGIN * (high - low)
-        # motions that cost nothing are no waves
+        # an interval begins above zero, as motions that cost nothing are no waves
         low = np.maximum(low + margin, _FREE_IN_GAP * high)
         return np.array(points, np.intp), np.stack([low, high - margin])
 
@@ -655,10 +662,12 @@ class HalfSpace:
         is_in_band = (poles.real >= low) & (poles.real <= high)
         is_below_axis = poles.imag <= noise
         has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
-        leaky = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
-        leaky = leaky[self._sort_distinct(point[leaky], poles[leaky])]
-        squares = poles[leaky].real + 1j * np.minimum(poles[leaky].imag, 0.0)
-        return EdgeWaves(point[leaky], squares, resonances.weight[numbers[leaky]])
+        leaky_numbers = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
+        leaky_numbers = leaky_numbers[
+            self._sort_distinct(point[leaky_numbers], poles[leaky_numbers])
+        ]
+        squares = poles[leaky_numbers].real + 1j * np.minimum(poles[leaky_numbers].imag, 0.0)
+        return EdgeWaves(point[leaky_numbers], squares, resonances.weight[numbers[leaky_numbers]])
 
     def _find_narrow_resonances(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
@@ -732,8 +741,8 @@ class HalfSpace:
         """Return indices that sort w (n,) at each wave vector, of numbers ``point`` (n,), with one
         index for each set of equal w.
 
-        Two w are equal if they differ by no more than ``tolerance`` times the lesser half width,
-        and a part :data:`_ONE_POLE` of the highest w.
+        Two w are equal if they differ by no more than ``tolerance`` times the lesser half width
+        plus :data:`_ONE_POLE` times the highest w of the crystal.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
@@ -936,9 +945,10 @@ def _choose_side(
     """Return the waves (m, 2 size) of this edge among ``count`` waves on which M, ``matrix``, is
     zero.
 
-    ``motions_beyond`` and ``motions_on_top`` (size, 2 size) are the motions beyond the cut and on
-    top. A wave of this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on
-    top: the degenerate waves are turned into those whose share of the motion on top is one or zero.
+    ``motions_beyond`` and ``motions_on_top`` (size, 2 size) take a wave to its motions beyond the
+    cut and on top. A wave of this edge moves nothing beyond the cut, and a wave of the edge beyond
+    nothing on top: the degenerate waves are turned into those whose share of the motion on top is
+    one or zero.
     """
     eigenvalues, vectors = np.linalg.eigh(matrix)
     smallest = np.argsort(np.abs(eigenvalues))[:count]
@@ -974,8 +984,8 @@ def _find_complement(intervals: list[tuple[float, float]]) -> list[tuple[float, 
     bottoms = [0.0, *(high for _, high in intervals)]
     tops = [low for low, _ in intervals]
     # the last bottom, above all bands, has no top
-    between = zip(bottoms, tops, strict=False)
-    return [(bottom, top) for bottom, top in between if top - bottom > _LEAST_GAP * top]
+    pairs = zip(bottoms, tops, strict=False)
+    return [(bottom, top) for bottom, top in pairs if top - bottom > _LEAST_GAP * top]
 
 
 def _find_minima(evaluate: Callable[[Array], Array], start: Array, reach: float) -> Array:
@@ -1089,12 +1099,12 @@ class _EdgeBlocks(NamedTuple):
         blocks, ``vectors`` (2 size, size).
         """
         size = len(self.outer)
-        passed_on = self.hop @ vectors[size:] @ np.linalg.inv(vectors[:size])
-        return w * np.eye(size) - self.outer - passed_on
+        part_of_crystal = self.hop @ vectors[size:] @ np.linalg.inv(vectors[:size])
+        return w * np.eye(size) - self.outer - part_of_crystal
 
-    def continue_waves(self, w: complex, earlier: Complex | None = None) -> _Decay:
-        """Return the waves at w whose factors continue ``earlier`` ones (size,); without these, the
-        waves that decay fastest.
+    def continue_waves(self, w: complex, earlier_factors: Complex | None = None) -> _Decay:
+        """Return the waves at w whose factors continue ``earlier_factors`` (size,); without these,
+        the waves that decay fastest.
         """
         from scipy.linalg import ordqz
         from scipy.optimize import linear_sum_assignment
@@ -1104,13 +1114,13 @@ class _EdgeBlocks(NamedTuple):
 
         def choose(alpha: Any, beta: Any) -> Any:
             """Return which waves (2 size,), of factors alpha/beta, are chosen; keep their factors,
-            in the order of the ``earlier`` ones, and their distances from the other factors.
+            in the order of the ``earlier_factors``, and their distances from the other factors.
             """
             factors = np.full(2 * size, _FAR, complex)
             np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
             costs = np.tile(np.abs(factors), (size, 1))
-            if earlier is not None:
-                costs = np.abs(factors - earlier[:, None])
+            if earlier_factors is not None:
+                costs = np.abs(factors - earlier_factors[:, None])
             columns = linear_sum_assignment(costs)[1]
             is_chosen = np.isin(np.arange(2 * size), columns)
             distances = np.abs(factors[columns, None] - factors[~is_chosen])
@@ -1125,7 +1135,7 @@ class _EdgeBlocks(NamedTuple):
 
     def descend(self, begin: complex, end: complex, least_step: float) -> _Decay | None:
         """Return the waves that decay at ``begin``, above the real axis, continued straight down to
-        ``end``; None if steps longer than ``least_step`` lose them.
+        ``end``; None if a step shorter than ``least_step`` still loses them.
         """
         position = begin
         decay = self.continue_waves(position)
@@ -1168,8 +1178,8 @@ class _EdgeContinuum(NamedTuple):
         course = np.cos(angle)[..., None] * self.along + np.sin(angle)[..., None] * self.normal
         # the acoustic tensor c_ijkl n_j n_l of the course n
         acoustic = np.einsum("ijkl,...j,...l->...ik", self.tensor, course, course)
-        squared = np.linalg.eigvalsh(acoustic)[..., 0] / self.density
-        return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
+        squared_velocities = np.linalg.eigvalsh(acoustic)[..., 0] / self.density
+        return np.sqrt(np.maximum(squared_velocities, 0.0)) / np.cos(angle)
 
     def find_impedance(self, velocity: float) -> float:
         """Return the lowest eigenvalue, k d^(2-p), of the surface impedance of waves of a

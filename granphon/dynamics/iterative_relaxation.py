@@ -150,15 +150,16 @@ class IterativeRelaxation:
 
     @property
     def leaves_loose(self) -> bool:
-        """Whether several balls can move together at no cost, or at too little to be told from
-        none, but for shifts of all balls, what each ball can do alone, and small clusters.
+        """Whether several balls can move together at no cost, or at so little that the iteration
+        does not tell it from none. Left out are shifts of all balls, the motions of single balls
+        and those of small clusters.
         """
         return bool(self._first_loose.size)
 
     @property
     def loose(self) -> Array:
-        """(n_branches, k) all orthonormal motions of several balls that cost nothing, but for
-        shifts of all balls, what each ball can do alone, and small clusters.
+        """(n_branches, k) orthonormal basis of all motions of several balls that cost nothing. Left
+        out are shifts of all balls, the motions of single balls and those of small clusters.
 
         Raises :class:`~granphon.base.errors.InputError` if there are more than
         :data:`_MOST_LOOSE`, or if the iteration cannot tell a motion that costs little from one
@@ -166,19 +167,19 @@ class IterativeRelaxation:
         """
         loose, costs_little = self._search_result
         count = loose.shape[1] if self._are_few else self._loose_estimate
-        relaxed = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
+        method = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
         mend = "Leave out balls that carry no load: network.without_rattlers()"
         if costs_little:
             raise InputError(
                 "balls of the cell can move together at almost no cost",
-                f"{relaxed}, which does not tell such motions from those that cost nothing, and"
+                f"{method}, which does not tell such motions from those that cost nothing, and"
                 " stay behind in sound",
                 mend,
             )
         if count > _MOST_LOOSE:
             raise InputError(
                 f"balls of the cell can move together at no cost in some {count:.0f} ways",
-                f"{relaxed}, which finds {_MOST_LOOSE} at most: what stays behind in sound is not"
+                f"{method}, which finds {_MOST_LOOSE} at most: what stays behind in sound is not"
                 " known",
                 mend,
             )
@@ -215,8 +216,9 @@ class IterativeRelaxation:
 
     @property
     def _loose_estimate(self) -> float:
-        """Number of loose motions, estimated from what the first random motions leave: its squared
-        length is the sum of the squares of as many normal random numbers.
+        """Number of loose motions, estimated from the remainders of the first random motions: the
+        squared length of a remainder is a sum of squares of normal random numbers, one for each
+        loose motion.
         """
         return float(np.mean(np.sum(self._first_remainders**2, axis=0)))
 
@@ -254,8 +256,8 @@ class IterativeRelaxation:
         basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
         likely_motions = basis[:, sizes > _LEFT]
         _, costs, combinations = np.linalg.svd(self._rows @ likely_motions, full_matrices=False)
-        free = likely_motions @ combinations[costs <= self.accuracy * self._highest].T
-        return np.asarray(free), free.shape[1] < candidates.shape[1]
+        free_motions = likely_motions @ combinations[costs <= self.accuracy * self._highest].T
+        return np.asarray(free_motions), free_motions.shape[1] < candidates.shape[1]
 
     def _find_remainders(self, motions: Array, loose: Array) -> Array:
         """Return the remainders (n_branches, m) of ``motions`` (n_branches, m) without four parts:
@@ -278,9 +280,9 @@ class IterativeRelaxation:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
-        flat = deformations.reshape(len(deformations), -1)
-        relaxed = flat - self._rows @ self.find_motions(flat)
-        return np.asarray(relaxed).reshape(deformations.shape)
+        columns = deformations.reshape(len(deformations), -1)
+        relaxed_columns = columns - self._rows @ self.find_motions(columns)
+        return np.asarray(relaxed_columns).reshape(deformations.shape)
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
@@ -416,11 +418,12 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
         lines_of_cluster = (balls[:, None] * count + np.arange(count)).ravel()
         stiffness = matrix[lines_of_cluster][:, lines_of_cluster].toarray()
         energies, vectors = np.linalg.eigh(stiffness)
-        free = vectors[:, energies <= NO_ENERGY * highest]
-        numbers = n_motions + np.arange(free.shape[1])
-        n_motions += free.shape[1]
-        entries.append(free.ravel())
-        lines.append(np.repeat(lines_of_cluster, free.shape[1]))
+        free_motions = vectors[:, energies <= NO_ENERGY * highest]
+        n_free = free_motions.shape[1]
+        numbers = n_motions + np.arange(n_free)
+        n_motions += n_free
+        entries.append(free_motions.ravel())
+        lines.append(np.repeat(lines_of_cluster, n_free))
         columns.append(np.tile(numbers, lines_of_cluster.size))
     of_clusters = csc_array(
         (np.concatenate(entries), (np.concatenate(lines), np.concatenate(columns))),

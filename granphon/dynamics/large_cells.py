@@ -314,10 +314,10 @@ def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
     unit = eye_array(n, format="csc")
     self_images = np.flatnonzero(image == np.arange(n))
     first_balls = np.flatnonzero(image > np.arange(n))  # one of each pair of images
-    first = unit[:, first_balls]
-    second = unit[:, image[first_balls]]
-    even = root * (first + second)
-    odd = 1j * root * (first - second)
+    first_units = unit[:, first_balls]
+    second_units = unit[:, image[first_balls]]
+    even = root * (first_units + second_units)
+    odd = 1j * root * (first_units - second_units)
     frame_of_balls = hstack([unit[:, self_images], even, odd])
     return kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
 
@@ -351,8 +351,8 @@ def _find_low_space(matrix: Any, count: int, bound: float) -> NDArray[Any]:
     from scipy.sparse import eye_array
 
     shift = _SHIFT * bound
-    shifted = matrix + shift * eye_array(matrix.shape[0])
-    factors = factorise(shifted, symmetric=np.isrealobj(matrix.data))
+    shifted_matrix = matrix + shift * eye_array(matrix.shape[0])
+    factors = factorise(shifted_matrix, symmetric=np.isrealobj(matrix.data))
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
     basis: NDArray[Any] = np.linalg.qr(vectors)[0]
     return basis

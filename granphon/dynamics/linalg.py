@@ -96,9 +96,9 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
         return _decompose(matrices)
     _, vectors = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
     values, right, is_exact = _straighten(matrices @ vectors, vectors)
-    inexact = np.flatnonzero(~is_exact)
-    if inexact.size:
-        values[inexact], right[inexact] = _decompose(matrices[inexact])
+    inexact_numbers = np.flatnonzero(~is_exact)
+    if inexact_numbers.size:
+        values[inexact_numbers], right[inexact_numbers] = _decompose(matrices[inexact_numbers])
     return values, right
 
 
@@ -110,30 +110,32 @@ def graded_eigh(
     finds them from A.
 
     ``matrices`` (n_matrices, n, n) are Hermitian. ``factor`` returns A (k, m, n) of k of them. Up
-    to n = 3 it is called for all matrices, otherwise only for those where LAPACK's error may exceed
-    1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
+    to n = 3 ``factor`` is called for all matrices, otherwise only for those where LAPACK's error
+    may exceed 1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
     """
     if matrices.shape[2] <= _FEW_COLUMNS:
         return jacobi_svd(factor(matrices))
     squares, right = np.linalg.eigh(matrices)
     # a root has half the relative error of its square
     limit = 0.5 * _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
-    inexact = np.flatnonzero(squares[:, 0] <= limit * squares[:, -1])
+    inexact_numbers = np.flatnonzero(squares[:, 0] <= limit * squares[:, -1])
     values = np.sqrt(np.maximum(squares, 0.0))
-    if inexact.size:
-        values[inexact], right[inexact] = graded_svd(factor(matrices[inexact]))
+    if inexact_numbers.size:
+        values[inexact_numbers], right[inexact_numbers] = graded_svd(
+            factor(matrices[inexact_numbers])
+        )
     return values, right
 
 
 def _straighten(
-    turned: NDArray[Any], right: NDArray[Any]
+    turned_matrices: NDArray[Any], right: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
     """Return singular values and right singular vectors of matrices A, by a rotation of first order
     that makes the nearly orthogonal columns of A V orthogonal.
 
     Parameters
     ----------
-    turned : (n_matrices, m, n), A V.
+    turned_matrices : (n_matrices, m, n), A V.
     right : (n_matrices, n, n), V, unitary.
 
     Returns
@@ -142,7 +144,7 @@ def _straighten(
     right : (n_matrices, n, n), right singular vectors, in the order of the values.
     is_exact : (n_matrices,), whether the remaining error, of second order, is only rounding.
     """
-    products = turned.conj().swapaxes(1, 2) @ turned
+    products = turned_matrices.conj().swapaxes(1, 2) @ turned_matrices
     diagonal = np.einsum("qii->qi", products)  # a view
     squares = diagonal.real.copy()
     values = np.sqrt(squares)
@@ -186,22 +188,24 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     is_graded = np.zeros(len(matrices), bool)
     for number, lengths in zip(candidates.tolist(), sizes, strict=True):
         # a column of zeros has a singular value of exactly zero; only the others are judged
-        zeros = np.count_nonzero(lengths == 0.0)
-        values[number, :zeros] = 0.0
+        n_zeros = np.count_nonzero(lengths == 0.0)
+        values[number, :n_zeros] = 0.0
         lengths_above_zero = lengths[lengths > 0.0]
-        if not lengths_above_zero.size or values[number, zeros] > limit * values[number, -1]:
+        if not lengths_above_zero.size or values[number, n_zeros] > limit * values[number, -1]:
             continue
         is_graded[number] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
-    graded = np.flatnonzero(is_graded)
-    if graded.size:
+    graded_numbers = np.flatnonzero(is_graded)
+    if graded_numbers.size:
         # columns that are nearly orthogonal become orthogonal by a rotation of first order, or
         # where that does not suffice by plane rotations
-        turned, near_vectors = _precondition(matrices[graded])
-        values[graded], right[graded], is_exact = _straighten(turned, near_vectors)
+        turned_matrices, near_vectors = _precondition(matrices[graded_numbers])
+        values[graded_numbers], right[graded_numbers], is_exact = _straighten(
+            turned_matrices, near_vectors
+        )
         if not np.all(is_exact):
-            inexact = graded[~is_exact]
-            values[inexact], rotation = jacobi_svd(turned[~is_exact])
-            right[inexact] = near_vectors[~is_exact] @ rotation
+            inexact_numbers = graded_numbers[~is_exact]
+            values[inexact_numbers], rotation = jacobi_svd(turned_matrices[~is_exact])
+            right[inexact_numbers] = near_vectors[~is_exact] @ rotation
     return values, right
 
 
@@ -226,17 +230,17 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
     Returns
     -------
-    turned : (n_matrices, n, n), Q^H A V, with the singular values and right singular vectors of
-        A V.
+    turned_matrices : (n_matrices, n, n), Q^H A V, with the singular values and right singular
+        vectors of A V.
     right : (n_matrices, n, n), V, unitary.
     """
     size = np.max(np.abs(matrices), axis=1)
     order = np.argsort(-size, axis=1, kind="stable")
-    descending = np.take_along_axis(matrices, order[:, None], 2)
-    triangles = np.asarray(np.linalg.qr(_pad_rows(descending), mode="r"))
-    orthogonal, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
-    lower = upper.swapaxes(1, 2).conj()
-    block_vectors = np.zeros_like(orthogonal)
+    sorted_matrices = np.take_along_axis(matrices, order[:, None], 2)
+    triangles = np.asarray(np.linalg.qr(_pad_rows(sorted_matrices), mode="r"))
+    unitary_factor, upper_factor = np.linalg.qr(triangles.swapaxes(1, 2).conj())
+    lower_factor = upper_factor.swapaxes(1, 2).conj()
+    block_vectors = np.zeros_like(unitary_factor)
     blocks = _number_blocks(np.take_along_axis(size, order, 1))
     # matrices whose columns fall into the same blocks are decomposed together
     for numbers in np.unique(blocks, axis=0):
@@ -244,8 +248,8 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         for block in range(numbers[-1] + 1):
             columns = np.flatnonzero(numbers == block)
             diagonal = np.ix_(equal_blocks, columns, columns)
-            _, block_vectors[diagonal] = lapack_svd(lower[diagonal])
-    right = orthogonal @ block_vectors
+            _, block_vectors[diagonal] = lapack_svd(lower_factor[diagonal])
+    right = unitary_factor @ block_vectors
     # rows of V go back to the order that the columns of A had
     original_order = np.argsort(order, axis=1)[:, :, None]
     return triangles @ right, np.take_along_axis(right, original_order, 1)
@@ -270,8 +274,8 @@ def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
     """Return ``matrices`` (n_matrices, m, n) with rows of zeros added, if m is less than n, until
     there are n rows: a decomposition then has n singular values.
     """
-    lacking = max(0, matrices.shape[2] - matrices.shape[1])
-    return np.pad(matrices, ((0, 0), (0, lacking), (0, 0))) if lacking else matrices
+    n_lacking = max(0, matrices.shape[2] - matrices.shape[1])
+    return np.pad(matrices, ((0, 0), (0, n_lacking), (0, 0))) if n_lacking else matrices
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -449,8 +453,8 @@ def find_dependent(
     n = len(lengths)
     if is_independent(scaled):
         return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
-    padded = _pad_rows(scaled[None])[0]
-    range_basis, singular_values, adjoint = np.linalg.svd(padded, full_matrices=False)
+    padded_rows = _pad_rows(scaled[None])[0]
+    range_basis, singular_values, adjoint = np.linalg.svd(padded_rows, full_matrices=False)
     rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
     n_null = len(singular_values) - rank
     null_vectors, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
@@ -484,8 +488,8 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
 
 @contextmanager
 def lanczos_converges() -> Iterator[None]:
-    """Make a :class:`~granphon.base.errors.ConvergenceError` of an error of ARPACK within the
-    block: its iteration has ended without the modes.
+    """Raise :class:`~granphon.base.errors.ConvergenceError` in place of an error of ARPACK within
+    the block, which says that the iteration has ended without the modes.
     """
     from scipy.sparse.linalg import ArpackError
 

@@ -44,7 +44,7 @@ _ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}
 #: relative difference, by the number of periods, up to which two successive results agree; errors
 #: fall geometrically, so that the error of the finer result is far smaller
 _AGREEMENT = {2: 1e-9, 3: 1e-8}
-#: least value of 1 - u_1 that doubles hold to that relative accuracy
+#: least value of 1 - u_1 that double precision holds to the accuracy of :data:`_AGREEMENT`
 _LEAST_HELD = 1e-6
 #: number of entries of C(q) that are computed at a time, few enough for the cache
 _ENTRIES = 2**16
@@ -108,7 +108,8 @@ def paper_local_field(mindlin_ratio: float) -> LocalField:
     use at every ``mindlin_ratio`` eta; Xi follows from their equation (45).
 
     The two numbers do not satisfy their own definition (see the errata). They serve to reproduce
-    the curves of that paper. Raises :class:`~granphon.base.errors.InputError` if eta is below zero.
+    the curves of that paper. Raises :class:`~granphon.base.errors.InputError` if eta is below zero
+    or not finite.
     """
     eta = not_negative("mindlin_ratio", mindlin_ratio)
     alpha = 0.585405
@@ -284,9 +285,12 @@ class _Response:
             # the Fourier transforms (n_q, n_c, n_balls) of the tensions
             transforms = [np.exp(-1j * (q @ points.T)) @ contacts for points, contacts in kind]
             projections.append(adjoint @ np.stack(transforms, axis=2))
-        star = projections[0]
+        star_projection = projections[0]
         # t^H P t of the star with each kind: sums over the rank r and the balls b
-        sums = [np.einsum("qrb,qrb->q", kind.conj(), star).real for kind in projections]
+        sums = [
+            np.einsum("qrb,qrb->q", projection.conj(), star_projection).real
+            for projection in projections
+        ]
         return np.stack(sums, axis=1) / self._counts
 
     def _find_basis(self, q: Array) -> NDArray[Any]:
@@ -343,6 +347,6 @@ def _list_bridges(spokes: Array) -> Array:
     ``spokes`` (n, 2), d, are the vectors from the ball to its neighbours.
     """
     # from a neighbour the second neighbours at its two bridges lie at 60 degrees from the spoke
-    across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
-    sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
+    turned_spokes = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
+    sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * turned_spokes for sign in (1.0, -1.0)]
     return np.concatenate([spokes + 0.5 * side for side in sides])

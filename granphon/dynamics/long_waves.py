@@ -123,9 +123,11 @@ class LongWaves(Compatibility):
         """
         vector = self.contacts.vector[:, : self.periods]
         gradients = [strain_rows(row, vector, self.motions) for row in rows]
-        affine = root[..., None] * np.reshape(gradients, (*root.shape, self._n_gradients))
+        affine_deformations = root[..., None] * np.reshape(
+            gradients, (*root.shape, self._n_gradients)
+        )
         inner, _ = self._find_inner_ends(rows, root)
-        return affine.reshape(root.size, self._n_gradients), inner
+        return affine_deformations.reshape(root.size, self._n_gradients), inner
 
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
         """Return the difference and the sum, each (n_rows, n_inner), of the effects that inner
@@ -159,7 +161,7 @@ class LongWaves(Compatibility):
         Sparse matrices relax every motion that deforms contacts, by however little. Gears whose
         lever arms differ within overlaps deform contacts as they turn, but the same turn is free
         in the :attr:`_touching_lattice`, and is to stay behind; dense matrices leave it behind, and
-        so does iteration where the motions are given.
+        so does iteration to which the motions are given (:meth:`IterativeRelaxation.keep_back`).
         """
         touching = self._touching_lattice
         if touching is self or relaxation.keeps_back:
@@ -208,7 +210,7 @@ class LongWaves(Compatibility):
         """Return the relaxation by iteration of a large cell in space; None of any other.
 
         Cells whose factors would not fit into memory are iterated in any case: motions that cost
-        nothing in the :attr:`_touching_lattice`, as gears, then stay behind. Smaller cells are
+        nothing in the :attr:`_touching_lattice`, such as gears, then stay behind. Smaller cells are
         iterated only if no motion of several balls costs nothing, or nearly so: factors find such
         motions in less time. The arguments are those of :class:`IterativeRelaxation`.
         """
@@ -260,11 +262,11 @@ class LongWaves(Compatibility):
         i = table.i[is_joint]
         j = table.j[is_joint]
 
-        def count_sets(first: Index, second: Index, n_balls: int) -> int:
-            """Return the number of sets into which contacts of balls ``first`` (m,) and ``second``
-            (m,) join ``n_balls`` balls.
+        def count_sets(balls_i: Index, balls_j: Index, n_balls: int) -> int:
+            """Return the number of sets into which contacts between ``balls_i`` (m,) and
+            ``balls_j`` (m,) join ``n_balls`` balls.
             """
-            graph = coo_array((np.ones(len(first)), (first, second)), shape=(n_balls, n_balls))
+            graph = coo_array((np.ones(len(balls_i)), (balls_i, balls_j)), shape=(n_balls, n_balls))
             return int(connected_components(graph, directed=False)[0])
 
         n_sets = count_sets(i, j, count)
@@ -446,10 +448,10 @@ class LongWaves(Compatibility):
         rotation deforms no contact once the balls turn along, and its column is set to exactly
         zero.
         """
-        affine, _ = self._strain_rows
-        relaxed = self._relax(affine)
+        affine_deformations, _ = self._strain_rows
+        relaxed_rows = self._relax(affine_deformations)
         p = self.periods
-        return np.where(np.repeat(self._is_across, p), 0.0, relaxed)
+        return np.where(np.repeat(self._is_across, p), 0.0, relaxed_rows)
 
     @cached_property
     def _sound_rows(self) -> Array:
@@ -459,10 +461,10 @@ class LongWaves(Compatibility):
         The rounding of products of very long columns would keep plane rotations from making the
         columns orthogonal.
         """
-        relaxed = self._relaxed_rows
+        relaxed_rows = self._relaxed_rows
         if not self._uses_sparse_matrices:
-            return relaxed
-        return np.asarray(np.linalg.qr(relaxed, mode="r"))
+            return relaxed_rows
+        return np.asarray(np.linalg.qr(relaxed_rows, mode="r"))
 
     @property
     def _accuracy(self) -> float:
@@ -486,10 +488,10 @@ class LongWaves(Compatibility):
         in cells of one ball, and in cells of two that an inversion exchanges, as in hcp and
         diamond.
         """
-        relaxed = self._relaxed_rows
+        relaxed_rows = self._relaxed_rows
         is_turning = [row.kind in ("twist", "roll") for row in self.rows]
-        turning = np.abs(relaxed[np.repeat(is_turning, len(self.contacts))])
-        largest = np.max(np.abs(relaxed), initial=0.0)
+        turning = np.abs(relaxed_rows[np.repeat(is_turning, len(self.contacts))])
+        largest = np.max(np.abs(relaxed_rows), initial=0.0)
         return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
 
     @cached_property
@@ -657,8 +659,8 @@ class LongWaves(Compatibility):
         p = self.periods
         shape = (n_u, p, n_u, p)
         if prestress is None and not self.is_prestressed:
-            relaxed = self._relaxed_rows
-            return (relaxed.T @ relaxed).reshape(shape)
+            relaxed_rows = self._relaxed_rows
+            return (relaxed_rows.T @ relaxed_rows).reshape(shape)
         loads = None if prestress is None else _read_prestress(prestress)
         if loads is not None and loads.ndim and self._uses_sparse_matrices:
             # sparse factors belong to one load
@@ -783,8 +785,12 @@ class LongWaves(Compatibility):
         """Energy of the springs as three forms: of two gradients (m, m), of an inner motion and a
         gradient (n_inner, m), and of two inner motions (n_inner, n_inner), of m = n_u p gradients.
         """
-        affine, inner = self._strain_rows
-        return affine.T @ affine, inner.T @ affine, inner.T @ inner
+        affine_deformations, inner = self._strain_rows
+        return (
+            affine_deformations.T @ affine_deformations,
+            inner.T @ affine_deformations,
+            inner.T @ inner,
+        )
 
     @cached_property
     def _uniform_push_forms(self) -> tuple[Array, ...]:
@@ -801,9 +807,13 @@ class LongWaves(Compatibility):
         """Return three forms, as those of :attr:`_spring_forms`, of the energy of ``rows`` on which
         static forces act, each weighted by its ``load`` (kinds, n_c).
         """
-        affine, inner = self._deform_uniformly(rows, np.ones(load.shape))
+        affine_deformations, inner = self._deform_uniformly(rows, np.ones(load.shape))
         weight = load.reshape(-1, 1)
-        return affine.T @ (weight * affine), inner.T @ (weight * affine), inner.T @ (inner * weight)
+        return (
+            affine_deformations.T @ (weight * affine_deformations),
+            inner.T @ (weight * affine_deformations),
+            inner.T @ (inner * weight),
+        )
 
     # -- derivatives -------------------------------------------------------------------------------
 
@@ -829,16 +839,16 @@ class LongWaves(Compatibility):
         displacement gradient, in addition to their displacements by the gradient itself.
         """
         if not self.is_prestressed:
-            affine, inner = self._strain_rows
+            affine_deformations, inner = self._strain_rows
             if self._relaxation is not None:
-                return self._list_in_balls(-self._relaxation.find_motions(affine))
+                return self._list_in_balls(-self._relaxation.find_motions(affine_deformations))
             relaxing = self._find_relaxing()
             columns = inner @ relaxing
             # each column is divided by the length that it would have if nothing cancelled, so that
             # the rounding of small columns, such as those of gears, does not count
             size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
             scale = np.where(size > 0.0, size, 1.0)
-            amplitudes = np.linalg.lstsq(columns / scale, affine, rcond=_SOFT)[0]
+            amplitudes = np.linalg.lstsq(columns / scale, affine_deformations, rcond=_SOFT)[0]
             return self._list_in_balls(-relaxing @ (amplitudes / scale[:, None]))
         load, (*push_forms, _) = self._find_load(None)
         forms = self._combine_forms(load, push_forms)
@@ -853,11 +863,11 @@ class LongWaves(Compatibility):
         """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
         contacts under each displacement gradient, with the inner motions relaxed.
 
-        The deformations give the derivatives of :meth:`gradient_stiffness`. Its derivative with
-        respect to the stiffness of a contact is the product of the deformations of that contact
-        under both gradients: the inner motions make the energy least, so that their change does not
-        matter. Its derivative with respect to a force over the distance is minus the product of the
-        displacements across the contact.
+        The deformations give the derivatives of :meth:`gradient_stiffness`, the energy form of two
+        gradients. The derivative with respect to the stiffness of a contact is the product of the
+        deformations of that contact under both gradients: the inner motions make the energy least,
+        so that their change does not matter. The derivative with respect to a force over the
+        distance is minus the product of the displacements across the contact.
         """
         self.require_rigid()
         table = self.contacts
@@ -870,8 +880,8 @@ class LongWaves(Compatibility):
             # of each contact c under each gradient g: the sums over the motions a of its two balls
             relaxation = np.einsum("ca,cag->cg", row.head, motions[table.j])
             relaxation -= np.einsum("ca,cag->cg", row.tail, motions[table.i])
-            affine = strain_rows(row, vector, self.motions)
-            deformations.append(affine + relaxation.reshape(shape))
+            affine_deformations = strain_rows(row, vector, self.motions)
+            deformations.append(affine_deformations + relaxation.reshape(shape))
         stack = np.array(deformations)
         if self.lacks_potential:
             return rows, stack
@@ -966,8 +976,8 @@ class LongWaves(Compatibility):
         ``tensor`` is (..., n_u, n_u) for a direction ``along`` (p,), or (..., n, n_u, n_u) for n
         directions (n, p).
         """
-        squared, vectors = np.linalg.eigh(tensor)
-        worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
+        squares, vectors = np.linalg.eigh(tensor)  # squares are density times squared velocity
+        worst = np.unravel_index(np.argmin(squares[..., 0]), squares.shape[:-1])
         direction = along if along.ndim == 1 else along[worst[-1]]
         components = ", ".join(f"{component:.6g}" for component in direction)
         where = f"a squared sound velocity in direction ({components}) is negative"
@@ -1090,7 +1100,7 @@ class LongWaves(Compatibility):
             raise InputError(
                 f"the motions {self.motions.name!r} have no elastic moduli",
                 "The balls do not move along the lattice, as a strain moves them",
-                "Give motions along the periods, as 'in_plane'",
+                "Give motions along the periods, such as 'in_plane'",
             )
 
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
@@ -1169,20 +1179,22 @@ class LongWaves(Compatibility):
                 "Use gp.Phonons(...).onset()",
             )
         along = np.eye(self.periods)[0] if direction is None else direction
-        ahead = self.contacts.vector[:, : self.periods] @ one_direction(along, self.periods)
+        distance_ahead = self.contacts.vector[:, : self.periods] @ one_direction(
+            along, self.periods
+        )
         rows, root = self._weight_rows()
         difference, total = self._combine_ends(rows, root)
         # in the deformations of contacts the rotation is multiplied by the cosine of the half
         # angle, and the displacements by the sine
         turn = difference[..., self.motions.turning]
         shift = total[..., self.motions.translating]
-        squared = float(np.sum(turn**2))
+        square = float(np.sum(turn**2))
         # the square of the cosine falls by the square of the half angle
-        narrowing = float(np.sum(turn**2 * ahead[:, None] ** 2)) / 4.0
+        narrowing = float(np.sum(turn**2 * distance_ahead[:, None] ** 2)) / 4.0
         # coupling with the displacements, which lowers the branch at second order
-        coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
-        curvature = (narrowing - float(coupling @ coupling) / squared) / squared
-        return squared, curvature
+        coupling = 0.5 * np.sum(turn * shift * distance_ahead[:, None], axis=(0, 1))
+        curvature = (narrowing - float(coupling @ coupling) / square) / square
+        return square, curvature
 
 
 def _read_prestress(prestress: ArrayLike) -> Array:
@@ -1221,9 +1233,9 @@ def _find_null(matrix: Array, size: float = 0.0, soft: float = _SOFT) -> Array:
     largest one, or times ``size`` if that is larger.
     """
     # rows of zeros make n singular values also if there are fewer rows than columns
-    lacking = max(0, matrix.shape[1] - len(matrix))
-    padded = np.pad(matrix, ((0, lacking), (0, 0)))
-    _, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
+    n_lacking = max(0, matrix.shape[1] - len(matrix))
+    padded_matrix = np.pad(matrix, ((0, n_lacking), (0, 0)))
+    _, singular_values, right_vectors = np.linalg.svd(padded_matrix, full_matrices=False)
     is_null = singular_values <= soft * np.max(singular_values, initial=size)
     return np.asarray(right_vectors[is_null])
 
@@ -1238,8 +1250,8 @@ def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
     """
     scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
     # rows of zeros make n singular values also if there are fewer rows than columns
-    lacking = max(0, columns.shape[1] - len(columns))
-    padded = np.pad(columns / scale, ((0, lacking), (0, 0)))
-    basis, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
+    n_lacking = max(0, columns.shape[1] - len(columns))
+    padded_columns = np.pad(columns / scale, ((0, n_lacking), (0, 0)))
+    basis, singular_values, right_vectors = np.linalg.svd(padded_columns, full_matrices=False)
     is_free = singular_values <= _SOFT * np.max(singular_values, initial=0.0)
     return np.asarray(basis[: len(columns), ~is_free]), np.asarray(right_vectors[is_free].T), scale

@@ -64,9 +64,11 @@ _EQUAL = 1e-8
 
 def name_units(unit: str) -> dict[str, str]:
     """Return the units of the fields of :class:`Sensitivities` of results in ``unit``."""
-    return {
-        name: f"{unit}/{by}" if by.isalpha() else f"{unit}/({by})" for name, by in _UNITS.items()
-    }
+    units = {}
+    for name, parameter_unit in _UNITS.items():
+        divisor = parameter_unit if parameter_unit.isalpha() else f"({parameter_unit})"
+        units[name] = f"{unit}/{divisor}"
+    return units
 
 
 @result_class
@@ -290,7 +292,7 @@ def find_frequency_sensitivities(
     # from derivatives of omega^2 to those of f: 1/(8 pi^2 f); a frequency of zero has none
     slope = np.full(frequencies.shape, np.nan)
     np.divide(1.0, 8.0 * np.pi**2 * frequencies, out=slope, where=frequencies > 0.0)
-    squared = (2.0 * np.pi * frequencies)[..., None] ** 2
+    squared_omega = (2.0 * np.pi * frequencies)[..., None] ** 2
     fields: dict[str, Any] = dict.fromkeys(_UNITS)
     shape = (*frequencies.shape, network.n_contacts)
     for name, unit in list_contact_units(network, units).items():
@@ -308,8 +310,8 @@ def find_frequency_sensitivities(
     of_balls[..., place.balls, :] = energies.motions / list_inertias(network)[place.balls]
     on_site = slope[..., None, None] * of_balls
     fields["on_site"] = on_site
-    fields["mass"] = -squared * on_site[..., motions.translating].sum(axis=-1)
-    fields["inertia"] = -squared * on_site[..., motions.turning].sum(axis=-1)
+    fields["mass"] = -squared_omega * on_site[..., motions.translating].sum(axis=-1)
+    fields["inertia"] = -squared_omega * on_site[..., motions.turning].sum(axis=-1)
     return FrequencySensitivities(
         **fields,
         frequencies=frequencies,

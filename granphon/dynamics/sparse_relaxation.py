@@ -53,12 +53,12 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
         (table.j, [row.head for row in rows]),
         (table.i, [row.tail for row in rows]),
     ):
-        moving = np.flatnonzero(balls < n)  # contacts with a ball at this end that can move
+        contacts = np.flatnonzero(balls < n)  # those with a ball at this end that can move
         # entries (kinds, contacts, motions of a ball), with their rows and columns
-        effects = root[:, moving, None] * np.asarray(coefficients)[:, moving]
-        effects = effects / np.sqrt(lattice.masses[balls[moving]])[:, None]
-        line = (np.arange(len(rows))[:, None] * len(table) + moving)[..., None]
-        column = (balls[moving] * count)[:, None] + np.arange(count)
+        effects = root[:, contacts, None] * np.asarray(coefficients)[:, contacts]
+        effects = effects / np.sqrt(lattice.masses[balls[contacts]])[:, None]
+        line = (np.arange(len(rows))[:, None] * len(table) + contacts)[..., None]
+        column = (balls[contacts] * count)[:, None] + np.arange(count)
         lines = np.broadcast_to(line, effects.shape).ravel()
         columns = np.broadcast_to(column, effects.shape).ravel()
         shape = (len(rows) * len(table), lattice.n_branches)
@@ -202,8 +202,8 @@ class SparseRelaxation:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
-        relaxed, _ = self._relax(deformations)
-        return relaxed
+        remainder, _ = self._relax(deformations)
+        return remainder
 
     def find_motions(self, deformations: Array) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
@@ -217,18 +217,18 @@ class SparseRelaxation:
         (n_branches, m) that make the part that does not, in units of the scale of their columns; m
         is the number of columns of deformations.
         """
-        relaxed = deformations.reshape(len(deformations), -1)
-        motions = np.zeros((len(self._scale), relaxed.shape[1]))
+        remainder = deformations.reshape(len(deformations), -1)
+        motions = np.zeros((len(self._scale), remainder.shape[1]))
         with single_products():
             for _ in range(1 + _CORRECTIONS):
-                motion = self._fronts.solve(self._columns @ relaxed)
-                relaxed = relaxed - self._rows @ motion
+                motion = self._fronts.solve(self._columns @ remainder)
+                remainder = remainder - self._rows @ motion
                 motions += motion
         # motions that the factors have set aside, and that deform contacts, relax last
-        amplitudes = self._soft_deformations.T @ relaxed
-        relaxed = relaxed - self._soft_deformations @ amplitudes
+        amplitudes = self._soft_deformations.T @ remainder
+        remainder = remainder - self._soft_deformations @ amplitudes
         motions += self._soft_motions @ amplitudes
-        return relaxed.reshape(deformations.shape), motions
+        return remainder.reshape(deformations.shape), motions
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return the energy ``form`` (m, m) of m displacement gradients under static forces, less
@@ -239,8 +239,8 @@ class SparseRelaxation:
         :class:`~granphon.base.errors.InstabilityError` if an inner motion that a gradient moves has
         a negative energy.
         """
-        saved, _ = self._respond(form, mixed, block)
-        return np.asarray(form - saved)
+        saved_energy, _ = self._respond(form, mixed, block)
+        return np.asarray(form - saved_energy)
 
     def respond(self, form: Array, mixed: Array, block: Any) -> Array:
         """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
@@ -270,9 +270,9 @@ class SparseRelaxation:
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
             is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
-            unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
-            if unstable.size:
-                raise self._explain_buckling(block, motions[:, unstable[0]])
+            unstable_numbers = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
+            if unstable_numbers.size:
+                raise self._explain_buckling(block, motions[:, unstable_numbers[0]])
             # motions that cost nothing are left out. Static forces do not act on them; that
             # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest
@@ -299,10 +299,10 @@ class SparseRelaxation:
         """
         # each motion that the factors set aside, with all other motions as they follow it; each
         # correction takes away the forces that rounding has left on the others
-        set_aside = fronts.follow()
+        motions = fronts.follow()
         for _ in range(_CORRECTIONS):
-            set_aside -= fronts.solve(matrix @ set_aside)
-        basis = np.linalg.qr(set_aside / self._scale[:, None])[0]
+            motions -= fronts.solve(matrix @ motions)
+        basis = np.linalg.qr(motions / self._scale[:, None])[0]
         energy_form = basis.T @ (block @ basis)
         energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
         return energies, basis @ vectors

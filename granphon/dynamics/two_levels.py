@@ -98,7 +98,7 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     cells = -np.floor(coordinates[:, :p])
     coordinates[:, :p] += cells
     lengths = np.linalg.norm(axes, axis=1)
-    lows = np.where(np.arange(3) < p, 0.0, coordinates.min(axis=0))
+    lowest_coordinates = np.where(np.arange(3) < p, 0.0, coordinates.min(axis=0))
     # across the periods the balls fill the distance of the outermost centres and a diameter more
     extents = np.where(np.arange(3) < p, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
     dimension = int(np.count_nonzero(extents * lengths > 3.0 * frame.radius))
@@ -106,9 +106,9 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     side = _find_side(extents * lengths, n / balls_per_box)
     # numbers (3,) of boxes along the axes, and the indices (n, 3) of the box of each ball
     numbers = np.maximum(np.rint(extents * lengths / side), 1.0)
-    indices = np.floor((coordinates - lows) / extents * numbers)
+    indices = np.floor((coordinates - lowest_coordinates) / extents * numbers)
     indices = np.clip(indices, 0.0, numbers - 1.0)
-    middles = lows + (indices + 0.5) / numbers * extents
+    middles = lowest_coordinates + (indices + 0.5) / numbers * extents
     keys = np.ravel_multi_index(
         tuple(indices.astype(np.intp).T), tuple(int(number) for number in numbers)
     )
@@ -195,11 +195,13 @@ class TwoLevels:
         smoothing = self.ball_inverses @ (matrix @ boxes)
         self._boxes: Any = (boxes - (_SMOOTHING / _BOUND) * smoothing).tocsr()
         self._to_boxes: Any = self._boxes.conj().T.tocsr()
-        coarse = (self._to_boxes @ (matrix @ self._boxes)).tocsr()
+        box_matrix = (self._to_boxes @ (matrix @ self._boxes)).tocsr()
         shift = _SHIFT * float(np.max(matrix.diagonal().real))
-        shifted = coarse + shift * eye_array(coarse.shape[0])
-        self._is_complex = np.iscomplexobj(shifted.data)
-        self._factors = factorise(_make_real(shifted) if self._is_complex else shifted)
+        shifted_matrix = box_matrix + shift * eye_array(box_matrix.shape[0])
+        self._is_complex = np.iscomplexobj(shifted_matrix.data)
+        self._factors = factorise(
+            _make_real(shifted_matrix) if self._is_complex else shifted_matrix
+        )
 
     def __call__(self, residual: NDArray[Any]) -> NDArray[Any]:
         """Return the approximate inverse times the ``residual`` (n * count, m)."""
@@ -213,15 +215,15 @@ class TwoLevels:
         if not self._is_complex:
             return self._factors.solve(np.ascontiguousarray(right))
         solution = self._factors.solve(np.concatenate([right.real, right.imag]))
-        real, imaginary = np.split(solution, 2)
-        return np.asarray(real + 1.0j * imaginary)
+        real_part, imaginary_part = np.split(solution, 2)
+        return np.asarray(real_part + 1.0j * imaginary_part)
 
 
 def _make_real(matrix: Any) -> Any:
     """Return the real symmetric matrix (2 n, 2 n) that multiplies the real and the imaginary parts
     of a vector, one after the other, as a Hermitian ``matrix`` (n, n) multiplies the vector.
 
-    The solver of symmetric matrices takes it, but no Hermitian matrix.
+    The solver of symmetric matrices takes real matrices alone.
     """
     from scipy.sparse import block_array
 

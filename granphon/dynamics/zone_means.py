@@ -132,10 +132,10 @@ def _find_distinct_simplices(
     corners = itertools.product((0, 1), repeat=periods)
     simplices = itertools.product(corners, _list_operations(periods))
     # a dictionary without values, because a set would not keep the order
-    unassigned: dict[_Simplex, None] = dict.fromkeys(simplices)
-    distinct = []
-    while unassigned:
-        simplex = next(iter(unassigned))
+    unassigned_simplices: dict[_Simplex, None] = dict.fromkeys(simplices)
+    distinct_simplices = []
+    while unassigned_simplices:
+        simplex = next(iter(unassigned_simplices))
         corner, operation = simplex
         # a change of sign takes a corner, whose coordinates are 0 or 1/2, to an equivalent one
         images = {
@@ -143,9 +143,9 @@ def _find_distinct_simplices(
             for symmetry in symmetries
         }
         for image in images:
-            del unassigned[image]
-        distinct.append((simplex, len(images)))
-    return distinct
+            del unassigned_simplices[image]
+        distinct_simplices.append((simplex, len(images)))
+    return distinct_simplices
 
 
 def divide_zone(

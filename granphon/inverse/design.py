@@ -1,9 +1,10 @@
 """The design of a network: of all networks whose numbers are within bounds, the one that is best
 for a goal.
 
-A search (:mod:`granphon.inverse.search`) begins at the given network, others begin at random ones,
-and the best network that they meet is kept. For a goal that is a gap a certificate decides, the gap
-on a finer mesh: if the gap of the best search is closed there, that of the next best is taken.
+One search (:mod:`granphon.inverse.search`) begins at the given network, others begin at random
+ones, and the best network that any of them meets is kept. For a goal that is a gap a certificate
+decides, the gap on a finer mesh: if the gap of the best search is closed there, that of the next
+best is taken.
 """
 
 from __future__ import annotations

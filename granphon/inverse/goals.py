@@ -35,6 +35,7 @@ from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork
 from granphon.observables.velocities import sound_velocities
 from granphon.phonons.phonons import Phonons
+from granphon.phonons.zone_mesh import list_half_mesh
 from granphon.waves.modes import NetworkModes
 from granphon.waves.response import QUANTITIES
 from granphon.waves.waves import Waves
@@ -173,13 +174,10 @@ class WidestGap:
         return grid_numbers("mesh", self.mesh, 1, _MOST_POINTS, example, periods)
 
     def _find_frequencies(self, phonons: Phonons) -> tuple[Array, Array]:
-        """Return the wave vectors (n_q, p) of the mesh, in fractions of the reciprocal cell, and
-        the frequencies of all branches there, (n_q, n_b), Hz.
+        """Return the wave vectors (n_q, p) of half of the mesh, in fractions of the reciprocal
+        cell, and the frequencies of all branches there, (n_q, n_b), Hz.
         """
-        numbers = self._list_numbers(phonons.lattice.periods)
-        axes = [np.arange(number) / number for number in numbers]
-        axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(numbers))
+        points = list_half_mesh(self._list_numbers(phonons.lattice.periods))
         return points, phonons.frequencies(points)
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
@@ -222,8 +220,9 @@ class WidestGap:
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
     def tell_closed(self, width: float) -> str:
-        """Return words for the smooth ``width`` of a gap that is closed, Hz, zero where this width
-        is of the smoothing alone; "" for one that is open.
+        """Return words for a gap of the smooth ``width``, Hz, that is closed: its branches touch if
+        the width is so small that the smoothing alone makes it, or else overlap. The words are ""
+        for a gap that is open.
         """
         if self.smoothing is not None and abs(width) < _CLOSED * self.smoothing:
             return "zero, the branches touch"
@@ -351,7 +350,8 @@ class MatchFrequencies:
 
     def find_residuals(self, network: ContactNetwork) -> tuple[Array, dict[str, Any]]:
         """Return the misfits of the m frequencies over their errors, (m,), and their derivatives,
-        by name: (m, n_c) for contacts, (m, n) for balls.
+        by name: (m, n_c) for contacts, (m, n) for balls, and (m, n, motions) for springs to the
+        ground.
 
         Without ``sigma`` the errors are the measured frequencies. Raises InputError if ``shapes``
         are of other balls or motions, or if there are not as many frequencies as are measured.
@@ -454,7 +454,7 @@ class LowestVelocity:
 
     Parameters
     ----------
-    direction : (p,) Cartesian, as for :func:`granphon.sound_velocities`.
+    direction : (p,) Cartesian; its default is that of :func:`granphon.sound_velocities`.
     wave : number of the wave, from 0 for the slowest, in the ascending order of ``velocities``.
     """
 
@@ -569,9 +569,9 @@ def _smooth_largest(values: Array, t: float) -> tuple[float, Array]:
 def _add_slopes(slopes: dict[str, Any], sensitivities: Any, weights: Array) -> None:
     """Add the derivatives of a weighted sum of b results to ``slopes``, in place.
 
-    ``sensitivities`` are those of the results, whose axes may be several, as (1, b), ``weights``
-    (b,) are the weights, and ``slopes`` has the derivatives by name: (n_c,) for contacts, (n,) for
-    balls.
+    ``sensitivities`` are those of the results, which may have several axes, as (1, b). ``weights``
+    are (b,). ``slopes`` has the derivatives by name: (n_c,) for contacts, (n,) for balls, and
+    (n, motions) for springs to the ground.
     """
     n_axes = sensitivities.mass.ndim - 1  # of the results: the last axis of mass is that of balls
     for name in NAMES:

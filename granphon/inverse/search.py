@@ -134,6 +134,13 @@ def _read_goal(answer: Any) -> tuple[Array, Mapping[str, Any]]:
     return finite_array("the value of the goal", value), slopes
 
 
+def _require_one_number(value: Array) -> float:
+    """Return the ``value`` of a goal; InputError if it is an array of numbers."""
+    if np.ndim(value):
+        raise InputError(f"the value of the goal is {brief(value)}", mend="Return one number")
+    return float(value)
+
+
 #: networks by the values of variables
 Space = Numbers | Parameters
 
@@ -212,12 +219,9 @@ class Problem:
         """The value of the first goal at the given network, which for a gap is its smooth width;
         InputError unless it is one number.
         """
-        value, _slopes = _read_goal(
-            self.goals[0].evaluate(self.space.make_network(self.space.start))
-        )
-        if np.ndim(value):
-            raise InputError(f"the value of the goal is {brief(value)}", mend="Return one number")
-        return float(value)
+        network = self.space.make_network(self.space.start)
+        value, _slopes = _read_goal(self.goals[0].evaluate(network))
+        return _require_one_number(value)
 
     def judge_effects(self) -> list[str]:
         """Return a list with one sentence, which names the variables on which the goal does not
@@ -231,9 +235,7 @@ class Problem:
         goal = self.goals[0]
         with about("goal"):
             value, slope = space.differentiate(goal.evaluate, space.start)
-            if np.ndim(value):
-                fault = f"the value of the goal is {brief(value)}"
-                raise InputError(fault, mend="Return one number")
+            _require_one_number(value)
         sizes = np.abs(slope)
         with suppress(GranphonError):
             _value, slope = space.differentiate(goal.evaluate, self._draw_start(0))
@@ -241,8 +243,8 @@ class Problem:
         sizes = sizes * (space.high - space.low)
         largest_size = float(np.max(sizes))
         if not largest_size > 0.0:
-            first = ", ".join(space.labels[:_NAMED])
-            fault = f"the goal depends on none of the variables: {first}"
+            names = ", ".join(space.labels[:_NAMED])
+            fault = f"the goal depends on none of the variables: {names}"
             with about("vary"):
                 raise InputError(fault, mend="Vary others")
         numbers = np.flatnonzero(sizes <= _NO_EFFECT * largest_size)
@@ -271,8 +273,10 @@ class Problem:
 
     def _meet_sums(self, values: Array) -> Array:
         """Return the ``values`` (n,) of variables, SI, or, if these do not have the sums, values
-        within the bounds that have them. If a sum is too small, each of its values moves by the
-        same fraction of its distance to its greatest value; if too large, to its least value.
+        within the bounds that have them.
+
+        The values that add up to a sum move towards their greatest values if the sum is too small,
+        or else towards their least ones: each by the same fraction of its distance.
         """
         if self.keeps_sums(values):
             return values
@@ -314,6 +318,8 @@ class _Search:
 
     Attributes
     ----------
+    space, goal, sums : those that are given.
+    sign : -1 for a goal that is to be largest, 1 for any other.
     history : the goal's value at each evaluation.
     least : the least value so far; of a goal that is to be largest, the least of the negative.
     best : (n,) the variables with this value, SI.

@@ -182,6 +182,7 @@ def _compute_validity(state: Any) -> Validity:
     remedies = {} if state.n_samples else {"torsion": _MEND_OF_TORSION}
     for name, ratio in _find_limited_ratios(state).items():
         checks.append(check_limit(name, np.asarray(ratio), remedies.get(name, "")))
+    # each row begins with the place of the property in a packing, such as "material.density"
     for name, (attribute, *_) in BALL_LIMITS.items():
         property_of_balls = attrgetter(attribute)(state.packing)
         checks.append(check_limit(name, np.full(state.shape, property_of_balls)))
@@ -199,7 +200,7 @@ def _find_limited_ratios(state: Any) -> dict[str, Any]:
     ratios: dict[str, Any] = {"contact_radius": radius_ratio}
     # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
     load_over_stiffness = state.force / (material.young_modulus * d) / d
-    ratios["load"] = np.cbrt(np.sqrt(load_over_stiffness))
+    ratios["load"] = np.cbrt(np.sqrt(load_over_stiffness))  # the sixth root
     if not state.reference_lattice.mechanism:  # a mechanism has no sound
         ratios["velocity"] = _find_velocity_ratio(state)
     top_frequency = _find_top_frequency(state) * state.velocity_scale / d / (2.0 * np.pi)  # Hz

@@ -522,9 +522,9 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     modulus is the force over the strain, N; along two, such as a slab of any thickness, moduli are
     the force per length over the strain and one mean diameter, Pa.
 
-    With finite overlap these are the coefficients between Cauchy stress and strain under the static
-    pressure, for which equation (16) still holds. Under a static stress that is no pressure, as in
-    a network with ``prestress``, the tensor of these coefficients is not symmetric.
+    With finite overlap moduli are the coefficients between Cauchy stress and strain under the
+    static pressure, for which equation (16) still holds. Under a static stress that is no pressure,
+    as in a network with ``prestress``, the tensor of these coefficients is not symmetric.
 
     Raises
     ------
@@ -794,17 +794,19 @@ def _find_wavenumbers(
         rising = np.flatnonzero(~is_beyond)
         if rising.size:
             rising_targets = targets[b][:, rising]
-            # the number of the direction of each target
-            numbers = np.broadcast_to(rising, rising_targets.shape).ravel()
-            q, velocities = branches.find_wavenumber(wave, numbers, rising_targets.ravel())
+            # the direction of each target
+            direction_numbers = np.broadcast_to(rising, rising_targets.shape).ravel()
+            q, velocities = branches.find_wavenumber(
+                wave, direction_numbers, rising_targets.ravel()
+            )
             wavenumbers[b][:, rising] = q.reshape(rising_targets.shape)
             group_vectors[b][:, rising] = velocities.reshape(*rising_targets.shape, -1)
-        for number in np.flatnonzero(is_beyond).tolist():
-            target = targets[b, :, number]
-            branch = branches.take_branch(wave, number)
+        for n in np.flatnonzero(is_beyond).tolist():
+            target = targets[b, :, n]
+            branch = branches.take_branch(wave, n)
             if np.any(target > branch.top):
-                raise _explain_unreachable(branch, target, units[b, :, number])
-            wavenumbers[b, :, number], group_vectors[b, :, number] = branch.find_pulse(target)
+                raise _explain_unreachable(branch, target, units[b, :, n])
+            wavenumbers[b, :, n], group_vectors[b, :, n] = branch.find_pulse(target)
     return wavenumbers, group_vectors
 
 

@@ -67,7 +67,7 @@ from granphon.phonons.paths import (
     special_points,
 )
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms, place_in_space
-from granphon.phonons.zone_mesh import ZoneMesh, find_point_group
+from granphon.phonons.zone_mesh import ZoneMesh, find_point_group, list_half_mesh
 
 if TYPE_CHECKING:
     from granphon.dynamics.sensitivities import FrequencySensitivities, ModeEnergies
@@ -1011,9 +1011,9 @@ class Phonons:
         count = len(gaps.branches_below)
         branches = gaps.branches_below[:, None] + np.array([-1, 0])  # below and above each gap
         if not count:
-            none = np.zeros((0, 2))
+            no_edges = np.zeros((0, 2))
             motions = np.zeros((0, 2, self.lattice.n_balls, self.lattice.motions.count))
-            energies = ModeEnergies(none, none > 0.0, {}, motions)
+            energies = ModeEnergies(no_edges, no_edges > 0.0, {}, motions)
             return self._make_sensitivities(energies, np.zeros((0, 2, 3)))
         has_edge = branches >= 0
         points = gaps.points.reshape(-1, self._periods)
@@ -1120,11 +1120,8 @@ class Phonons:
         sought: those of a mesh of ``numbers`` (p,) in half of the zone, and the special points.
         """
         p = self._periods
-        axes = [np.arange(number) / number for number in numbers]
-        axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, p)
         points = [point[None, :p] for point in self.special_points.values()]
-        return np.concatenate([grid, *points])
+        return np.concatenate([list_half_mesh(numbers), *points])
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
@@ -1255,10 +1252,10 @@ def _require_slow_decay(hertz: Array, is_far: ArrayLike) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if ``is_far`` (n_f,), whether a wave
     decays too much to have digits, is true at some of the frequencies ``hertz`` (n_f,), Hz.
     """
-    far = np.asarray(is_far, bool)
-    if np.any(far):
+    refused = hertz[np.asarray(is_far, bool)]
+    if refused.size:
         raise PrecisionError(
-            f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_FACTOR:g} from"
+            f"at {float(refused[0]):g} Hz a wave decays by more than {1.0 / LEAST_FACTOR:g} from"
             " layer to layer",
             "Its wavenumber would have no digits",
             "Take lower frequencies",
@@ -1325,8 +1322,8 @@ def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Ar
     sums = np.empty((len(weights), len(omega)))
     for number, frequency in enumerate(omega):
         bell = np.exp(-0.5 * ((frequency - frequencies) / width) ** 2)
-        reflected = np.exp(-0.5 * ((frequency + frequencies) / width) ** 2)
-        sums[:, number] = np.sum(weights * (bell + reflected), axis=(1, 2))
+        mirror_image = np.exp(-0.5 * ((frequency + frequencies) / width) ** 2)
+        sums[:, number] = np.sum(weights * (bell + mirror_image), axis=(1, 2))
     return sums
 
 

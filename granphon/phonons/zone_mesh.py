@@ -39,6 +39,16 @@ _EQUAL = 1e-10
 _PROBE = np.array([0.1234, 0.2871, 0.3917])
 
 
+def list_half_mesh(numbers: tuple[int, ...]) -> Array:
+    """Return wave vectors (n_q, p), fractions of the reciprocal cell, of a mesh that contains Gamma
+    and has ``numbers`` (p,) of points along the axes. Of most points q and -q, which have the same
+    frequencies, one is left out: along the first axis the mesh ends at 1/2.
+    """
+    axes = [np.arange(number) / number for number in numbers]
+    axes[0] = axes[0][: numbers[0] // 2 + 1]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(numbers))
+
+
 class ZoneMesh(NamedTuple):
     """A mesh of wave vectors that contains Gamma, reduced by symmetry to irreducible points."""
 

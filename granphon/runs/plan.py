@@ -998,7 +998,7 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
     n_directions = structure.periods if packing.friction else 1  # in which a contact deforms
     spectrum = settings.spectrum
     pulse = settings.pulse
-    for force in costs.find_typical_force(packing, load).tolist():
+    for force in costs.estimate_contact_force(packing, load).tolist():
         # equal balls at the same mean force stand for those of the samples
         state = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         # Hz, a bound for differing balls too

@@ -547,22 +547,24 @@ def _list_numbers(run: Any, cost_classes: Sequence[CostClass]) -> dict[str, Any]
 
 
 def _summarise_states(run: Any) -> dict[str, Any]:
-    """Return the numbers of the states of a sweep by name: whether the states have finite overlap
-    (of each medium, where the media differ), the sizes of the dimensions, the number of states, the
-    media, the direction of sound, if it was given or if velocities depend on it, the least and the
-    greatest of each variable of :func:`list_told` and of its standard errors, and whether all
-    states are valid.
+    """Return the numbers of the states of a sweep by name: the sizes of the dimensions, the number
+    of states, the media, the direction of sound, if it was given or if velocities depend on it, the
+    least and the greatest of each variable of :func:`list_told` and of its standard errors, and
+    whether all states are valid.
+
+    "finite_overlap" is whether the states have finite overlap, "some" if not all of them have it;
+    where media differ in this, a list with one such value for each medium.
     """
     from granphon.runs.dataset import list_finite_overlap
 
     data = run.dataset
-    # for each medium, whether its states have finite overlap
-    of_media = ["some" if known is None else known for known in list_finite_overlap(data)]
+    # for each medium, whether all of its states have finite overlap, or none, or some
+    overlaps = ["some" if overlap is None else overlap for overlap in list_finite_overlap(data)]
     dims = [*data["valid"].dims]
     if "direction" in data.dims:
         dims.append("direction")
     numbers: dict[str, Any] = {
-        "finite_overlap": of_media if len(set(of_media)) > 1 else of_media[0],
+        "finite_overlap": overlaps if len(set(overlaps)) > 1 else overlaps[0],
         "sizes": {str(name): data.sizes[name] for name in dims},
         "states": data["valid"].size,
         "medium": data["medium"].values,
@@ -572,12 +574,12 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
         is_plane = data.sizes["voigt_row"] == 3
         numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
-    told = [name for name in list_told(run.scene.observe) if name in data]
-    for name in told:
+    told_names = [name for name in list_told(run.scene.observe) if name in data]
+    for name in told_names:
         if data[name].notnull().any():
             numbers[name] = [float(data[name].min()), float(data[name].max())]
     if run.scene.errors:
-        numbers |= _list_errors(data, told)
+        numbers |= _list_errors(data, told_names)
     return numbers | {"valid": bool(data["valid"].all())}
 
 

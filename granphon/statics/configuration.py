@@ -46,7 +46,7 @@ def list_shears(periods: int) -> Array:
     s = p (p + 1)/2 - 1 of any other. Their norms differ.
     """
     units = []
-    # as diag(1, -1, 0) and diag(1, 1, -2)
+    # in space diag(1, -1, 0) and diag(1, 1, -2)
     for axis in range(1, periods):
         diagonal = np.zeros(periods)
         diagonal[:axis] = 1.0
@@ -72,8 +72,9 @@ class AppliedLoad:
     stress : (p, p) stress of the cell, tension above zero; None of a cell whose strain, or whose
         mean force of contacts, is given.
     strain : (p, p) the given strain; zeros if the strain is free.
-    shears : whether a cell whose strain is given shears beside, until its stress is hydrostatic; in
-        the directions of the lattice alone, where shears keep the size of the cell.
+    shears : whether a cell whose strain is given shears in addition, until its stress is
+        hydrostatic. Only contacts that keep the directions of the lattice may have such a load:
+        the shears keep the size of the cell to first order alone.
     pressure_force : (n d + k,) the part of ``force``, N, that is proportional to the length or area
         of the cell.
     lift : why gravity lifts balls off what they stand on, and what mends that; None if it does not.
@@ -106,8 +107,8 @@ class AppliedLoad:
         return bool(np.any(self.strain))
 
     def scale(self, factor: float) -> AppliedLoad | None:
-        """Return the load with its stress or mean force times a ``factor``; None of a load of
-        forces on balls, or of a given strain.
+        """Return the load with its stress or mean force times a ``factor``; None if forces act on
+        balls or walls, or if a strain is given.
         """
         if np.any(self.force):
             return None
@@ -235,8 +236,8 @@ class Problem:
     @cached_property
     def free_axes(self) -> list[int]:
         """The axes along which all balls may move together with nothing that hinders or pushes
-        them; none if contacts turn and some join a ball to a body that is held or to a wall, as
-        such contacts push aside.
+        them. There are none if contacts turn and some join a ball to a held body or a wall that is
+        not flat, as such contacts push balls aside.
         """
         assembly = self.assembly
         if self.turns and not np.all(assembly.is_between_balls | assembly.is_flat):
@@ -249,22 +250,22 @@ class Problem:
         """
         if not self.free_axes:
             return motion
-        still = motion.copy()
+        without_drift = motion.copy()
         for axis in self.free_axes:
             balls = slice(axis, self.n_ball_unknowns, self.assembly.dimension)
-            still[balls] -= np.mean(still[balls])
-        return still
+            without_drift[balls] -= np.mean(without_drift[balls])
+        return without_drift
 
     def find_unit_losses(self, normal: Array) -> Array:
-        """Return what contacts along ``normal`` (n_c, 3) lose of their overlaps, m, over each
-        unknown of a strain, m: (n_c, s).
+        """Return the numbers (n_c, s): what contacts along ``normal`` (n_c, 3) lose of their
+        overlaps, m, over each unknown of a strain, m.
         """
         assembly = self.assembly
         losses = np.empty((len(self.unit_strains), assembly.n_contacts))
-        still = np.zeros((assembly.n_bodies, 3))
+        no_displacement = np.zeros((assembly.n_bodies, 3))
         ends = (assembly.i, assembly.j, assembly.vector)
         for unit_strain, loss in zip(self.unit_strains, losses, strict=True):
-            measure_losses(*ends, normal, still, unit_strain, loss)
+            measure_losses(*ends, normal, no_displacement, unit_strain, loss)
         return losses.T
 
     def measure_losses(
@@ -275,14 +276,14 @@ class Problem:
         that of the unknowns.
         """
         assembly = self.assembly
-        along = assembly.normal if normal is None else normal
-        whole = self.find_strain(x)
+        direction = assembly.normal if normal is None else normal
+        whole_strain = self.find_strain(x)
         if strain is not None:
-            whole = whole + strain
+            whole_strain = whole_strain + strain
         loss = np.empty(assembly.n_contacts)
         displacement = self.find_displacement(x)
         ends = (assembly.i, assembly.j, assembly.vector)
-        measure_losses(*ends, along, displacement, whole, loss)
+        measure_losses(*ends, direction, displacement, whole_strain, loss)
         return loss
 
     def make_losses(self) -> Any:
@@ -307,7 +308,7 @@ class Problem:
         n = assembly.n_balls
         d = assembly.dimension
         on_bodies = np.zeros((assembly.n_bodies, 3))
-        # the loop leaves out a virial without rows
+        # without unknown strains the virial is not needed, and the loop leaves out one without rows
         virial = np.zeros((3 if len(self.unit_strains) else 0, 3))
         ends = (assembly.i, assembly.j, assembly.vector)
         add_forces(*ends, normal, force, on_bodies, virial)

@@ -25,7 +25,7 @@ class Place(Protocol):
 
     @property
     def residual(self) -> float:
-        """The largest force left, over the size of forces that tolerances are of."""
+        """The largest force left, over the size of forces to which tolerances refer."""
 
 
 P = TypeVar("P", bound=Place)
@@ -39,29 +39,37 @@ class Trail(Generic[P]):
 
     Attributes
     ----------
-    best : least residual of all places; infinite at first.
-    stalled : number of places since a place had at most half of the least residual before it.
+    least_residual : least residual of all places; infinite at first.
+    n_stalled : number of places since a place had at most half of the least residual before it.
     nearest : the place that is kept; None at first.
     """
 
     def __init__(self, keeps_nearest: bool = True) -> None:
         self._keeps_nearest = keeps_nearest
-        self.best = math.inf
-        self.stalled = 0
+        self.least_residual = math.inf
+        self.n_stalled = 0
         self.nearest: P | None = None
 
     @property
-    def left(self) -> float:
+    def residual(self) -> float:
         """The residual of the place that is kept; infinite if there is none."""
         return math.inf if self.nearest is None else self.nearest.residual
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the last three places or more have not halved the least residual: what is left
+        then is rounding if the residual is small.
+        """
+        return self.n_stalled >= 3
 
     def add(self, place: P) -> None:
         """Enter the next ``place`` of the way."""
         residual = place.residual
-        self.stalled = self.stalled + 1 if residual > 0.5 * self.best else 0
-        if residual < self.best or not self._keeps_nearest:
+        has_halved = residual <= 0.5 * self.least_residual
+        self.n_stalled = 0 if has_halved else self.n_stalled + 1
+        if residual < self.least_residual or not self._keeps_nearest:
             self.nearest = place
-        self.best = min(self.best, residual)
+        self.least_residual = min(self.least_residual, residual)
 
 
 class Descent(ABC, Generic[P]):
@@ -117,7 +125,7 @@ class Descent(ABC, Generic[P]):
                 continue
             place = self._advance(place)
             self.steps += 1
-        if self.trail.left <= self.required:
+        if self.trail.residual <= self.required:
             return self._finish(self._nearest)
         raise self._explain_failure(place)
 
@@ -129,12 +137,12 @@ class Descent(ABC, Generic[P]):
 
     @property
     def _has_arrived(self) -> bool:
-        """Whether the balls are at rest, or near enough to it (``required``) after three steps that
-        have not halved the residual: these leave rounding.
+        """Whether the balls are at rest, or, where steps leave nothing but rounding
+        (:attr:`Trail.is_level`), near enough to it (``required``).
         """
         trail = self.trail
-        comes_no_nearer = trail.left <= self.required and trail.stalled > 2
-        return trail.left <= self.tolerance or comes_no_nearer
+        is_near_enough = trail.residual <= self.required and trail.is_level
+        return trail.residual <= self.tolerance or is_near_enough
 
     def _is_stuck(self, place: P) -> bool:
         """Return whether the way ends here without rest."""
@@ -160,9 +168,10 @@ class Descent(ABC, Generic[P]):
         return follow(way, options.slope if part is None else part, options.slopes)
 
     def _leave_saddle(self, place: P) -> P | None:
-        """Return a place below ``place``, which is at rest, if that is a saddle of the energy; None
-        at a minimum, and here, for contacts that keep their directions, whose energy has no
-        saddles.
+        """Return a place of less energy than ``place``, which is at rest, if ``place`` is a saddle
+        of the energy; None if it is a minimum.
+
+        Here the result is None: the energy of contacts that keep their directions has no saddles.
         """
         return None
 

@@ -26,7 +26,7 @@ def find_typical_force(problem: Problem) -> float:
     assembly = problem.assembly
     laws = assembly.laws
     stress = problem.load.stress
-    # of contacts that all have a force of one
+    # virial of contacts that all have a force of one
     virial = assembly.n_contacts * assembly.mean_distance
     if problem.load.mean_force is not None:
         return problem.load.mean_force
@@ -46,9 +46,9 @@ def find_typical_force(problem: Problem) -> float:
 
 
 def _find_bearing(problem: Problem) -> tuple[bool, str]:
-    """Return whether contacts can bear the load, and, if not, a sentence on the pressure from all
-    sides with which the contacts could; an empty text if there is no such pressure. A load counts
-    as borne unless it is proven to be too much.
+    """Return whether contacts can bear the load, and a sentence on the pressure from all sides with
+    which they could. The sentence is empty if they can, and if no such pressure is found. A load
+    counts as borne unless it is proven to be too much.
 
     A linear programme seeks forces of contacts that balance the load, none with more tension than
     its contact bears. A second one seeks the least pressure that makes such forces possible.
@@ -57,23 +57,23 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     from scipy.sparse import csr_array, hstack
 
     assembly = problem.assembly
-    # (size, n_c) matrix from forces of contacts to forces against which they press the unknowns
-    press = -problem.make_losses().T
+    # (size, n_c) matrix from forces of contacts to the forces of a load that they balance
+    balance = -problem.make_losses().T
     size = float(np.max(np.abs(problem.force), initial=0.0)) or 1.0
-    right = problem.force / size
-    least = -assembly.laws.tension / size
+    right_side = problem.force / size
+    least_forces = -assembly.laws.tension / size
 
     def search(columns: Any, cost: Array) -> Any:
         """Return the answer for forces of least ``cost`` whose ``columns`` add up to the load; the
         columns after those of the contacts belong to numbers that are zero or above.
         """
-        bounds = [(bound, None) for bound in least.tolist()]
-        bounds += [(0.0, None)] * (columns.shape[1] - len(least))
-        return linprog(cost, A_eq=columns, b_eq=right, bounds=bounds, method="highs")
+        bounds = [(bound, None) for bound in least_forces.tolist()]
+        bounds += [(0.0, None)] * (columns.shape[1] - len(least_forces))
+        return linprog(cost, A_eq=columns, b_eq=right_side, bounds=bounds, method="highs")
 
     # status 2: there are no such forces; another status: such forces are found, or the search has
     # failed
-    if search(press, np.zeros(press.shape[1])).status != 2:
+    if search(balance, np.zeros(balance.shape[1])).status != 2:
         return True, ""
     if not len(problem.unit_strains):
         return False, ""
@@ -83,9 +83,9 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     sides[problem.n_displacements :] = (
         problem.find_work(np.eye(assembly.periods)) / assembly.measure
     )
-    cost = np.zeros(press.shape[1] + 1)
+    cost = np.zeros(balance.shape[1] + 1)
     cost[-1] = 1.0
-    answer = search(hstack([press, csr_array(sides[:, None])]), cost)
+    answer = search(hstack([balance, csr_array(sides[:, None])]), cost)
     if not answer.success:
         return False, ""
     pressure = answer.x[-1] * size / assembly.measure
@@ -100,19 +100,20 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
 def explain(
     problem: Problem,
     options: RestOptions,
-    opened: bool = False,
+    is_open: bool = False,
     residual: float | None = None,
 ) -> InputError | ConvergenceError:
     """Return the error of a load that the assembly has not come to rest under.
 
-    The first reason that holds is named, by an InputError: contacts cannot bear the load, all are
-    open or bear nothing (``opened``), a law does not reach the forces, or stiffnesses or forces
-    differ too much. If none holds, a ConvergenceError says the ``residual``, the largest force left
-    on a ball, over the mean force; None if it is not known.
+    An InputError names the first reason that holds. The reasons are, in this order: contacts cannot
+    bear the load; all contacts are open or bear nothing, which the caller knows (``is_open``); a
+    law does not reach the forces; stiffnesses or forces differ too much. If none holds, a
+    ConvergenceError says the ``residual``, the largest force left on a ball over the mean force;
+    None if it is not known.
     """
     words = problem.load.words
     error = _explain_unborne(problem, options)
-    if error is None and opened:
+    if error is None and is_open:
         why = "The balls do not touch, or too few do to hold each other"
         what = f"contacts are open or bear nothing under {words}"
         error = InputError(what, why, "Press the balls")
@@ -168,8 +169,8 @@ def _explain_laws(problem: Problem, options: RestOptions) -> InputError | None:
         (f"the stiffnesses of {kinds}", stiffness, options.most_ratio_of_stiffnesses),
         ("the forces of the load (each as on a ball)", forces, options.most_ratio_of_forces),
     ):
-        present = values[values > 0.0]
-        ratio = float(np.max(values) / np.min(present)) if present.size else 0.0
+        positive = values[values > 0.0]
+        ratio = float(np.max(positive) / np.min(positive)) if positive.size else 0.0
         if ratio > most:
             what = (
                 f"the crystal has not come to rest under {words}, where {quantity} differ by a"

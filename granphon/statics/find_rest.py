@@ -4,8 +4,8 @@ Rest is the minimum of the energy of all contacts less the work of the load
 (:mod:`granphon.statics.configuration`). One flow leads there (:mod:`granphon.statics.descent`),
 with two flags: whether contacts turn, and whether the cell may change its shape. Where an array of
 one law is pressed evenly and contacts do not turn, no contact is spelled out. Some ways begin at
-another rest, which is found first: in exact directions at rest on the lattice, and under the least
-loads of a grid at rest under more load.
+another rest, which is found first. Ways in exact directions begin at rest on the lattice. Ways
+under the least loads of a grid begin at rest under more load.
 """
 
 from __future__ import annotations
@@ -55,13 +55,16 @@ def find_rest(
 
     Raises
     ------
-    InputError : contacts that push, or adhere, cannot bear the load, or are left open by it; the
-        load presses nothing; or stiffnesses or forces differ by more than rounding allows.
-    ConvergenceError : the search does not come to rest. ``reached`` is the state at the end of a
-        search on a grid in the directions of the lattice, and the nearest one of balls that differ
-        in exact directions, if there is one; None of others.
-    InstabilityError : there is no rest in exact directions near that on the lattice.
-    MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
+    InputError : contacts cannot bear the load, or are open under it; the load presses nothing; a
+        contact law does not reach the forces; or stiffnesses or forces differ by more than rounding
+        allows.
+    ConvergenceError : the search does not come to rest. Its ``reached`` is the last state of a
+        search on a grid in the directions of the lattice. In exact directions it is the nearest
+        state of balls that differ, or None if there is none. In all other searches it is None.
+    InstabilityError : balls that do not differ have no rest in exact directions near that on the
+        lattice.
+    MechanismError : balls differ in exact directions, and some of their motions cost no energy even
+        where all contacts are closed.
     """
     numbers = options or RestOptions()
     problem = Problem(assembly, load, geometry, boundary)
@@ -69,24 +72,28 @@ def find_rest(
     is_filled = assembly.differs or assembly.grid is not None
     is_pressed = load.acts or load.is_given or is_filled
     if not (is_pressed or find_typical_force(problem)):
-        return _rest_without_load(problem)
+        return _find_rest_without_load(problem)
     descent = _choose_descent(problem, numbers)
     if start is not None:
         return _descend(problem, descent, start, numbers)
-    first = _find_start(problem, descent, numbers)
-    rest = _descend(problem, descent, first, numbers)
-    if first is None:
+    first_rest = _find_start(problem, descent, numbers)
+    rest = _descend(problem, descent, first_rest, numbers)
+    if first_rest is None:
         return rest
     return replace(
-        rest, steps=rest.steps + first.steps, iterations=rest.iterations + first.iterations
+        rest,
+        steps=rest.steps + first_rest.steps,
+        iterations=rest.iterations + first_rest.iterations,
     )
 
 
 def _descend(
     problem: Problem, descent: Descent[Any], start: Rest | None, options: RestOptions
 ) -> Rest:
-    """Return the rest to which a ``descent`` leads from a ``start``, or in exact directions, where
-    the descent does not lead to rest, a detour.
+    """Return the rest to which a ``descent`` leads from a ``start``. If the descent does not lead
+    to rest in exact directions, the rest is that of a detour (:func:`_make_detour`).
+
+    Raises the ConvergenceError of the descent if there is no detour, or none leads to rest.
     """
     try:
         return descent.run(start)
@@ -103,15 +110,15 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
     """Return the rest at which the way of a ``descent`` begins, which is found here; None where the
     way begins at no other rest.
 
-    In exact directions this is the rest on the lattice, and where a descent needs more load the
-    rest under the largest of the ``detours`` times the load.
+    In exact directions this is the rest on the lattice. Where a descent needs more load, this is
+    the rest under the load times the largest of the ``detours``.
     """
     assembly = problem.assembly
     if problem.turns:
         on_lattice = Problem(assembly, problem.load, "lattice", problem.boundary)
-        # a rough rest of an array on the lattice serves, as rest in exact directions is farther
-        # from it than its error, but where loose balls depend on the start
-        is_rough = bool(assembly.grid)
+        # a rough rest of an array on the lattice serves: its error is less than its distance from
+        # rest in exact directions. Where the places of loose balls depend on it, it must be fine
+        is_rough = assembly.grid is not None
         if _is_even_grid(on_lattice):
             is_rough = not GridProblem(on_lattice).needs_fine_start(options)
         numbers = options.loosen() if is_rough else options
@@ -119,9 +126,8 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
     if not descent.needs_more_load:
         return None
     heavier = problem.load.scale(options.detours[-1])
-    assert heavier is not None
-    numbers = options.loosen()
-    return find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, numbers)
+    assert heavier is not None  # grids have no forces on balls, and no strain is given here
+    return find_rest(assembly, heavier, "lattice", problem.boundary, None, options.loosen())
 
 
 def _make_detour(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:
@@ -144,10 +150,10 @@ def _make_detour(problem: Problem, start: Rest, options: RestOptions) -> Rest | 
 
 
 def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | None:
-    """Return a load about ``factor`` times that of a problem; None of forces on balls.
+    """Return a load about ``factor`` times that of a problem; None if forces act on balls or walls.
 
-    To a given strain a strain that presses from all sides is added. With that, contacts whose force
-    is the size of the forces at ``rest`` would have ``factor`` times this force.
+    To a given strain a strain is added that presses from all sides. With the added strain, contacts
+    whose force is the size of the forces at ``rest`` would have ``factor`` times this force.
     """
     load = problem.load
     assembly = problem.assembly
@@ -156,9 +162,9 @@ def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | No
     laws = assembly.laws
     configuration = problem.start_at(find_unknowns(problem, rest))
     forces = np.full(laws.count, configuration.force_size)
-    change = float(np.mean(laws.overlap(factor * forces) - laws.overlap(forces)))
-    pressing = change / assembly.mean_distance * np.eye(assembly.periods)
-    return replace(load, strain=load.strain - pressing)
+    added_overlap = float(np.mean(laws.overlap(factor * forces) - laws.overlap(forces)))
+    contraction = added_overlap / assembly.mean_distance * np.eye(assembly.periods)
+    return replace(load, strain=load.strain - contraction)
 
 
 def _choose_descent(problem: Problem, options: RestOptions) -> Descent[Any]:
@@ -172,27 +178,30 @@ def _choose_descent(problem: Problem, options: RestOptions) -> Descent[Any]:
     return GridDescent(GridProblem(problem), options)
 
 
-def _rest_without_load(problem: Problem) -> Rest:
+def _find_rest_without_load(problem: Problem) -> Rest:
     """Return the rest of bonds at their sites, which need no load; raise :class:`InputError` if no
     contact has a stiffness there.
     """
-    untouched = problem.start_at(np.zeros(problem.size))
-    if np.any(untouched.stiffness > 0.0):
-        return Rest.of(untouched)
+    on_sites = problem.start_at(np.zeros(problem.size))
+    if np.any(on_sites.stiffness > 0.0):
+        return Rest.of(on_sites)
     words = problem.load.words
     raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
 
 
 def _is_even_grid(problem: Problem) -> bool:
-    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly: by a
-    strain, by a stress with a pressure, or by a mean force of contacts of one length, and without
-    forces on balls. Then no list of contacts need be made.
+    """Return whether the contacts of a ``problem`` are a grid, all have Hertz's law, and are
+    pressed evenly by the load. Then no list of contacts need be made.
+
+    A load presses evenly if no forces act on balls and it is a strain, a stress with a pressure, or
+    a mean force of contacts that all have one length.
     """
     assembly = problem.assembly
     load = problem.load
     if not (isinstance(assembly, GridAssembly) and isinstance(assembly.law, HertzLaw)):
         return False
-    presses = load.stress is None or float(np.trace(load.stress)) < 0.0
     distances = assembly.grid.distance
-    is_even = load.mean_force is None or float(np.ptp(distances)) <= ROUNDING * distances[0]
-    return presses and is_even and not np.any(load.force)
+    has_one_length = bool(np.ptp(distances) <= ROUNDING * distances[0])
+    if np.any(load.force) or (load.mean_force is not None and not has_one_length):
+        return False
+    return load.stress is None or float(np.trace(load.stress)) < 0.0

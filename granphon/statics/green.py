@@ -80,7 +80,7 @@ def _find_table(
     normals: tuple[float, ...],
 ) -> Values:
     """Return the table (f, f, waves) of :class:`GreenFunction`, for the waves of a real Fourier
-    transform. About ``batch`` matrices are inverted at a time, at least those of one index along
+    transform. At most ``batch`` matrices are inverted at a time, but always all of one index along
     the first axis.
 
     ``shape`` are the cells along each axis, and ``n_balls`` the balls of a cell. Of each kind of
@@ -89,17 +89,17 @@ def _find_table(
     arguments are hashable, as tables are kept.
     """
     d = len(shape)
-    fields = d * n_balls
+    n_fields = d * n_balls
     normal = np.reshape(normals, (-1, d))
     shift = np.reshape(shifts, (-1, d))
-    # where both balls of each contact are the same ball of the cell, phases come in pairs of
-    # opposite sign
+    # each contact joins the only ball of a cell to an image of it: with the same contact on the
+    # other side of the ball, phases come in pairs of opposite sign, whose sum is real
     is_real = n_balls == 1
     counts = (*shape[:-1], shape[-1] // 2 + 1)
     # a preconditioner needs few digits
     precision = np.float32 if is_real else np.complex64
-    table = np.zeros((fields, fields, *counts), precision)
-    translations = np.zeros((fields, fields))  # projection on translations of the whole array
+    table = np.zeros((n_fields, n_fields, *counts), precision)
+    translations = np.zeros((n_fields, n_fields))  # projection on translations of the whole array
     for axis in range(d):
         translations[axis::d, axis::d] = 1.0 / n_balls
     step = max(1, batch * counts[0] // math.prod(counts))
@@ -107,7 +107,7 @@ def _find_table(
         waves = [np.arange(count) for count in counts]
         waves[0] = waves[0][low : low + step]
         phases = list_phases(shape, waves)
-        matrix = np.zeros((*phases[0].shape, fields, fields), float if is_real else complex)
+        matrix = np.zeros((*phases[0].shape, n_fields, n_fields), float if is_real else complex)
         for i, j, cells, direction in zip(first, second, shift.tolist(), normal, strict=True):
             angle = sum(count * phase for count, phase in zip(cells, phases, strict=True))
             projection = np.outer(direction, direction)
@@ -128,7 +128,7 @@ def _find_table(
         if low == 0:
             inverse[(0,) * d] -= translations
         table[:, :, low : low + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
-    flat = table.reshape(fields, fields, -1)
+    flat = table.reshape(n_fields, n_fields, -1)
     flat.flags.writeable = False
     return flat
 

@@ -1,12 +1,12 @@
 """The way to rest of balls on a grid in the directions of the lattice, of which no contact is
 spelled out.
 
-Forces are found as what they have beyond y_+^(3/2), with the overlap y that the strain of the cell
-gives to all contacts of a kind: these common forces balance, and are not subtracted from each
-other. The problem is convex; where many contacts are open, an interior-point method
-(:mod:`granphon.statics.interior`) first goes near rest. Conjugate gradients solve the linear
-equations of each step, no more accurately than the step needs, in single precision as long as that
-serves; forces are found in double.
+Of each force only the excess over y_+^(3/2) is added up on balls, with the overlap y that the
+strain of the cell gives to all contacts of a kind. The common forces y_+^(3/2) balance, and need
+not be subtracted from each other. The problem is convex; where many contacts are open, an
+interior-point method (:mod:`granphon.statics.interior`) first goes near rest. Conjugate gradients
+solve the linear equations of each step, no more accurately than the step needs, in single precision
+as long as that serves; forces are found in double.
 """
 
 from __future__ import annotations
@@ -105,14 +105,20 @@ class GridPlace:
         return float(hertz.stiffness_of(np.sum(self._sums[:, 1]))) / self.excess.size
 
     @cached_property
+    def common_push(self) -> Array:
+        """(s,) forces left on the strains by the load and the common forces."""
+        problem = self.problem
+        return np.asarray(
+            problem.work + problem.grid.n_cells * self.common_force @ problem.strained
+        )
+
+    @cached_property
     def push(self) -> Array:
         """(s,) forces left on the strains; zero where they are rounding."""
         problem = self.problem
         if not problem.is_free:
             return np.zeros(0)
-        cells = problem.grid.n_cells
-        push = problem.work + cells * self.common_force @ problem.strained
-        push = push + self._sums[:, 0] @ problem.strained
+        push = self.common_push + self._sums[:, 0] @ problem.strained
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of
         # doubles at the common overlap and at the displacements is too coarse to meet the load
         largest = max(float(np.max(self.common)), float(np.max(np.abs(self.balls))))
@@ -137,9 +143,9 @@ class GridPlace:
         return pull
 
     @cached_property
-    def left(self) -> float:
+    def largest_pull(self) -> float:
         """The size of the largest force left on a ball."""
-        return self.problem.find_largest(self.pull)
+        return self.problem.find_largest_force(self.pull)
 
     @cached_property
     def residual(self) -> float:
@@ -150,17 +156,18 @@ class GridPlace:
         """
         problem = self.problem
         options = self.options
-        mean = float(np.sum(self._sums[:, 0])) / self.excess.size
-        square = self.square / self.excess.size
+        mean_excess = float(np.sum(self._sums[:, 0])) / self.excess.size
+        # rounding may make the difference less than zero
+        variance = max(0.0, self.square / self.excess.size - mean_excess**2)
         least = self.level * options.least_difference * problem.spread
-        scale = min(self.force, max(math.sqrt(max(0.0, square - mean**2)), least))
+        scale = min(self.force, max(math.sqrt(variance), least))
         # on a line displacements add up, as in a random walk, and all that is left in the end is
         # their rounding
         moved = float(np.max(np.abs(self.balls))) if len(problem.grid.shape) == 1 else 0.0
-        is_rounding = self.left <= options.move_rounding * math.ulp(moved) * self.level
+        is_rounding = self.largest_pull <= options.move_rounding * math.ulp(moved) * self.level
         push = float(np.max(np.abs(self.push), initial=0.0)) * problem.weight
-        missed = push / (problem.problem.load.cell_tolerance * self.force) if push else 0.0
-        return max(0.0 if is_rounding else self.left / scale, missed)
+        of_strains = push / (problem.problem.load.cell_tolerance * self.force) if push else 0.0
+        return max(0.0 if is_rounding else self.largest_pull / scale, of_strains)
 
     @property
     def carries_nothing(self) -> bool:
@@ -173,20 +180,17 @@ class GridPlace:
 
     def find_overlaps(self) -> Array:
         """Return the overlaps (kinds, cells)."""
-        overlap = self.problem.measure_losses(self.balls)
-        np.subtract(self.problem.offset, overlap, out=overlap)
-        overlap += self.common[:, None]
-        return np.asarray(overlap)
+        return self.problem.find_overlaps(self.balls, self.strains)
 
     def find_overlaps_at_rest(self) -> Array:
-        """Return the overlaps (kinds, cells) of balls at rest: contacts of balls that differ count
-        as just open if their force may be nothing but a residual, as their stiffness would hold a
+        """Return the overlaps (kinds, cells) of balls at rest. A contact of balls that differ
+        counts as just open if its force may be nothing but a residual: its stiffness would hold a
         ball that nothing holds.
         """
         overlap = self.find_overlaps()
         if self.problem.spread:
-            light = float(hertz.overlap_of(self.options.open_force * self.left))
-            np.minimum(overlap, 0.0, out=overlap, where=overlap <= light)
+            least = float(hertz.overlap_of(self.options.open_force * self.largest_pull))
+            np.minimum(overlap, 0.0, out=overlap, where=overlap <= least)
         return overlap
 
 
@@ -214,14 +218,11 @@ class GridWay:
 
     def find_slope(self, place: GridPlace) -> float:
         """Return the derivative of the energy by the length at a ``place`` of the way."""
-        problem = place.problem
         slope = -_sum_products(place.excess, self._loss)
         if place.uniform is not None:
             slope -= float(place.uniform @ np.sum(self._step.balls, axis=1))
-        if problem.is_free:
-            cells = problem.grid.n_cells
-            common = problem.work + cells * place.common_force @ problem.strained
-            slope -= float(self._step.strains @ common)
+        if place.problem.is_free:
+            slope -= float(self._step.strains @ place.common_push)
         return slope
 
     def find_rise(self, place: GridPlace) -> float:
@@ -262,11 +263,13 @@ class GridDescent(Descent[GridPlace]):
         return self.problem.needs_more_load(self.options)
 
     def begin(self, start: Rest | None) -> GridPlace:
-        """Return the place at which the way begins: near rest, to where the interior-point method
-        leads, if that method serves and finds rest; otherwise that of ``start``. Without a start,
-        or for balls that do not differ, the balls are on their sites, or, where that method does
-        not serve, at :meth:`_find_first_displacements`. Steps and iterations of the interior-point
-        method are counted.
+        """Return the place at which the way begins.
+
+        The balls are first put at the displacements and strains of ``start``. Without a start, or
+        if the balls do not differ, they are put on their sites. Where the interior-point method
+        serves, it leads from there to a place near rest, and its steps and iterations are counted;
+        if it finds no rest, the first place stays. Where it does not serve, balls on their sites
+        are moved by :meth:`_find_first_displacements`.
         """
         problem = self.problem
         balls = np.zeros((problem.n_fields, problem.grid.n_cells))
@@ -299,13 +302,14 @@ class GridDescent(Descent[GridPlace]):
         """
         options = self.options
         residual = place.residual
-        step, taken = self._find_step(place, self._choose_reduction(residual))
-        self.inverses.count(taken)
-        # near rest, where it comes no nearer, slopes are rounding: a line search would stay there
-        is_rounding = residual < options.rounding_residual and self.trail.stalled > 2
+        step, n_iterations = self._find_step(place, self._choose_reduction(residual))
+        self.inverses.count(n_iterations)
+        # near rest, where the residual no longer falls, slopes are rounding, and a line search
+        # would stay where it is
+        is_rounding = residual < options.rounding_residual and self.trail.is_level
         part = 1.0 if is_rounding else options.slope
         ahead, length = self._follow(GridWay(place, step), part)
-        self.iterations += taken
+        self.iterations += n_iterations
         self._last_residual = residual
         # where balls that nothing holds move far, single precision may spoil a step
         self._is_single = self._is_single and length > options.single_length
@@ -334,7 +338,9 @@ class GridDescent(Descent[GridPlace]):
         problem = on_grid.problem
         assembly = problem.assembly
         overlap *= on_grid.unit
-        closed = float(np.mean(overlap > 0.0))
+        closed_part = float(np.mean(overlap > 0.0))
+        # over the mean force of closed contacts
+        residual = place.largest_pull / place.force * closed_part if closed_part else math.inf
         p = assembly.periods
         strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
         return Rest(
@@ -343,8 +349,7 @@ class GridDescent(Descent[GridPlace]):
             strain=(strain + problem.given_strain)[:p, :p],
             overlap=overlap.ravel(),
             assembly=assembly,
-            # over the mean force of closed contacts
-            residual=place.left / place.force * closed if closed else math.inf,
+            residual=residual,
             steps=self.steps,
             iterations=self.iterations,
         )
@@ -355,7 +360,9 @@ class GridDescent(Descent[GridPlace]):
         """
         rest = self._make_state(place, place.find_overlaps())
         problem = self.problem.problem
-        error = explain(problem, self.options, opened=place.carries_nothing, residual=rest.residual)
+        error = explain(
+            problem, self.options, is_open=place.carries_nothing, residual=rest.residual
+        )
         if isinstance(error, ConvergenceError):
             error.reached = rest
         return error
@@ -377,8 +384,8 @@ class GridDescent(Descent[GridPlace]):
         return self.equations.green.apply(problem.collect(problem.offset), 1.0)
 
     def _find_step(self, place: GridPlace, reduction: float) -> tuple[Unknowns, int]:
-        """Return a step of Newton's method from a ``place``, and the number of iterations; these
-        end where the part ``reduction`` is left of the right side of the equations.
+        """Return a step of Newton's method from a ``place``, and the number of iterations. The
+        iterations end where the part ``reduction`` of the right side of the equations is left.
 
         In single precision the stiffnesses are made where the roots of the place are stored, which
         are lost: a large array is not kept twice.
@@ -392,13 +399,13 @@ class GridDescent(Descent[GridPlace]):
         push = float(np.max(np.abs(place.push), initial=0.0)) * self.problem.weight
         size = max(float(np.max(np.abs(place.pull))), push)
         force = Unknowns((place.pull / size).astype(precision), place.push / size)
-        step, taken = self.equations.solve(stiffness, force, prepare(stiffness), reduction)
+        step, n_iterations = self.equations.solve(stiffness, force, prepare(stiffness), reduction)
         scale = size / place.level
         balls = step.balls.astype(float)
         balls *= scale
-        return Unknowns(balls, step.strains.astype(float) * scale), taken
+        return Unknowns(balls, step.strains.astype(float) * scale), n_iterations
 
 
 def _sum_products(first: Values, second: Values) -> float:
     """Return the sum of the products of the entries of two arrays of one shape."""
-    return grid_loops.multiply(first.reshape(-1), second.reshape(-1))
+    return grid_loops.find_scalar_product(first.reshape(-1), second.reshape(-1))

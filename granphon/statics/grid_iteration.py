@@ -7,8 +7,7 @@ iterations for all right sides at once then take less time than factors.
 
 The method stands once, in :class:`GridIteration`. A class below it brings the operator, which
 makes the forces against motions, and the preconditioner, which finds about the motions under
-forces. Here these are those of the tangent of a list that is spelled out
-(:class:`TangentIteration`).
+forces. :class:`TangentIteration` is that of the tangent of a list that is spelled out.
 
 Motions and forces are arrays (f, k, cells) here, of f motions of the balls of a cell and k right
 sides: loops and Fourier transforms go through cells that follow each other in memory. The blocks of
@@ -32,10 +31,10 @@ from granphon.base.compiled import compiled
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid_product import (
     GridProduct,
-    add_across,
-    add_alone,
+    add_block_products,
+    add_neighbour_products,
+    find_residual,
     invert_blocks,
-    leave,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.statics.green import list_phases, load_transforms, multiply_waves
@@ -112,9 +111,10 @@ class GridIteration(ABC):
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), of k >= 1 right sides.
 
-        The error of motions in the norm of the energy, which the preconditioner estimates, is to
-        fall to the part ``reduction`` within ``most`` iterations, in sum over the right sides that
-        are solved together. Forces below ``noise``, over the mean stiffness, are rounding.
+        Iterations end where the error of the motions has fallen to the part ``reduction``, and
+        after ``most`` of them at the latest. The error is that in the norm of the energy, summed
+        over the right sides that are solved together; the preconditioner estimates it. Forces
+        below ``noise`` times the mean stiffness are rounding.
         """
         sides = forces.shape[-1]
         if self.solves_together or sides == 1:
@@ -138,10 +138,10 @@ class GridIteration(ABC):
         """Return the motions under ``forces`` (n, m, k), whose k right sides share each transform;
         the arguments are those of :meth:`solve`.
 
-        Iterations end early at a motion along which the curvature of the energy is below zero, of a
-        single ball or a direction of the search, or that nothing resists. If :meth:`find_way_down`
-        then says that the energy has no curvature below zero, the forces that are left are
-        rounding, or along motions that cost nothing, and the motions have arrived.
+        Iterations end early at a motion that nothing resists, or along which the curvature of the
+        energy is below zero: a motion of a single ball, or a direction of the search. If
+        :meth:`find_way_down` then says that the energy has no curvature below zero, the forces that
+        are left are rounding, or along motions that cost nothing, and the motions have arrived.
         """
         remaining = self.lay_forces(forces)
         motions = np.zeros_like(remaining)
@@ -168,11 +168,11 @@ class GridIteration(ABC):
             _set_direction(products, last_products, preconditioned, way)
             change = np.empty_like(way)
             self.multiply(way, change)
-            curvatures, lowest, sum_of_all = multiply_columns(way, change)
-            if lowest < 0.0 or sum_of_all == 0.0:
-                falling = self.find_way_down(way[:, int(np.argmin(curvatures))])
-                has_arrived = falling is None
-                way_down = falling if lowest < 0.0 else None
+            curvatures, least_curvature, total_curvature = multiply_columns(way, change)
+            if least_curvature < 0.0 or total_curvature == 0.0:
+                motion = self.find_way_down(way[:, int(np.argmin(curvatures))])
+                has_arrived = motion is None
+                way_down = motion if least_curvature < 0.0 else None
                 break
             _step_along(products, curvatures, way, change, motions, remaining)
             del preconditioned, change  # the preconditioner needs the memory
@@ -218,9 +218,10 @@ class TangentIteration(GridIteration):
         self._grid_axes = tuple(range(2, 2 + len(contacts.grid)))
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
+        # contacts without a stiffness have no level: their forces are zero
         self.level = float(np.mean(contacts.normal_stiffness)) or 1.0
         self._softness = np.float32(1.0 / self.level)
-        if earlier:
+        if earlier is not None:
             product = earlier._product
             green = earlier._green
         else:
@@ -239,8 +240,8 @@ class TangentIteration(GridIteration):
     def multiply(self, motions: Array, forces: Array) -> None:
         """Set ``forces`` to the tangent times the ``motions``, both (f, k, cells)."""
         forces[:] = 0.0
-        add_alone(self._product.diagonal, motions, forces)
-        add_across(self._product, motions, forces)
+        add_block_products(self._product.diagonal, motions, forces)
+        add_neighbour_products(self._product, motions, forces)
 
     def find_way_down(self, search: Array | None) -> Array:
         """Return the ``search`` (f, cells) as a motion (n, m); without one, of all motions of a
@@ -249,13 +250,14 @@ class TangentIteration(GridIteration):
         if search is not None:
             return self.list_motions(search[:, None])[..., 0]
         blocks = self._product.diagonal
-        # the lowest eigenvalue of a block is at most its least entry on the diagonal, and at least
-        # the least such entry less the sizes of the others in its row (Gershgorin's circles): most
-        # balls are not lowest
+        # the lowest eigenvalue of a block is at most its least entry on the diagonal. It is at
+        # least the least difference between an entry on the diagonal and the sizes of the other
+        # entries of its row (Gershgorin's circles). So most balls cannot have the lowest eigenvalue
+        # of all
         on_diagonal = np.einsum("aan->an", blocks)
         in_rows = np.sum(np.abs(blocks), axis=1)
-        least = np.min(on_diagonal - (in_rows - np.abs(on_diagonal)), axis=0)
-        candidates = np.flatnonzero(least <= np.min(on_diagonal))
+        bounds = np.min(on_diagonal - (in_rows - np.abs(on_diagonal)), axis=0)
+        candidates = np.flatnonzero(bounds <= np.min(on_diagonal))
         values, vectors = np.linalg.eigh(np.moveaxis(blocks[:, :, candidates], -1, 0))
         lowest = int(np.argmin(values[:, 0]))
         motion = np.zeros((blocks.shape[2], len(blocks)))
@@ -270,11 +272,11 @@ class TangentIteration(GridIteration):
         single = forces.astype(np.float32)
         motions = np.zeros(single.shape, np.float32)
         remaining = np.empty_like(single)
-        add_alone(self._alone, single, motions)
-        leave(self._coarse, single, motions, remaining)
+        add_block_products(self._alone, single, motions)
+        find_residual(self._coarse, single, motions, remaining)
         motions += self._apply_green(remaining)
-        leave(self._coarse, single, motions, remaining)
-        add_alone(self._alone, remaining, motions)
+        find_residual(self._coarse, single, motions, remaining)
+        add_block_products(self._alone, remaining, motions)
         return motions
 
     def _apply_green(self, forces: Values) -> Values:
@@ -344,6 +346,7 @@ def _find_green(
         ``level``, rounded so that those of most samples and loads are equal.
         """
         means = np.mean(values.reshape(kinds, cells), axis=1) / level
+        # stiffnesses of zero have no logarithm, and stay zero
         n_steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / step)
         return tuple(np.where(means > 0.0, np.exp(step * n_steps), 0.0).tolist())
 
@@ -397,8 +400,8 @@ def _find_equal_green(
     directions = np.array(normal).reshape(kinds, 3)
     pairs = _find_pair_blocks(motions, directions, each, len(shape))
     phases = list_phases(shape, [*map(np.arange, shape[:-1]), np.arange(shape[-1] // 2 + 1)])
-    fields = m * (1 + max(ball for ball, _ in ends_i + ends_j))
-    matrix = np.zeros((*phases[0].shape, fields, fields), complex)
+    n_fields = m * (1 + max(ball for ball, _ in ends_i + ends_j))
+    matrix = np.zeros((*phases[0].shape, n_fields, n_fields), complex)
     for pair, (i, start), (j, end) in zip(pairs, ends_i, ends_j, strict=True):
         # from the cell of ball i to that of ball j, along each axis
         cells = np.subtract(np.unravel_index(end, shape), np.unravel_index(start, shape))
@@ -411,10 +414,10 @@ def _find_equal_green(
         matrix[..., at_j, at_i] += np.conj(ahead) * pair[m:, :m]
         matrix[..., at_j, at_j] += pair[m:, m:]
     level = float(np.mean(np.diagonal(pairs, axis1=1, axis2=2).ravel()))
-    matrix += spring * level * np.eye(fields)
+    matrix += spring * level * np.eye(n_fields)
     # nothing resists translations of the whole
-    matrix[(0,) * len(shape)] += level * np.eye(fields)
-    inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
+    matrix[(0,) * len(shape)] += level * np.eye(n_fields)
+    inverses = np.linalg.inv(matrix).reshape(-1, n_fields, n_fields)
     table = np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
     table.flags.writeable = False
     return table

@@ -87,6 +87,7 @@ class GridProblem:
         coefficient = assembly.law.coefficient
         self.unit = _choose_unit(spread, given, float(hertz.overlap_of(force / coefficient)))
         self.force_unit = coefficient * self.unit**hertz.EXPONENT
+        # a large array is not copied where the unit is one metre
         self.offset = offset if self.unit == 1.0 else offset / self.unit
         self.spread = spread / self.unit
         self.given = given / self.unit
@@ -104,26 +105,27 @@ class GridProblem:
 
     def needs_more_load(self, options: RestOptions) -> bool:
         """Return whether the search is to begin at rest under a larger load: where balls differ and
-        the mean force of the load is below those of ``options.interior_forces``.
+        the mean force of the load is below ``options.least_interior_force``.
         """
         if self.is_given or not self.spread:
             return False
-        return bool(self.load_force < options.interior_forces[0])
+        return bool(self.load_force < options.least_interior_force)
 
     def begins_inside(self, strains: Array, options: RestOptions) -> bool:
         """Return whether the interior-point method is to come before Newton's, which then begins
         near rest: where balls differ, and at the ``strains`` (s,) of the start so few contacts are
         closed, or the mean force is so small, as ``options`` say.
         """
-        # in space that takes too many iterations without factors
+        # in space the interior-point method takes too many iterations without factors
         if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
             return False
         common = self.find_common(strains)
         if self.is_given:
-            closed = np.mean(common[:, None] + self.offset > 0.0)
-            return bool(closed < options.closed_part)
+            closed_part = np.mean(common[:, None] + self.offset > 0.0)
+            return bool(closed_part < options.closed_part)
         force = float(np.mean(hertz.force_of(common)))
-        least, most = options.interior_forces
+        least = options.least_interior_force
+        most = options.largest_interior_force
         return bool(least <= force <= most)
 
     def needs_fine_start(self, options: RestOptions) -> bool:
@@ -159,6 +161,15 @@ class GridProblem:
         grid_loops.measure_losses(self.grid.runs, balls, loss)
         return loss
 
+    def find_overlaps(self, balls: Array, strains: Array) -> Array:
+        """Return the overlaps (kinds, cells) at displacements ``balls`` (f, cells) and ``strains``
+        (s,).
+        """
+        overlaps = self.measure_losses(balls)
+        np.subtract(self.offset, overlaps, out=overlaps)
+        overlaps += self.find_common(strains)[:, None]
+        return np.asarray(overlaps)
+
     def add_losses(self, loss: Values, strains: Array) -> Values:
         """Add to losses of overlap (kinds, cells), in place, those by strains (s,), and return
         them.
@@ -175,7 +186,7 @@ class GridProblem:
         grid_loops.add_forces(self.grid.runs, force, on_balls)
         return on_balls
 
-    def find_largest(self, on_balls: Values) -> float:
+    def find_largest_force(self, on_balls: Values) -> float:
         """Return the size of the largest of the forces (f, cells) on balls."""
         d = len(self.grid.shape)
         forces = on_balls.reshape(-1, d, self.grid.n_cells)

@@ -15,6 +15,10 @@ is a linear system C^T K C with the stiffness
 
 in the place of (3/2) h_+^(1/2). From step to step mu is lowered. Balls that nothing holds come to
 rest in the middle of their cages, where they touch no other.
+
+Arrays of contacts are (kinds, cells). Displacements of the balls of all cells
+are (fields, cells), and strains of the cell (n_strains,); the letters f and s stand for forces and
+gaps alone.
 """
 
 from __future__ import annotations
@@ -36,7 +40,7 @@ class Nearby(NamedTuple):
 
     Attributes
     ----------
-    balls, strains : displacements (f, cells), and strains (s,), near rest.
+    balls, strains : displacements (fields, cells), and strains (n_strains,), near rest.
     steps, iterations : numbers of steps that led there, and of iterations in them.
     """
 
@@ -51,7 +55,7 @@ class _Point(NamedTuple):
 
     Attributes
     ----------
-    balls, strains : displacements (f, cells), and strains (s,).
+    balls, strains : displacements (fields, cells), and strains (n_strains,).
     h : (kinds, cells) overlaps at these.
     f, s : (kinds, cells) forces and gaps, above zero.
     """
@@ -72,7 +76,7 @@ def approach(
     is_fresh: bool,
 ) -> Nearby | None:
     """Return displacements and strains near rest in a ``problem`` on a grid; the way begins at the
-    displacements ``balls`` (f, cells) and at ``strains`` (s,).
+    displacements ``balls`` (fields, cells) and at ``strains`` (n_strains,).
 
     The ``equations`` are those of the problem, with the options, and the ``inverses`` precondition
     them and count the iterations. ``is_fresh`` says whether the balls begin on their sites, rather
@@ -85,26 +89,28 @@ def approach(
     numbers = equations.options.interior
     iterations = 0
     last_product = math.inf
-    h = _find_overlaps(problem, balls, strains)
-    f, s = split(h, (1.0 if is_fresh else numbers.nearby_width) * float(np.std(h)))
+    h = problem.find_overlaps(balls, strains)
+    width = float(np.std(h)) * (1.0 if is_fresh else numbers.nearby_width)
+    f, s = split(h, width)
     point = _Point(balls, strains, h, f, s)
     for step in range(equations.options.inner_steps):
         product = float(np.mean(point.f * point.s))
         mean = float(np.mean(point.f))
         if mean < equations.options.threshold:  # too few balls touch to hold each other
             return None
-        # mean of f s over the mean force to the power 5/3, and largest force left on a ball
-        relative = product / (mean * float(hertz.overlap_of(mean)))
-        left = problem.find_largest(problem.collect(point.f)) / mean
-        if relative <= numbers.gap:
-            if left > numbers.imbalance:
+        # mean of f s over the mean force to the power 5/3, and the largest force left on a ball
+        # over the mean force
+        relative_product = product / (mean * float(hertz.overlap_of(mean)))
+        imbalance = problem.find_largest_force(problem.collect(point.f)) / mean
+        if relative_product <= numbers.gap:
+            if imbalance > numbers.imbalance:
                 return None
             return Nearby(point.balls, point.strains, step, iterations)
         factor = numbers.largest_factor
         if step:
-            # forces must keep up with mu
-            lags = left > numbers.lag * math.sqrt(relative)
-            factor = 1.0 if lags else _choose_factor(product / last_product, numbers)
+            # forces must keep up with mu: it stays where they lag behind
+            has_lagged = imbalance > numbers.lag * math.sqrt(relative_product)
+            factor = 1.0 if has_lagged else _choose_factor(product / last_product, numbers)
         last_product = product
         point, count = _advance(point, factor, problem, equations, inverses)
         iterations += count
@@ -127,9 +133,10 @@ def _advance(
     balls, strains, h, f, s = point
     mu = factor * float(np.mean(f * s))
     # Newton's equations without f and s: stiffness K, and tensions that drive the motion
-    closed = hertz.overlap_of(f)  # f^(2/3)
-    stiffness = f / (closed / hertz.EXPONENT + s)
-    change = h - closed + mu / f
+    overlap_of_f = hertz.overlap_of(f)  # f^(2/3)
+    stiffness = f / (overlap_of_f / hertz.EXPONENT + s)
+    # the overlap that f is short of, and later the change of f
+    change = h - overlap_of_f + mu / f
     tension = f + stiffness * change
     forces = Unknowns(problem.collect(tension), _find_push(problem, f, tension, numbers))
     motion, count = equations.solve(
@@ -145,12 +152,12 @@ def _advance(
     f, s = _bring_near(f, s, mu, numbers)
     strains = strains + motion.strains
     balls = balls + motion.balls
-    return _Point(balls, strains, _find_overlaps(problem, balls, strains), f, s), count
+    return _Point(balls, strains, problem.find_overlaps(balls, strains), f, s), count
 
 
 def _find_push(problem: GridProblem, f: Array, tension: Array, numbers: InteriorOptions) -> Array:
-    """Return the forces (s,) that drive the strains: those of the load, and of the ``tension``
-    (kinds, cells) of contacts. Zeros where there are no unknown strains.
+    """Return the forces (n_strains,) that drive the strains: those of the load, and of the
+    ``tension`` (kinds, cells) of contacts. Zeros where there are no unknown strains.
 
     A single strain is driven by no smaller load than one that presses contacts with the part
     ``largest_factor`` of their mean force ``f``: the mean force then falls in several steps.
@@ -166,7 +173,8 @@ def _find_push(problem: GridProblem, f: Array, tension: Array, numbers: Interior
 
 def _choose_accuracy(factor: float, numbers: InteriorOptions) -> float:
     """Return the tolerance of the linear equations of a step, over their right side, where mu is
-    lowered by a ``factor``.
+    lowered by a ``factor``. Where mu stays, the step is to bring forces into balance, as exactly as
+    any step.
     """
     if factor == 1.0:
         return numbers.least_error
@@ -190,14 +198,6 @@ def _bring_near(f: Array, s: Array, mu: float, numbers: InteriorOptions) -> tupl
     product = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
     is_open = hertz.overlap_of(f) < s
     return np.where(is_open, product / s, f), np.where(is_open, s, product / f)
-
-
-def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
-    """Return the overlaps (kinds, cells) at displacements (f, cells) and strains (s,)."""
-    overlaps = problem.measure_losses(balls)
-    np.subtract(problem.offset, overlaps, out=overlaps)
-    overlaps += problem.find_common(strains)[:, None]
-    return np.asarray(overlaps)
 
 
 def split(h: Array, width: float) -> tuple[Array, Array]:

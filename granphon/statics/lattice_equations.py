@@ -60,10 +60,10 @@ class LatticeEquations:
         """Return an approximate inverse for displacements, in the precision of the ``stiffness``
         (kinds, cells).
 
-        Each ball moves as if its neighbours were held, then all move by Green's function of the
-        mean stiffness under what that leaves, and then each ball again. Green's function carries
-        stress across the array; single balls take account of contacts that differ. Where contacts
-        are nearly alike, Green's function alone is as good.
+        Each ball moves as if its neighbours were held. Then all move by Green's function of the
+        mean stiffness under the forces that are left, and then each ball again. Green's function
+        carries stress across the array; single balls take account of contacts that differ. Where
+        contacts are nearly alike, Green's function alone is as good, and is all that is returned.
         """
         options = self.options
         numbers = options.grid
@@ -85,11 +85,11 @@ class LatticeEquations:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
             motion = np.zeros(force.shape, force.dtype)
             remaining = np.empty_like(force)
-            grid_loops.add_alone(alone, force, motion)
-            grid_loops.leave(runs, stiffness, force, motion, remaining)
+            grid_loops.add_block_products(alone, force, motion)
+            grid_loops.find_residual(runs, stiffness, force, motion, remaining)
             motion += green.apply(remaining, softness)
-            grid_loops.leave(runs, stiffness, force, motion, remaining)
-            grid_loops.add_alone(alone, remaining, motion)
+            grid_loops.find_residual(runs, stiffness, force, motion, remaining)
+            grid_loops.add_block_products(alone, remaining, motion)
             return motion
 
         return apply
@@ -123,7 +123,7 @@ class LatticeEquations:
         way = np.zeros_like(remaining)
         change = np.empty_like(remaining)
         preconditioned = np.empty_like(remaining)
-        square = grid_loops.multiply(remaining, remaining)
+        square = grid_loops.find_scalar_product(remaining, remaining)
         largest_square = reduction**2 * square
         product = 0.0
         count = 0
@@ -131,7 +131,7 @@ class LatticeEquations:
             preconditioned[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
             if len(inverse_of_strains):
                 preconditioned[n:] = inverse_of_strains @ remaining[n:]
-            product, curvature, square = grid_loops.go_on(
+            product, curvature, square = grid_loops.take_conjugate_step(
                 runs,
                 stiffness,
                 strained,
@@ -276,39 +276,42 @@ class Preconditioners:
         #: cost of the iterations since the last factorisation, in iterations with Green's function
         self._spent = 0
         #: iterations of the first equations with the factors
-        self._first: int | None = None
+        self._first_count: int | None = None
         #: whether stiffnesses change so much that factors pay for each of the equations anew
-        self._changing = False
+        self._is_changing = False
 
     def choose(self, stiffness: Values) -> Inverse:
         """Return a preconditioner for a ``stiffness`` (kinds, cells): by factors, which are made
         now if they are due, or by Green's function if there are none.
         """
         options = self._options
-        is_due = self._changing or self._spent >= options.patience_of_green
+        is_due = self._is_changing or self._spent >= options.patience_of_green
         if is_due and may_factorise(self._grid, stiffness, options):
             # old factors are freed before new ones are made
             self._factors = None
             self._spent = 0
-            self._first = None
+            self._first_count = None
             self._factors = _factorise(self._grid, stiffness, options)
         return self._factors or self._equations.precondition(stiffness)
 
     def count(self, iterations: int) -> None:
-        """Count the iterations that the preconditioner chosen last has taken."""
+        """Count the ``iterations`` that the preconditioner chosen last has taken, and decide from
+        them whether :meth:`choose` is to make new factors: for the next equations, or, where many
+        more iterations are taken than with new factors, for each of the equations from now on.
+        """
         options = self._options
         cost = options.cost_of_solution
         self._spent += iterations * (cost if self._factors else 1)
         if not self._factors:
             return
-        if self._first is None:
-            self._first = iterations
-        additional = iterations - self._first
-        if additional >= options.staleness:
+        if self._first_count is None:
+            self._first_count = iterations
+        n_additional = iterations - self._first_count
+        if n_additional >= options.staleness:
             # the factors no longer fit the stiffnesses: new ones are due
             self._spent = max(self._spent, options.patience_of_green)
-            if cost * additional >= options.patience_of_green:
-                self._changing = True
+            if cost * n_additional >= options.patience_of_green:
+                self._is_changing = True
 
 
 def _factorise(grid: Grid, stiffness: Values, options: RestOptions) -> Inverse:

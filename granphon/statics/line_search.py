@@ -65,15 +65,17 @@ def find_length(
 
     ``measure`` returns the slope at a length, below zero at first, and a function that finds the
     derivative of the slope, zero where that is not known. Lengths are tried from 1, or from the
-    ``longest`` if that is less, by Newton's method in one dimension, within brackets.
+    ``longest`` if that is less, by Newton's method in one dimension, within brackets. As long as
+    the energy falls at each trial, a length is at most four times the one before.
     """
     # the slope is below zero at low; it is above zero at high, which is infinite until there is
     # such a length
     low = 0.0
     high = math.inf
-    length = tried = min(1.0, longest)
+    length = min(1.0, longest)
+    last_length = length
     for _ in range(most):
-        tried = length
+        last_length = length
         slope, find_rise = measure(length)
         if abs(slope) <= part * abs(first) or (slope < 0.0 and length >= longest):
             break
@@ -85,4 +87,4 @@ def find_length(
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
         if high == math.inf:
             length = min(length, 4.0 * low, longest)
-    return tried
+    return last_length

@@ -57,9 +57,9 @@ class ListDescent(Descent[Configuration]):
         return IteratedEquations(self.problem, self.options)
 
     def _finish(self, place: Configuration) -> Rest:
-        """Return the state of a configuration at rest. Light contacts of balls that differ are
-        opened in it, where no contact adheres: their force may be a residual only, and their
-        stiffness would hold a ball.
+        """Return the state of a configuration at rest. Where balls differ and no contact adheres,
+        light contacts are open in the state: their force may be a residual only, and their
+        stiffness would hold a ball that nothing holds.
         """
         assembly = self.problem.assembly
         laws = assembly.laws
@@ -67,10 +67,10 @@ class ListDescent(Descent[Configuration]):
         if not assembly.differs or np.any(laws.adhesion):
             return rest
         force = laws.force(rest.overlap)
-        light = np.abs(force) <= self.options.open_force * rest.residual * laws.size(force)
-        light &= np.isfinite(laws.least)  # a bond never opens
-        opened = np.minimum(rest.overlap, laws.least)
-        return replace(rest, overlap=np.where(light, opened, rest.overlap))
+        is_light = np.abs(force) <= self.options.open_force * rest.residual * laws.size(force)
+        is_light &= np.isfinite(laws.least)  # a bond never opens
+        open_overlap = np.minimum(rest.overlap, laws.least)
+        return replace(rest, overlap=np.where(is_light, open_overlap, rest.overlap))
 
 
 class LatticeWay:
@@ -80,8 +80,9 @@ class LatticeWay:
     Attributes
     ----------
     fall : fall of the energy per length at the start, J.
-    longest : the greatest length: infinite, or, where contacts adhere, a part of the length at
-        which the first contact would be torn.
+    longest : the greatest length. It is infinite where no contact adheres. Otherwise it is the
+        part ``options.tear_part`` of the length at which the first contact would be torn, but at
+        least :data:`~granphon.contacts.assembly.ROUNDING`.
     """
 
     def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
@@ -93,10 +94,11 @@ class LatticeWay:
         self.longest = math.inf
         laws = start.problem.assembly.laws
         if laws.adhere:
-            parting = self._loss > 0.0
-            torn = (start.overlap - laws.least)[parting] / self._loss[parting]
-            longest = options.tear_part * float(np.min(torn, initial=math.inf))
-            self.longest = max(longest, options.shortest_step)
+            is_parting = self._loss > 0.0
+            lengths_to_tear = (start.overlap - laws.least)[is_parting] / self._loss[is_parting]
+            longest = options.tear_part * float(np.min(lengths_to_tear, initial=math.inf))
+            # a contact that is about to be torn does not end the search at once
+            self.longest = max(longest, ROUNDING)
 
     def go(self, length: float) -> Configuration:
         """Return the configuration at a length."""
@@ -137,23 +139,23 @@ class LatticeDescent(ListDescent):
         self.largest_size = 0.0
 
     def begin(self, start: Rest | None) -> Configuration:
-        """Return the configuration from which the way begins: that of ``start``, if there is one;
-        that of balls on their sites, if a strain is given or the balls press each other there
-        without a load; otherwise that of linear springs at rest.
+        """Return the configuration from which the way begins: that of ``start``, if there is one.
+        Without a start, it is that of balls on their sites, if a strain is given or the balls press
+        each other there without a load, and otherwise that of linear springs at rest.
         """
         problem = self.problem
         if start is not None:
             return self._take_up(start)
-        untouched = problem.start_at(np.zeros(problem.size))
-        presses_on_sites = not problem.load.acts and untouched.force_size > 0.0
+        on_sites = problem.start_at(np.zeros(problem.size))
+        presses_on_sites = not problem.load.acts and on_sites.force_size > 0.0
         if problem.load.is_given or presses_on_sites:
-            return untouched
-        return self._relax_springs(untouched)
+            return on_sites
+        return self._relax_springs(on_sites)
 
     def _take_up(self, start: Rest) -> Configuration:
-        """Return the configuration at the displacements of a ``start``, with the overlaps of the
-        start, less what a change of the strain takes from them: a given strain may differ from that
-        of the start, and a strain that is no unknown is left out.
+        """Return the configuration at the displacements of a ``start``. Its overlaps are those of
+        the start, less what a change of the strain takes from them: a given strain may differ from
+        that of the start, and a strain that is neither given nor an unknown is left out.
         """
         problem = self.problem
         x = find_unknowns(problem, start)
@@ -166,12 +168,13 @@ class LatticeDescent(ListDescent):
             overlap -= problem.measure_losses(np.zeros(problem.size), strain=change)
         return problem.start_at(x, overlap)
 
-    def _relax_springs(self, untouched: Configuration) -> Configuration:
-        """Return the configuration at rest of linear springs in place of the contacts, with the
-        overlap and the stiffness that contacts have at a typical force, or, where a law does not
-        reach it, at half of that force, and so on; ``untouched`` is the configuration on the sites.
-        Raises the error of :func:`~granphon.statics.explanation.explain` under a load that gives no
-        typical force.
+    def _relax_springs(self, on_sites: Configuration) -> Configuration:
+        """Return the configuration at rest of linear springs in place of the contacts;
+        ``on_sites`` is the configuration of balls on their sites.
+
+        The springs have the overlap and the stiffness that contacts have at a typical force. Where
+        a law does not reach that force, it is halved until all laws do. Raises the error of
+        :func:`~granphon.statics.explanation.explain` under a load that gives no typical force.
         """
         problem = self.problem
         laws = problem.assembly.laws
@@ -186,19 +189,20 @@ class LatticeDescent(ListDescent):
                 forces = 0.5 * forces
                 overlap = laws.overlap(forces)
         stiffness = laws.stiffness(overlap)
-        # of the springs on the sites
-        forces = forces + stiffness * (untouched.overlap - overlap)
-        pull = problem.force + problem.collect_forces(untouched.normal, forces)
-        step = self._solve(untouched, stiffness, pull, self.options.reduction)
-        return untouched.move(step, untouched.overlap - problem.measure_losses(step))
+        # forces of the springs while the balls are on their sites
+        forces = forces + stiffness * (on_sites.overlap - overlap)
+        pull = problem.force + problem.collect_forces(on_sites.normal, forces)
+        step = self._solve(on_sites, stiffness, pull, self.options.reduction)
+        return on_sites.move(step, on_sites.overlap - problem.measure_losses(step))
 
     def _is_stuck(self, place: Configuration) -> bool:
         """Return whether the residual no longer falls."""
-        return self.trail.stalled > self.options.patience
+        return self.trail.n_stalled > self.options.patience
 
     def _prepare(self, place: Configuration) -> Configuration:
         """Return the configuration as it is; raise the error of a load under which all contacts
-        have opened, or, where a strain alone presses, have lost nearly all of their force.
+        have opened. Where no load acts and a strain alone presses, raise it already if the contacts
+        have lost nearly all of the largest force on the way.
         """
         problem = self.problem
         size = place.force_size
@@ -206,7 +210,7 @@ class LatticeDescent(ListDescent):
         # under a strain alone balls may move aside until none is pressed
         is_relaxed = size < self.options.negligible_force * self.largest_size
         if not size or (is_relaxed and not problem.load.acts):
-            raise explain(problem, self.options, opened=True)
+            raise explain(problem, self.options, is_open=True)
         return place
 
     def _solve(
@@ -248,17 +252,19 @@ class LatticeDescent(ListDescent):
         options = self.options
         residual = place.residual
         stiffness = place.stiffness
-        closed = stiffness[stiffness > 0.0]
-        # an estimate, for contacts that carry a force without a stiffness, as where they break
+        positive = stiffness[stiffness > 0.0]
+        # an estimate for contacts that all carry a force without a stiffness, as where they break
         added = place.force_size / problem.length
-        if closed.size:
-            added = options.added_stiffness * min(1.0, residual) * float(np.mean(closed))
+        if positive.size:
+            added = options.added_stiffness * min(1.0, residual) * float(np.mean(positive))
         # far from rest a rough solution serves
         reduction = max(options.rough_reduction * min(1.0, residual**0.5), options.reduction)
         step = self._solve(place, stiffness + added, place.pull, reduction)
         way = LatticeWay(place, step, options)
-        if way.fall <= 0.0:  # by rounding, near rest
+        # near rest slopes are rounding: no length is better than another
+        if way.fall <= 0.0:
             return way.go(min(1.0, way.longest))
+        # near rest a step is whole unless its end is steeper than its start
         part = 1.0 if residual < options.rounding_residual else options.slope
         ahead, length = self._follow(way, part)
         if length < way.longest and way.find_slope(ahead) < -part * way.fall:
@@ -266,8 +272,8 @@ class LatticeDescent(ListDescent):
         return ahead
 
     def _finish(self, place: Configuration) -> Rest:
-        """Return the state at rest, in which overlaps that are rounding are zero, but for contacts
-        that bear tension, and for all where some contacts adhere and none is a bond.
+        """Return the state at rest, with overlaps of zero where they are rounding. The overlaps of
+        contacts that bear tension stay, and all stay where contacts adhere and none is a bond.
         """
         rest = super()._finish(place)
         laws = self.problem.assembly.laws
@@ -278,12 +284,13 @@ class LatticeDescent(ListDescent):
         return replace(rest, overlap=np.where(is_rounding, 0.0, rest.overlap))
 
     def _explain_failure(self, place: Configuration) -> GranphonError:
-        """Return the error of a way that has not led to rest. Where contacts adhere, the error
-        names the contact that is nearest to breaking, if this contact pulls, or has no force beside
-        springs or bonds.
+        """Return the error of a way that has not led to rest at ``place``. Where contacts adhere,
+        and no other reason is found, the error names the contact that is nearest to breaking, if
+        this contact pulls. It also names this contact if it has no force while there are springs or
+        bonds.
         """
         laws = self.problem.assembly.laws
-        error = explain(self.problem, self.options, residual=self.trail.best)
+        error = explain(self.problem, self.options, residual=self.trail.least_residual)
         if not (laws.adhere and isinstance(error, ConvergenceError)):
             return error
         contact = int(np.argmin(place.overlap - laws.least))
@@ -300,7 +307,7 @@ class LatticeDescent(ListDescent):
         return error
 
     def _explain_unloaded(self, place: Configuration, contact: int) -> InputError:
-        """Return the error of a ``contact`` that only pushes, and has no force at ``place``, since
+        """Return the error of a ``contact``, by number, that has no force at ``place``, since
         springs to the ground or bonds bear the load.
         """
         laws = self.problem.assembly.laws

@@ -182,25 +182,29 @@ class _Cages:
         count = join_balls(*ends, touches, group)
 
         def sum_work(forces: Array) -> Array:
-            """Return the work of forces (n, d) on the balls of each group along the whole step."""
+            """Return the work (count,), J, of forces (n, d), N, on the balls of each group along
+            the whole step.
+            """
             work = np.einsum("na,na->n", forces, steps)
             return np.asarray(np.bincount(group, work, count), float)
 
-        first = sum_work(self.pull)
-        of_load = sum_work(self.load)
-        is_done = (self.find_largest_pulls(group, count) <= force_at_rest) | (first <= 0.0)
+        first_work = sum_work(self.pull)
+        work_of_load = sum_work(self.load)
+        is_at_rest = self.find_largest_pulls(group, count) <= force_at_rest
+        is_done = is_at_rest | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
         low = np.zeros(count)
         high = np.full(count, np.inf)
         for trial in range(options.loose_slopes):
-            # at first the whole step, which has been taken already, if all groups go it
+            # the first lengths are whole steps: these have been taken already if all groups go
             if trial or np.any(is_done):
                 ahead = self._go(length[group, None] * steps)
-            work = of_load.copy()
+            # the loop adds to these, and changes the lengths and their brackets in place
+            work = work_of_load.copy()
             rise = np.zeros(count)
             vectors = (ahead.turned.current, ahead.turned.distance)
             measure_slopes(*ends, *vectors, ahead.force, ahead.stiffness, steps, group, work, rise)
-            slopes = (work, rise, first, hertz.EXPONENT, options.loose_slope)
+            slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
             if choose_lengths(*slopes, length, low, high, is_done):
                 break
         return ahead
@@ -263,8 +267,9 @@ def has_soft_motions(equations: Equations) -> bool:
     """Return whether there are motions, other than those of the whole, that cost no energy while
     all contacts have the same stiffness.
 
-    Balls with no more contacts than axes along which balls move are loose anyway, and are held.
-    Motions of the free strains of the cell count too.
+    Balls with no more contacts than axes along which balls move are loose anyway, and are held. If
+    these are all balls, there are no such motions. Motions of the free strains of the cell count
+    too.
     """
     options = equations.options
     problem = equations.problem
@@ -275,7 +280,7 @@ def has_soft_motions(equations: Equations) -> bool:
     # the periods
     n_still = len(assembly.free_axes) + (d - p) * (d - p - 1) // 2
     free = np.flatnonzero(np.repeat(assembly.n_touching > d, d))  # motions that are not held
-    if len(free) <= n_still + 1:
+    if not len(free):
         return False
     from scipy.sparse import eye_array
 
@@ -283,6 +288,7 @@ def has_soft_motions(equations: Equations) -> bool:
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
     matrix: Any = linear.matrix[free][:, free] - options.soft_stiffness * eye_array(len(free))
     factors = factorise(matrix.tocsc())
+    # eigenvalues below zero once the least stiffness that counts is taken away
     n_soft = factors.n_below
     if len(linear.corner):
         border = linear.border[free]

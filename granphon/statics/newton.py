@@ -44,7 +44,7 @@ class Equations:
     problem, options : those that are given.
     axes : (d,) numbers of the axes along which balls move.
     pattern : where the entries of the tangent of all bodies stand.
-    leading : where those of A stand, its leading part.
+    leading : where the entries of A stand, which is the leading part of that tangent.
     anchor : (n d,) springs against a drift of the whole, over the mean stiffness: one at the ball
         with most contacts along each axis along which all balls may move together.
     """
@@ -158,9 +158,9 @@ class Linearisation:
         problem = equations.problem
         n = problem.n_ball_unknowns
         k = problem.assembly.n_walls
-        size = k + len(blocks.corner)
-        self.border = np.zeros((n, size))
-        self.corner = np.zeros((size, size))
+        m = k + len(blocks.corner)
+        self.border = np.zeros((n, m))
+        self.corner = np.zeros((m, m))
         of_balls = blocks.ahead[: problem.assembly.n_balls]
         self.border[:, k:] = of_balls.reshape(n, len(blocks.corner))
         self.corner[k:, k:] = blocks.corner
@@ -227,7 +227,8 @@ class Linearisation:
         held_corner = self.corner + self._hold * np.eye(len(self.corner))
         columns, rows, corner = Bordering.of(self.border, held_corner, load_slope, mean_row)
         motions = solve_balls(columns)
-        # of C - B' A^-1 B, which is left for walls and strains once balls are eliminated
+        # the inverse of C - B' A^-1 B, which is left for walls and strains once balls are
+        # eliminated
         inverse_of_few = np.linalg.inv(corner - rows @ motions)
 
         def solve(pull: Array) -> Array:
@@ -396,23 +397,21 @@ class GridEquations:
         assembly = self.problem.assembly
         forces = _draw_forces(configuration)
         right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
-        # of n motions, each has about the part 1/n of the energy, the root of it in the norm
-        reduction = 1.0 / len(forces)
-        count = 0
+        n_iterations = 0
         solution = None
         if self._last is not None:
             stiffness, iteration = self._last
             if has_hardly_changed(configuration, stiffness, options):
-                solution = iteration.solve(right, reduction, most, 0.0)
-                count = solution.iterations
+                solution = iteration.solve(right, options.probe_reduction, most, 0.0)
+                n_iterations = solution.iterations
         if solution is None or solution.way_down is not None:
             blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
             axes = np.arange(assembly.dimension)
             blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
-            solution = iteration.solve(right, reduction, most, 0.0)
-            count += solution.iterations
-        return GridProbe(self._extend(solution.way_down), solution.has_arrived, count)
+            solution = iteration.solve(right, options.probe_reduction, most, 0.0)
+            n_iterations += solution.iterations
+        return GridProbe(self._extend(solution.way_down), solution.has_arrived, n_iterations)
 
     def _extend(self, way_down: Array | None) -> Array | None:
         """Return the unknowns (size,) of a motion of balls (n, d), with zeros for the strains; None

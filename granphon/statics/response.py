@@ -9,10 +9,10 @@ gears, of the whole, would otherwise have no bound. The forces that the springs 
 to the balls again until nothing is left of them (iterative refinement), so that no spring is left
 in the result. The inertia of the factors says whether the balls are at a minimum.
 
-Of a list that is a grid, conjugate gradients preconditioned in Fourier space take less time
-(:mod:`granphon.statics.grid_iteration`) but near the rigidity threshold, and of a grid that is too
-large for factors conjugate gradients take less memory. Of a grid that is not spelled out, they are
-the only way: the grid brings its product and its preconditioner as a
+Of a list that is a grid, conjugate gradients preconditioned in Fourier space
+(:mod:`granphon.statics.grid_iteration`) take less time than factors, except near the rigidity
+threshold. A grid may be too large for factors: conjugate gradients take less memory. Of a grid that
+is not spelled out, they are the only way: the grid brings its product and its preconditioner as a
 :class:`~granphon.statics.grid_iteration.GridIteration`.
 
 Where static forces act across normals, A is not symmetric. Its antisymmetric part is about W/d of
@@ -91,8 +91,8 @@ class LinearResponse(ABC):
     @abstractmethod
     def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
         """Return the motions under ``forces`` (n, m, k), and the forces that these leave, both of
-        this shape. The error is that which the options allow for motions, or, without
-        ``for_motions``, the larger one that an energy allows.
+        this shape. With ``for_motions`` the error is that which the options allow for motions;
+        without, it is the larger one that they allow for an energy.
         """
 
 
@@ -199,34 +199,48 @@ class ListResponse(LinearResponse):
         """Return the motions (n m, k) under forces ``right`` (n m, k), and the forces that these
         leave. The forces that the motions of one round leave are solved for in the next.
 
-        The :meth:`_list_solvers` are taken one after the other, each from motions of zero. The
-        rounds of a solver end where :meth:`_suffices` holds with ``borne``, and no further solver
-        is taken; where they come no nearer; or at their largest number. Raises ConvergenceError if
-        the last solver leaves more than the part ``options.remainder`` of the forces.
+        The :meth:`_list_solvers` are taken one after the other, each from motions of zero, until
+        the motions of one suffice. Raises ConvergenceError if none does, and the last one leaves
+        more than the part ``options.remainder`` of the forces.
         """
-        matrix = self._tangent.matrix
         largest_norm = 0.0 if self._symmetric else self._find_largest_norm(right)
         for solve in self._list_solvers(math.sqrt(borne), largest_norm):
-            motions = np.zeros_like(right)
-            remaining = right
-            for count in range(self._options.rounds):
-                change = solve(remaining)
-                if change is None:
-                    break
-                better = motions + change
-                left = right - matrix @ better
-                # forces along motions that cost nothing, as balls not quite at rest leave, stay
-                stalled_norm = self._options.stalled_part * float(np.linalg.norm(remaining))
-                if count and float(np.linalg.norm(left)) > stalled_norm:
-                    break
-                motions = better
-                remaining = left
-                if self._suffices(motions, remaining, right, borne):
-                    return motions, remaining
-        most_left = self._options.remainder * float(np.linalg.norm(right))
-        if np.linalg.norm(remaining) > max(most_left, self._find_rounding(right.size)):
+            motions, remaining, suffices = self._refine_with(solve, right, borne)
+            if suffices:
+                return motions, remaining
+        largest_remainder = self._options.remainder * float(np.linalg.norm(right))
+        if np.linalg.norm(remaining) > max(largest_remainder, self._find_rounding(right.size)):
             raise explain_failure(True)
         return motions, remaining
+
+    def _refine_with(
+        self, solve: Callable[[Array], Array | None], right: Array, borne: float
+    ) -> tuple[Array, Array, bool]:
+        """Return the motions (n m, k) under forces ``right`` (n m, k) that rounds of ``solve``
+        find, one of the :meth:`_list_solvers`; the forces (n m, k) that these leave; and whether
+        :meth:`_suffices` holds with ``borne``.
+
+        Rounds end where it holds; where they come no nearer, which leaves the motions of the round
+        before; where ``solve`` finds no motions; or at their largest number.
+        """
+        matrix = self._tangent.matrix
+        motions = np.zeros_like(right)
+        remaining = right
+        for count in range(self._options.rounds):
+            change = solve(remaining)
+            if change is None:
+                break
+            next_motions = motions + change
+            next_remaining = right - matrix @ next_motions
+            # forces along motions that cost nothing, as balls not quite at rest leave, stay
+            stalled_norm = self._options.stalled_part * float(np.linalg.norm(remaining))
+            if count and float(np.linalg.norm(next_remaining)) > stalled_norm:
+                break
+            motions = next_motions
+            remaining = next_remaining
+            if self._suffices(motions, remaining, right, borne):
+                return motions, remaining, True
+        return motions, remaining, False
 
     def _suffices(self, motions: Array, remaining: Array, right: Array, borne: float) -> bool:
         """Return whether the motions (n m, k) under forces ``right`` leave little enough of these,
@@ -292,11 +306,11 @@ class ListResponse(LinearResponse):
         contacts = self._contacts
         if not contacts.grid:
             return False
-        slips = len(contacts.motions.translations) - 1
-        resisted = int(np.count_nonzero(contacts.normal_stiffness))
-        resisted += slips * int(np.count_nonzero(contacts.shear_stiffness))
-        motions = contacts.n_balls * len(contacts.axes)
-        return resisted >= self._options.grid.rigidity * motions or not self._may_factorise
+        n_slips = len(contacts.motions.translations) - 1
+        n_resisted = int(np.count_nonzero(contacts.normal_stiffness))
+        n_resisted += n_slips * int(np.count_nonzero(contacts.shear_stiffness))
+        n_motions = contacts.n_balls * len(contacts.axes)
+        return n_resisted >= self._options.grid.rigidity * n_motions or not self._may_factorise
 
     @cached_property
     def _symmetric_tangent(self) -> Tangent:
@@ -316,7 +330,7 @@ class ListResponse(LinearResponse):
         None if conjugate gradients do not arrive and another way is left; ConvergenceError if no
         other way is left.
         """
-        most = self._options.patience if self._may_factorise else self._options.most_iterations
+        most = self._options.grid.patience if self._may_factorise else self._options.most_iterations
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
         solution = self._iteration.solve(forces, reduction, most, self._options.noise)
         if solution.has_arrived:
@@ -335,13 +349,14 @@ class ListResponse(LinearResponse):
         return mean if 0.0 < mean < math.inf else 1.0
 
     def _make_held_matrix(self, entries: Array, spring: float) -> Any:
-        """Return the sparse matrix (n m, n m) with these ``entries`` and springs to the ground at
-        all motions.
+        """Return the sparse matrix (n m, n m) with ``entries`` that stand as those of A do, and
+        springs to the ground at all motions.
 
         The stiffness of a spring is ``spring`` times the mean stiffness of contacts, and the mean
         stiffness itself at motions that no contact resists; against a rotation it is multiplied by
-        the square of the mean distance of balls. One ball is held against displacements with the
-        mean stiffness too: nothing else resists a drift of the whole.
+        the square of the mean distance of balls. The ball that resists the most along the first
+        axis is held against displacements with the mean stiffness too: nothing else resists a drift
+        of the whole.
         """
         contacts = self._contacts
         pattern = self._tangent.pattern
@@ -357,8 +372,8 @@ class ListResponse(LinearResponse):
     @cached_property
     def _factors_with_springs(self) -> tuple[float, Factors]:
         """The stiffness of springs to the ground, over the mean of contacts, and the factors of the
-        symmetric part of A with these springs: the weakest of the options with which that matrix is
-        not singular.
+        symmetric part of A with these springs. They are the weakest springs of the options with
+        which that matrix is not singular.
 
         ConvergenceError if the matrix is singular with the strongest springs, or if the factors of
         an A that is symmetric show that the balls are at no minimum.

@@ -54,14 +54,15 @@ class Rest:
         assembly = problem.assembly
         x = configuration.x
         balls = x[: problem.n_ball_unknowns]
+        turned_normal = configuration.normal[:, : assembly.dimension] if problem.turns else None
         return cls(
-            balls.reshape(assembly.n_balls, assembly.dimension),
-            x[problem.n_ball_unknowns : problem.n_displacements],
-            configuration.strain,
-            configuration.overlap,
-            assembly,
-            configuration.normal[:, : assembly.dimension] if problem.turns else None,
-            configuration.residual,
+            displacement=balls.reshape(assembly.n_balls, assembly.dimension),
+            wall_motion=x[problem.n_ball_unknowns : problem.n_displacements],
+            strain=configuration.strain,
+            overlap=configuration.overlap,
+            assembly=assembly,
+            turned_normal=turned_normal,
+            residual=configuration.residual,
         )
 
     def scale(self, factor: float) -> Rest:

@@ -119,33 +119,34 @@ class RestFollower:
         problem = self.problem
         numbers = self.numbers
         course = RestCourse(self, change, np.zeros(problem.size))
-        left = self._find_left(course)
-        # dR/dp at unknowns that stay, of which rounds leave a small part
-        size = float(np.linalg.norm(left * problem.weights))
+        remaining = self._find_remaining(course)
+        # size of dR/dp at unknowns that stay, of which rounds leave a small part
+        size = float(np.linalg.norm(remaining * problem.weights))
         if slope is not None:
             course = replace(course, slope=slope)
-            left = self._find_left(course)
+            remaining = self._find_remaining(course)
         rounding = 8.0 * math.ulp(self.configuration.force_size) * math.sqrt(problem.size)
-        before = math.inf
+        last_norm = math.inf
         earlier = course
         refinement = ResponseOptions()
         for _ in range(refinement.rounds):
-            norm = float(np.linalg.norm(left * problem.weights))
-            stalls = norm > refinement.stalled_part * before and norm <= numbers.remainder * size
-            if norm <= max(RestOptions().negligible_force * size, rounding / course.step) or stalls:
+            norm = float(np.linalg.norm(remaining * problem.weights))
+            is_small = norm <= max(RestOptions().negligible_force * size, rounding / course.step)
+            has_stalled = norm > refinement.stalled_part * last_norm
+            if is_small or (has_stalled and norm <= numbers.remainder * size):
                 # the last round may have left more than the one before
-                return course if norm <= before else earlier
-            before = norm
+                return course if norm <= last_norm else earlier
+            last_norm = norm
             earlier = course
-            course = replace(course, slope=course.slope + self._solve(left))
-            left = self._find_left(course)
+            course = replace(course, slope=course.slope + self._solve(remaining))
+            remaining = self._find_remaining(course)
         raise ConvergenceError(
             f"the derivative of the rest under {problem.load.words} is not found",
             "Balls are held by little more than rounding",
             "Raise the load",
         )
 
-    def _find_left(self, course: RestCourse) -> Array:
+    def _find_remaining(self, course: RestCourse) -> Array:
         """Return the derivative (size,), by the step, of the forces left along a course, N: zero
         along the true course.
         """

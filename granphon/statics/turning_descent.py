@@ -123,14 +123,16 @@ class TurningDescent(ListDescent):
         return GridEquations(self.problem, self.options)
 
     def begin(self, start: Rest | None) -> Configuration:
-        """Return the configuration from which the way begins, that of ``start``, and name the balls
-        that are loose: of balls that differ, those with no more contacts of a force above
-        ``options.light_force`` of the mean than axes.
+        """Return the configuration from which the way begins, that of ``start``, and set
+        :attr:`loose`. Contacts are heavy if their force is above the part ``options.light_force``
+        of the size of forces. Of balls that differ, those with no more heavy contacts than axes are
+        loose.
 
-        Tolerances over the mean force of all contacts are lowered to those over the mean force of
-        closed ones. Whether the crystal stands without friction is tested once where matrices can
-        be factorised; that it does is remembered by the assembly. Raises
-        :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost nothing.
+        With ``options.of_all``, tolerances over the mean force of all contacts are lowered to those
+        over the mean force of closed ones. Where balls differ and matrices can be factorised,
+        whether the crystal stands without friction is tested; that it does is remembered by the
+        assembly, which is not tested again. Raises :class:`~granphon.base.errors.MechanismError` if
+        motions of balls that differ cost nothing.
         """
         assembly = self.problem.assembly
         assert start is not None
@@ -169,7 +171,7 @@ class TurningDescent(ListDescent):
         with forces left that are as large as before.
         """
         options = self.options
-        has_stalled = self.trail.stalled > options.patience and not self._has_fallen
+        has_stalled = self.trail.n_stalled > options.patience and not self._has_fallen
         return has_stalled or not place.is_sound
 
     def _prepare(self, place: Configuration) -> Configuration:
@@ -177,10 +179,10 @@ class TurningDescent(ListDescent):
         ``place`` itself if loose balls do not move in turn, see :meth:`_take_turns`, if there are
         none, or if the configuration is not possible.
 
-        The force that may be left on loose balls, over the size of the forces of contacts, is the
-        part ``options.loose_force`` of that left on the other balls, or of the largest offset of
-        contacts over the mean distance of balls if that is less, but not less than rest asks of
-        them.
+        A force may be left on loose balls, over the size of the forces of contacts. It is the part
+        ``options.loose_force`` of the smaller of two numbers: the force left on the other balls,
+        over that size, and the largest offset of contacts over the mean distance of balls. It is
+        not less than rest asks of loose balls.
         """
         options = self.options
         loose = self.loose
@@ -206,10 +208,10 @@ class TurningDescent(ListDescent):
         rest, and is not to be compared with.
         """
         if self._move_in_turn:
-            changes = self.trail.stalled > self.options.patience_of_turns
+            changes = self.trail.n_stalled > self.options.patience_of_turns
             if changes:
                 # in turn again only nearer to rest than moves in turn have led
-                nearer = 0.5 * self.trail.best
+                nearer = 0.5 * self.trail.least_residual
                 self._residual_of_turns = min(self._residual_of_turns, nearer)
         else:
             changes = place.residual <= self._residual_of_turns
@@ -229,7 +231,7 @@ class TurningDescent(ListDescent):
         if not self.problem.assembly.differs:
             return None
         if self.problem.assembly.grid and self._is_well_held(place):
-            solution = self.grid_equations.probe(place, self._patience_of_grid)
+            solution = self.grid_equations.probe(place, self._most_iterations)
             self.iterations += solution.iterations
             if solution.way_down is not None:
                 return go_down(place, solution.way_down, self.options)
@@ -263,10 +265,10 @@ class TurningDescent(ListDescent):
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
-        """Return the configuration after a whole step of Newton's method; if the energy of balls
-        that differ does not fall along that step, after a step of :meth:`_find_leaning_step`, of
-        which the length is searched. Whether the energy of balls that differ has fallen by more
-        than rounding is noted.
+        """Return the configuration after a whole step of Newton's method. If the energy of balls
+        that differ does not fall along that step, it is replaced by a step of
+        :meth:`_find_leaning_step`, whose length is searched for. Whether the energy of balls that
+        differ has fallen by more than rounding is noted.
         """
         pull = configuration.pull
         step = self._find_step(configuration)
@@ -293,30 +295,44 @@ class TurningDescent(ListDescent):
     def _advance_on_grid(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a step of an array, which need not lower the energy.
 
-        A step may push loose balls into others, as they come to rest sooner by themselves than by
-        shorter steps. One that leads too far from rest is replaced by a step down the energy.
+        A step may push loose balls into others: these balls come to rest sooner by themselves than
+        by shorter steps. A step that leads too far from rest is replaced by a step down the energy.
         """
-        options = self.options
         step = self._find_last_step(configuration)
         if step is None:
             step = self._find_grid_step(configuration, (1.0, -1.0))
+        ahead = self._go_on(configuration, step)
+        if self._is_within_reach(ahead):
+            return ahead
+        # -f/r has the other sign alone: with the true sign, a step along which there is hardly any
+        # curvature has no end
+        return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
+
+    def _go_on(self, configuration: Configuration, step: Array) -> Configuration:
+        """Return the configuration at the end of a ``step`` (size,), or beyond it: the length is
+        doubled, up to ``options.longest_step``, while the energy falls faster than at the length
+        before and the configuration is within reach.
+
+        Away from a saddle, where -f/r has the other sign, a step is only as long as the way so far.
+        """
         ahead = configuration.move(configuration.x + step)
-        work = float(configuration.pull @ step)
+        fall = float(configuration.pull @ step)
         length = 1.0
-        # away from a saddle, where -f/r has the other sign, a step is only as long as the way so
-        # far: the step is lengthened while the energy falls faster
-        while ahead.is_sound and float(ahead.pull @ step) > work and length < options.longest_step:
-            work = float(ahead.pull @ step)
+        longest = self.options.longest_step
+        while ahead.is_sound and float(ahead.pull @ step) > fall and length < longest:
+            fall = float(ahead.pull @ step)
             length *= 2.0
             farther = configuration.move(configuration.x + length * step)
-            is_too_far = not farther.is_sound or farther.residual > options.farthest_residual
-            if is_too_far or float(farther.pull @ step) < work:
+            if not self._is_within_reach(farther) or float(farther.pull @ step) < fall:
                 break
             ahead = farther
-        if ahead.is_sound and ahead.residual <= options.farthest_residual:
-            return ahead
-        # with the true sign of -f/r, a step along which there is hardly any curvature has no end
-        return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
+        return ahead
+
+    def _is_within_reach(self, configuration: Configuration) -> bool:
+        """Return whether a configuration is possible, and no farther from rest than a step may
+        lead.
+        """
+        return configuration.is_sound and (configuration.residual <= self.options.farthest_residual)
 
     def _find_last_step(self, configuration: Configuration) -> Array | None:
         """Return the step (size,) of Newton's method of an array by factors, where the array is
@@ -359,14 +375,14 @@ class TurningDescent(ListDescent):
         return closed >= self.options.grid.rigidity * motions or not self.is_factored
 
     @property
-    def _patience_of_grid(self) -> int:
+    def _most_iterations(self) -> int:
         """Number of iterations, at most, for a step of a grid; then factors find the step, unless
         there are too many balls for factors.
         """
         options = self.options
         if not self.is_factored:
             return options.most_iterations
-        return options.patience_of_grid
+        return options.grid.patience
 
     def _find_grid_step(self, configuration: Configuration, turnings: tuple[float, ...]) -> Array:
         """Return a step (size,) of an array by iterations, with -f/r times the first of
@@ -391,7 +407,7 @@ class TurningDescent(ListDescent):
                 configuration.pull,
                 turning,
                 reduction,
-                self._patience_of_grid,
+                self._most_iterations,
                 load_slope,
             )
             self.iterations += solution.iterations
@@ -441,9 +457,9 @@ class TurningDescent(ListDescent):
         return step
 
     def _explain_failure(self, place: Configuration) -> GranphonError:
-        """Return the error of a way that has not led to rest: a ConvergenceError of balls that
-        differ, with the nearest state, if there is one, as ``reached``; an InstabilityError of
-        others.
+        """Return the error of a way that has not led to rest. Of balls that differ, it is a
+        ConvergenceError whose ``reached`` is the nearest state, or None if there is none; of
+        others, an InstabilityError.
         """
         words = self.problem.load.words
         if self.problem.assembly.differs:
@@ -452,7 +468,7 @@ class TurningDescent(ListDescent):
                 return ConvergenceError(what, mend=f"{_STAY}; or press the balls more")
             what = f"balls that differ have not come to rest in the true geometry under {words}"
             # the trail has no place where it has just begun anew
-            best = min(self.trail.best, place.residual)
+            best = min(self.trail.least_residual, place.residual)
             left = ""
             if math.isfinite(best):
                 left = f"A force of {best:.2g} of the mean is left on a ball"

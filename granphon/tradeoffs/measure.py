@@ -57,7 +57,13 @@ from granphon.base.validation import (
     whole,
 )
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
-from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
+from granphon.laws.effective import (
+    LAST_OF_SHORT,
+    STAGES_OF_SHORT,
+    EffectiveLaw,
+    effective_curve,
+    solve_curve,
+)
 from granphon.media.array_options import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.choice import choose_shape
 from granphon.media.cost import Cost, estimate, write_duration
@@ -227,7 +233,8 @@ def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
         deviations = simulation.deviations(index)
         # (n, L1, ..., Lp), with the balls of the cell in front
         x = deviations if structure.n_balls > 1 else deviations[None]
-        excess = [np.mean(x * x) - 1.0 / 12.0]  # the variance of every distribution
+        # the width is sqrt 12 times the standard deviation: x has the variance 1/12
+        excess = [np.mean(x * x) - 1.0 / 12.0]
         for shell in shells:
             products = []
             for i, j, shift in shell:
@@ -432,9 +439,11 @@ class MediaStudy:
         even_steps = np.linspace(0, len(shape.positions) - 1, _SHORT_LIST)
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
         short_list = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
+        # solved as the curve of many openings is, at Xi = 1: the time hardly depends on Xi
+        solve = partial(solve_curve, short_list, 1.0, STAGES_OF_SHORT, LAST_OF_SHORT)
+        solve()  # warms up: the first solution of a process takes ten times longer
         start = self.stopwatch.now()
-        # 12 stages and a tolerance of 1e-10, as of the medium's own curve for many openings
-        solve_curve(short_list, 1.0, 12, 1e-10)
+        solve()
         seconds = self.stopwatch.now() - start
         growth = shape.openings.size / short_list.openings.size
         return float(seconds * growth**_OPENINGS_POWER)
@@ -450,7 +459,8 @@ class MediaStudy:
                 state = EffectiveMedium(self.packing).at(self.load)
         by_force = np.asarray(local_exponent(state))  # d log v / d log f
         overlap = np.asarray(state.overlap)
-        # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
+        # with the force f, the overlap delta and the width W, the velocity v is f^(1/6) times a
+        # function of f/W^(3/2), or W^(1/4) times a function of delta/W
         if self.load.kind == "overlap":
             by_load = by_force * overlap * state.normal_stiffness / state.force
             by_width = (EXPONENT - 1.0) / 2.0 - by_load
@@ -525,8 +535,8 @@ class MediaStudy:
             return DirectSimulation(self.packing, shape, first_seed, samples, **history.options)
 
         seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
-        simulated = "simulation with friction" if history.is_loaded else "simulation"
-        method = f"{simulated}, {counted(samples, 'sample')}"
+        simulation = "simulation with friction" if history.is_loaded else "simulation"
+        method = f"{simulation}, {counted(samples, 'sample')}"
         return Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
 
     def find_reference(

@@ -1,4 +1,4 @@
-"""The frequency of a wave over its amplitude, by perturbation to second order."""
+"""The frequency of a wave as a function of its amplitude, by perturbation to second order."""
 
 from __future__ import annotations
 

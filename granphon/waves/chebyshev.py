@@ -37,17 +37,17 @@ from granphon.waves.operator import WaveOperator, explain_instability
 from granphon.waves.settings import MOMENTS
 
 #: most moments: a density of so many moments takes 32 MiB
-_MOST = 2**20
+_MOST_MOMENTS = 2**20
 #: fewest moments that a given resolution may need
-_LEAST = 4
+_LEAST_MOMENTS = 4
 #: points of a density within the standard deviation of the kernel
-_POINTS = 4
+_POINTS_PER_DEVIATION = 4
 #: relative difference of frequencies, and of numbers of moments before they are rounded up, that is
 #: rounding
 _ROUNDING = 1e-12
 #: most bytes of vectors that a result keeps, so that more moments go on from these vectors; a
 #: result whose vectors would take more keeps none, and for more moments begins the recursion again
-_KEPT = 2**28
+_MOST_KEPT_BYTES = 2**28
 #: share by which rounding may raise a moment above that of order zero, and the norm of T_n x above
 #: that of x; greater ones have a squared frequency below zero
 GROWTH = 1e-6
@@ -78,25 +78,29 @@ class Kernel:
         """
         if resolution is None:
             count = MOMENTS if moments is None else moments
-            return cls(top, whole_number("moments", count, 2, _MOST))
+            return cls(top, whole_number("moments", count, 2, _MOST_MOMENTS))
         if moments is not None:
             raise InputError(
                 "a resolution and a number of moments are given", "Each follows from the other"
             )
         # the resolution of M moments is pi top / 2M
         least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
-        if least_count > _MOST:
+        if least_count > _MOST_MOMENTS:
             fault = (
                 f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
                 f" go up to {top:g} Hz"
             )
-            raise InputError(fault, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more")
-        if least_count < _LEAST:
+            raise InputError(
+                fault, mend=f"Give {math.pi * top / (2.0 * _MOST_MOMENTS):.3g} Hz or more"
+            )
+        if least_count < _LEAST_MOMENTS:
             fault = (
                 f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
                 f" {top:g} Hz"
             )
-            raise InputError(fault, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less")
+            raise InputError(
+                fault, mend=f"Give {math.pi * top / (2.0 * _LEAST_MOMENTS):.3g} Hz or less"
+            )
         # a whole number that rounding lifted a little is not rounded up to the next one
         return cls(top, math.ceil(least_count * (1.0 - _ROUNDING)))
 
@@ -120,7 +124,7 @@ class Kernel:
     @property
     def count(self) -> int:
         """Number of points of a density."""
-        return _POINTS * self.moments + 1
+        return _POINTS_PER_DEVIATION * self.moments + 1
 
     @cached_property
     def angles(self) -> Array:
@@ -209,7 +213,7 @@ def keeps_vectors(operator: WaveOperator, n_recursions: int) -> bool:
     kept with a result.
     """
     n_numbers = 2 * operator.size * n_recursions
-    return 8 * n_numbers <= _KEPT
+    return 8 * n_numbers <= _MOST_KEPT_BYTES
 
 
 class Moments:

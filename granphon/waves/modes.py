@@ -235,8 +235,9 @@ class Problem:
         from scipy.sparse import eye_array, hstack
 
         unit = eye_array(self.operator.size, format="csc")
-        loose = np.setdiff1d(np.arange(self.operator.size), self.live)
-        return hstack([unit[:, loose], unit[:, self.live] @ self.free_motions], format="csr")
+        loose_motions = np.setdiff1d(np.arange(self.operator.size), self.live)
+        free_motions = unit[:, self.live] @ self.free_motions
+        return hstack([unit[:, loose_motions], free_motions], format="csr")
 
     @cached_property
     def _entries(self) -> list[Any]:
@@ -256,9 +257,9 @@ class Problem:
         whose entries are in the same places for every value, so that all are eliminated in one
         order.
         """
-        places, elastic, ones = self._entries
+        places, matrix_entries, unit_entries = self._entries
         matrix = places.copy()
-        matrix.data = elastic - value * ones
+        matrix.data = matrix_entries - value * unit_entries
         return matrix
 
     @cached_property
@@ -315,9 +316,9 @@ class Problem:
         modes of the frequencies ``omega`` (m,), rad/s. Zero modes are left out, and so there are
         fewer indices if fewer modes cost energy.
         """
-        elastic = np.flatnonzero(omega > ZERO * self.top)
-        from_nearest = np.argsort(np.abs(omega[elastic] - target), kind="stable")
-        return np.sort(elastic[from_nearest[:count]])
+        elastic_modes = np.flatnonzero(omega > ZERO * self.top)
+        nearest_first = np.argsort(np.abs(omega[elastic_modes] - target), kind="stable")
+        return np.sort(elastic_modes[nearest_first[:count]])
 
 
 def _find_singular(deformations: Array) -> tuple[Array, Array]:
@@ -335,10 +336,10 @@ def _find_singular(deformations: Array) -> tuple[Array, Array]:
         from scipy.linalg import svd
 
         _, singular_values, right_rows = svd(triangle, lapack_driver="gesvd")
-    padded = np.zeros(len(right_rows))
-    padded[: singular_values.size] = singular_values
-    ascending = np.argsort(padded, kind="stable")
-    return padded[ascending], right_rows.T[:, ascending]
+    all_values = np.zeros(len(right_rows))
+    all_values[: singular_values.size] = singular_values
+    order = np.argsort(all_values, kind="stable")
+    return all_values[order], right_rows.T[:, order]
 
 
 def find_allowed_fall(operator: WaveOperator) -> float:
@@ -360,12 +361,12 @@ def find_allowed_fall(operator: WaveOperator) -> float:
     forces, torques = network.unbalanced
     force = np.linalg.norm(forces[balls], axis=1)
     torque = np.linalg.norm(torques[balls], axis=1)
-    of_forces = force / (network.masses[balls] * network.radii[balls])
-    of_torques = torque / network.inertias[balls]
-    fastest = float(np.max(of_forces + of_torques))
+    force_squares = force / (network.masses[balls] * network.radii[balls])
+    torque_squares = torque / network.inertias[balls]
+    largest_square = float(np.max(force_squares + torque_squares))
     # a faster fall is no imbalance that a program leaves, but an instability
-    greatest = (_BALANCED * operator.top) ** 2
-    return rounding + min(fastest, greatest)
+    limit = (_BALANCED * operator.top) ** 2
+    return rounding + min(largest_square, limit)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
@@ -723,15 +724,17 @@ class _FilterSearch:
             _require_affordable(problem, window, n_starts, self.count, self._error)
             self._error = ConvergenceError
             random_vectors = _draw_vectors(problem, self.random, n_drawn, self.power)
-            filtered = window.apply(problem.operator, random_vectors)
+            filtered_vectors = window.apply(problem.operator, random_vectors)
             if modes is not None:  # the filtered vectors are fresh ones
                 ends = self._find_ends(window, modes)
-                searched = window.find_ends(_CORE_SHARE) if ends is None else ends
-                n_missing = _estimate_missing(window, filtered, modes.vectors, searched, self.power)
+                searched_ends = window.find_ends(_CORE_SHARE) if ends is None else ends
+                n_missing = _estimate_missing(
+                    window, filtered_vectors, modes.vectors, searched_ends, self.power
+                )
                 if n_missing < _LEAST_RESIDUAL:
                     return modes, ends is not None
                 n_starts += n_drawn
-            basis = _extend_basis(basis, filtered)
+            basis = _extend_basis(basis, filtered_vectors)
             modes = _find_ritz_modes(problem, window, basis)
             n_drawn = _count_fresh(n_starts)
 
@@ -743,15 +746,16 @@ class _FilterSearch:
         without its ends, in which no mode is missed.
         """
         top = self.problem.top
-        chosen = self.problem.choose_nearest(modes.omega, self.count, self.target)
-        if chosen.size < self.count:
+        chosen_modes = self.problem.choose_nearest(modes.omega, self.count, self.target)
+        if chosen_modes.size < self.count:
             return None
-        farthest = np.max(np.abs(modes.omega[chosen] - self.target), initial=0.0)
+        reach = np.max(np.abs(modes.omega[chosen_modes] - self.target), initial=0.0)
         # random vectors without a share of zero modes have hardly any share of the softest modes,
         # so that a missing one would not show there
-        softest = _SOFTEST_SHARE * farthest if self.power else 0.0
-        low = _find_phi(top, self.target + farthest)
-        high = _find_phi(top, max(self.target - farthest, softest))
+        least_omega = _SOFTEST_SHARE * reach if self.power else 0.0
+        # phi falls as the frequency rises
+        low = _find_phi(top, self.target + reach)
+        high = _find_phi(top, max(self.target - reach, least_omega))
         least, greatest = window.find_ends(1.0 - _EDGE_SHARE / window.n_filters)
         return (low, high) if least <= low and high <= greatest else None
 
@@ -760,8 +764,8 @@ class _FilterSearch:
         counted if the window holds them all.
         """
         problem = self.problem
-        chosen = problem.choose_nearest(modes.omega, self.count, self.target)
-        omega, vectors, residuals = problem.refine(modes.vectors[problem.live][:, chosen])
+        chosen_modes = problem.choose_nearest(modes.omega, self.count, self.target)
+        omega, vectors, residuals = problem.refine(modes.vectors[problem.live][:, chosen_modes])
         n_zeros = None
         if self._is_lowest and not self.power:  # the window holds all zero modes
             n_zeros = problem.n_loose + int(np.sum(modes.omega <= ZERO * problem.top))
@@ -883,11 +887,12 @@ def _extend_basis(basis: Array, vectors: Array) -> Array:
     from scipy.linalg import qr
 
     m = basis.shape[1]
-    joined = np.empty((len(basis), m + vectors.shape[1]), order="F")  # overwritten by LAPACK
-    joined[:, :m] = basis
-    joined[:, m:] = vectors
-    orthonormal, _ = qr(joined, overwrite_a=True, mode="economic", check_finite=False)
-    return np.asarray(orthonormal)
+    # in the order of columns, so that LAPACK can overwrite the array
+    joint_vectors = np.empty((len(basis), m + vectors.shape[1]), order="F")
+    joint_vectors[:, :m] = basis
+    joint_vectors[:, m:] = vectors
+    joint_basis, _ = qr(joint_vectors, overwrite_a=True, mode="economic", check_finite=False)
+    return np.asarray(joint_basis)
 
 
 def _draw_vectors(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
@@ -917,10 +922,10 @@ def _find_ritz_modes(problem: Problem, window: _Window, basis: Array) -> _FoundM
     matrix = problem.operator.matrix
     columns = range(0, basis.shape[1], _COLUMNS)
     # a block of columns at a time saves memory
-    projected = np.hstack(
+    projection = np.hstack(
         [basis.T @ (matrix @ basis[:, column : column + _COLUMNS]) for column in columns]
     )
-    squares, coefficients = np.linalg.eigh(0.5 * (projected + projected.T))
+    squares, coefficients = np.linalg.eigh(0.5 * (projection + projection.T))
     omega = find_roots(problem.operator, squares)
     low, high = window.find_ends(1.0)  # in phi: the frequency falls from low to high
     highest = problem.top * math.cos(low / 2.0)
@@ -955,16 +960,20 @@ def _keep_converged(
 
 
 def _estimate_missing(
-    window: _Window, fresh: Array, known_modes: Array, ends: tuple[float, float], power: int
+    window: _Window,
+    fresh_vectors: Array,
+    known_modes: Array,
+    ends: tuple[float, float],
+    power: int,
 ) -> float:
     """Return an estimate of the number of modes between the ``ends``, two angles phi, that are not
     among ``known_modes`` (size, m); the estimate is too low only by chance.
 
-    ``fresh`` (size, filters x n) are n filtered random vectors that were not used to find the known
-    modes. On average a mode adds to the squares of each vector the sum of the squares of the
-    filters at its phi, times (omega / top)^``power``. The known modes are taken out of the vectors;
-    the squares that remain, over the least that a mode between the ends adds, are the estimate.
-    Modes outside of the ends add to the estimate.
+    ``fresh_vectors`` (size, filters x n) are what the filters of the ``window`` make of n random
+    vectors that were not used to find the known modes. On average a mode adds to the squares of
+    each vector the sum of the squares of the filters at its phi, times (omega / top)^``power``. The
+    known modes are taken out of the vectors; the squares that remain, over the least that a mode
+    between the ends adds, are the estimate. Modes outside of the ends add to the estimate.
     """
     phi = np.linspace(*ends, _PHI_POINTS)
     omega_over_top = np.cos(0.5 * phi)
@@ -974,9 +983,10 @@ def _estimate_missing(
     # window, and would add modes outside of the ends
     is_enough = least_weights >= _WEIGHT_SHARE * least_weights[-1]
     n_used = int(np.argmax(is_enough)) + 1
-    by_filter = fresh.reshape(len(fresh), window.n_filters, -1)[:, :n_used]
+    size = len(fresh_vectors)
+    by_filter = fresh_vectors.reshape(size, window.n_filters, -1)[:, :n_used]
     n_vectors = by_filter.shape[2]
-    vectors = by_filter.reshape(len(fresh), -1)
+    vectors = by_filter.reshape(size, -1)
     residuals = vectors - known_modes @ (known_modes.T @ vectors)
     return float(np.sum(residuals**2) / (n_vectors * least_weights[n_used - 1]))
 
@@ -1036,7 +1046,7 @@ class NetworkModes(Result):
         square_motions = self.vectors[:, moving] ** 2
 
         def average(values: Array) -> Array:
-            """Return values (m, ...) of modes, each replaced by the mean over the modes of its
+            """Return values (m, ...) of modes, each replaced by the mean over the modes of the same
             frequency.
             """
             return np.moveaxis(average_equal(np.moveaxis(values, 0, -1), groups, groups), -1, 0)
@@ -1135,23 +1145,28 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         pairs = _find_factored(problem, count, target)
     else:
         pairs = _find_large(problem, count, target)
-    network = operator.network
-    motions = operator.motions
-    vectors = np.zeros((count, network.n_balls, motions.count))
-    vectors[:, operator.balls] = np.moveaxis(operator.values(pairs.vectors), -1, 0)
     # the sign of a mode is free: the largest number is above zero
     largest = np.argmax(np.abs(pairs.vectors), axis=0)
     signs = np.sign(pairs.vectors[largest, np.arange(count)])
-    vectors *= signs[:, None, None]
     return NetworkModes(
         frequencies=pairs.omega / (2.0 * math.pi),
-        vectors=vectors,
-        displacements=len(motions.translations),
+        vectors=_list_by_balls(operator, signs * pairs.vectors),
+        displacements=len(operator.motions.translations),
         moving=operator.balls.size,
         zero_modes=pairs.n_zeros,
         residual=pairs.residual,
-        network=network,
+        network=operator.network,
     )
+
+
+def _list_by_balls(operator: WaveOperator, vectors: NDArray[Any]) -> NDArray[Any]:
+    """Return the modes (m, n_balls, motions) that are ``vectors`` (size, m) of the ``operator``;
+    zero for balls that do not move.
+    """
+    shape = (vectors.shape[1], operator.network.n_balls, operator.motions.count)
+    modes = np.zeros(shape, vectors.dtype)
+    modes[:, operator.balls] = np.moveaxis(operator.values(vectors), -1, 0)
+    return modes
 
 
 def read_request(operator: WaveOperator, count: int, nearest: float | None) -> tuple[int, float]:
@@ -1204,15 +1219,13 @@ def find_damped(
         )
     count, target = read_request(operator, count, nearest)
     omega, shapes = _find_unevenly_damped(operator, losses, count, target)
-    vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
-    vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # warnings need the highest frequency without losses: Rayleigh's quotient of each shape
     forces = np.asarray(operator.matrix @ shapes)
     squares = np.sum(shapes.conj() * forces, axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
     return DampedModes(
         frequencies=omega / (2.0 * math.pi),
-        vectors=vectors,
+        vectors=_list_by_balls(operator, shapes),
         warnings=losses.find_warnings(highest),
     )
 
@@ -1270,17 +1283,18 @@ def _find_damped_dense(
     """
     squares, shapes = _diagonalise(problem, count)
     costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
-    elastic = shapes[:, costs_energy]
-    if elastic.shape[1] < count:
-        raise explain_too_few(elastic.shape[1], count)
-    basis = shapes if is_coupled else elastic  # zero modes that are not coupled stay at rest
+    n_elastic = int(np.count_nonzero(costs_energy))
+    if n_elastic < count:
+        raise explain_too_few(n_elastic, count)
+    # zero modes that are not coupled stay at rest
+    basis = shapes if is_coupled else shapes[:, costs_energy]
     reduced_stiffness = basis.T @ np.asarray(stiffness @ basis)
     reduced_viscous = basis.T @ np.asarray(viscous @ basis)
     omega, vectors = damp_unevenly(reduced_stiffness, reduced_viscous)
     if is_coupled:
         omega, vectors = _drop_zeros(omega, vectors)
-    chosen = _choose_damped(omega, count, target)
-    return omega[chosen], basis @ vectors[:, chosen]
+    chosen_modes = _choose_damped(omega, count, target)
+    return omega[chosen_modes], basis @ vectors[:, chosen_modes]
 
 
 def _drop_zeros(omega: Complex, vectors: Complex) -> tuple[Complex, Complex]:
@@ -1302,22 +1316,22 @@ def _find_damped_near(
     two.
     """
     zero_motions = _find_zero_motions(problem, count)
-    available = problem.live.size - zero_motions.shape[1]
-    if available < count:
-        raise explain_too_few(available, count)
-    rate_count = 2 * count + _SPARE  # each mode has two rates, though both need not be near
+    n_elastic = problem.live.size - zero_motions.shape[1]
+    if n_elastic < count:
+        raise explain_too_few(n_elastic, count)
+    n_rates = 2 * count + _SPARE  # each mode has two rates, though both need not be near
     if is_coupled:
-        rate_count += zero_motions.shape[1]  # rates of zero, which are left out later
+        n_rates += zero_motions.shape[1]  # rates of zero, which are left out later
         zero_motions = zero_motions[:, :0]
-    while rate_count <= available:
-        omega, vectors = _find_rates_near(stiffness, viscous, zero_motions, rate_count, target)
+    while n_rates <= n_elastic:
+        omega, vectors = _find_rates_near(stiffness, viscous, zero_motions, n_rates, target)
         if is_coupled:
             omega, vectors = _drop_zeros(omega, vectors)
-        chosen = _choose_damped(omega, count, target)
-        if chosen.size == count:
-            return omega[chosen], vectors[:, chosen]
+        chosen_modes = _choose_damped(omega, count, target)
+        if chosen_modes.size == count:
+            return omega[chosen_modes], vectors[:, chosen_modes]
         # of some modes both rates were found, which make one mode: more rates are needed
-        rate_count *= 2
+        n_rates *= 2
     fault = (
         f"{count} modes of {problem.live.size} motions that are damped unevenly are too many to be"
         f" found"
@@ -1361,9 +1375,9 @@ def _find_zero_motions(problem: Problem, count: int) -> Array:
 
 @single_products()
 def _find_rates_near(
-    stiffness: Any, viscous: Any, zero_motions: Array, rate_count: int, target: float
+    stiffness: Any, viscous: Any, zero_motions: Array, n_rates: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return the modes of x'' + G x' + D x = 0 that belong to the ``rate_count`` rates r = i omega
+    """Return the modes of x'' + G x' + D x = 0 that belong to the ``n_rates`` rates r = i omega
     nearest to i ``target``: the complex frequencies omega (m,) and the vectors (n, m).
 
     D is the ``stiffness`` and G the ``viscous`` matrix (n, n), in units of the top frequency, as
@@ -1372,7 +1386,7 @@ def _find_rates_near(
     D + s G + s^2. The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and each has the
     rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them. One of
     the two rates of each mode is kept, by :func:`_drop_second_rates`, so that m is at most
-    ``rate_count``.
+    ``n_rates``.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -1405,7 +1419,7 @@ def _find_rates_near(
     inverse = LinearOperator((2 * n, 2 * n), matvec=solve, dtype=complex)
     start = remove_zeros(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
-        rates, vectors = eigs(first_order, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
+        rates, vectors = eigs(first_order, k=n_rates, sigma=shift, OPinv=inverse, v0=start)
     shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
     return _drop_second_rates(-1j * rates, shapes, viscous)
 
@@ -1446,12 +1460,10 @@ def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> Dam
     squares, columns = _diagonalise_whole(operator, matrix, count, target / operator.top)
     shapes = np.zeros((operator.size, count), complex)
     shapes[live] = columns
-    vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
-    vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     omega: Complex = np.asarray(operator.top * np.sqrt(squares), complex)
     return DampedModes(
         frequencies=omega / (2.0 * math.pi),
-        vectors=vectors,
+        vectors=_list_by_balls(operator, shapes),
         warnings=network_warnings(operator.network),
     )
 
@@ -1470,10 +1482,10 @@ def _diagonalise_whole(
     size = matrix.shape[0]
     if size <= DENSE:
         squares, vectors = np.linalg.eig(matrix.toarray())
-        chosen = _choose_whole(operator, squares, count, target)
-        if chosen.size < count:
-            raise explain_too_few(chosen.size, count)
-        return squares[chosen].astype(complex), vectors[:, chosen].astype(complex)
+        chosen_modes = _choose_whole(operator, squares, count, target)
+        if chosen_modes.size < count:
+            raise explain_too_few(chosen_modes.size, count)
+        return squares[chosen_modes].astype(complex), vectors[:, chosen_modes].astype(complex)
     if size > LARGEST_UNSYMMETRIC[operator.network.dimension]:
         raise InputError(
             f"{size:,} motions are too many for modes with all forces",
@@ -1484,9 +1496,9 @@ def _diagonalise_whole(
     n_searched = count + _SPARE
     while n_searched * _ALL_OVER_FOUND <= size:
         squares, vectors = _find_nearest_whole(matrix, n_searched, shift)
-        chosen = _choose_whole(operator, squares, count, target)
-        if chosen.size == count:
-            return squares[chosen], vectors[:, chosen]
+        chosen_modes = _choose_whole(operator, squares, count, target)
+        if chosen_modes.size == count:
+            return squares[chosen_modes], vectors[:, chosen_modes]
         n_searched *= 2
     raise InputError(f"{count} modes of {size:,} motions are too many", mend="Ask for fewer")
 
@@ -1675,11 +1687,11 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
     """
     squares, vectors = _diagonalise(problem, count)
     omega = find_roots(problem.operator, squares)
-    chosen = problem.choose_nearest(omega, count, target)
-    if chosen.size < count:
-        raise explain_too_few(chosen.size, count)
+    chosen_modes = problem.choose_nearest(omega, count, target)
+    if chosen_modes.size < count:
+        raise explain_too_few(chosen_modes.size, count)
     n_zeros = int(np.sum(omega <= ZERO * problem.top))
-    refined_omega, modes, residuals = problem.refine(vectors[:, chosen])
+    refined_omega, modes, residuals = problem.refine(vectors[:, chosen_modes])
     return Eigenpairs(refined_omega, modes, float(residuals.max()), problem.n_loose + n_zeros)
 
 
@@ -1688,10 +1700,11 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     a shift next to the target.
 
     The number of modes that are sought is doubled until all residuals are small and
-    :func:`_prove_complete` finds no mode missing. If a large part of all modes would be sought,
-    :func:`_find_dense` finds all instead. In packings most zero modes are of single balls, which
-    turn about the line through their two contacts. These are known, and Lanczos's vectors are kept
-    free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy.
+    :func:`_prove_complete` finds no mode missing. If more than a third of all modes would be
+    sought, :func:`_find_dense` finds all instead. In packings most zero modes are of single balls,
+    which turn about the line through their two contacts. These modes are known, and Lanczos's
+    vectors are kept free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes
+    cost energy.
     """
     size = problem.live.size
     top = problem.top
@@ -1712,20 +1725,22 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     while n_searched * _ALL_OVER_FOUND <= size:
         _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve, start)
         omega, modes, residuals = problem.refine(vectors)
-        chosen = problem.choose_nearest(omega, count, target)
+        chosen_modes = problem.choose_nearest(omega, count, target)
         n_searched *= 2
-        if chosen.size < count:
+        if chosen_modes.size < count:
             n_zeros = problem.count_below((ZERO * top) ** 2)
             if count > size - n_zeros:
                 raise explain_too_few(size - n_zeros, count)
             # zero modes are nearest to the shift: the next search has to find them all
             n_searched = max(n_searched, count + n_zeros - free_motions.shape[1] + _SPARE)
-        elif np.max(residuals[chosen]) <= RESIDUAL:
-            known_zeros = _prove_complete(problem, omega, chosen, target)
-            if known_zeros is not None:
-                largest_residual = float(residuals[chosen].max())
+        elif np.max(residuals[chosen_modes]) <= RESIDUAL:
+            n_live_zeros = _prove_complete(problem, omega, chosen_modes, target)
+            if n_live_zeros is not None:
                 return Eigenpairs(
-                    omega[chosen], modes[:, chosen], largest_residual, problem.n_loose + known_zeros
+                    omega[chosen_modes],
+                    modes[:, chosen_modes],
+                    float(residuals[chosen_modes].max()),
+                    problem.n_loose + n_live_zeros,
                 )
     return _find_dense(problem, count, target)
 
@@ -1777,8 +1792,11 @@ def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
 
 
 def _count_rigid(operator: WaveOperator) -> int:
-    """Return the number of motions in which the whole network moves as a rigid body: none if a ball
-    is held or tied to the ground by a spring, and translations alone if the network repeats.
+    """Return the number of zero modes that are expected of motions of the whole network as a rigid
+    body: none if a ball is held or tied to the ground by a spring, the translations if the network
+    repeats, else as many as a ball has motions.
+
+    Where balls do not rotate, rigid rotations cost no energy either, and are not counted.
     """
     network = operator.network
     if not np.all(network.moving) or np.any(operator.anchors):
@@ -1788,20 +1806,20 @@ def _count_rigid(operator: WaveOperator) -> int:
 
 
 def _prove_complete(
-    problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float
+    problem: Problem, omega: Array, chosen_modes: NDArray[np.intp], target: float
 ) -> int | None:
     """Return the number of zero modes of the live motions, if no mode is missing; None if one is.
 
-    ``omega`` (m,), rad/s, are the frequencies of all modes that were found, of which those of the
-    indices ``chosen`` are the requested ones. No mode is missing if, nearer to ``target``, rad/s,
-    than the farthest chosen mode, factors count as many modes as were found. Besides the found
-    modes there are the free motions of single balls, from which the search was kept free.
+    ``omega`` (m,), rad/s, are the frequencies of all modes that were found, and ``chosen_modes``
+    the indices of the requested modes among these. No mode is missing if factors count as many
+    modes as were found that are nearer to ``target``, rad/s, than the farthest chosen mode. Besides
+    the found modes there are the free motions of single balls, from which the search was kept free.
     """
     zero = ZERO * problem.top
     n_free = problem.free_motions.shape[1]
-    farthest = np.max(np.abs(omega[chosen] - target)) * (1.0 - _END_MARGIN)
-    low = target - farthest
-    high = target + farthest
+    reach = np.max(np.abs(omega[chosen_modes] - target)) * (1.0 - _END_MARGIN)
+    low = target - reach
+    high = target + reach
     n_below_high = problem.count_below(high**2)
     if low <= zero:  # the interval holds all zero modes, so that they need no count of their own
         is_complete = n_below_high == n_free + np.count_nonzero(omega < high)
@@ -1827,15 +1845,16 @@ def require_countable(operator: WaveOperator) -> None:
 
 
 def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
-    """Return the numbers (n_f,) of modes below each of the ``frequencies`` (n_f,), Hz, in a network
+    """Return the number of modes below each of the ``frequencies`` (n_f,), Hz, (n_f,), in a network
     that is stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
 
-    Zero modes count, also those of motions that no spring holds. Raises what
+    Zero modes count, also those of motions that nothing acts on. Raises what
     :func:`require_countable` raises.
     """
     require_countable(operator)
     problem = Problem.of(operator)
     size = problem.live.size
+    # modes up to this frequency cost no energy, and are below every frequency
     omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
     counts = np.full(omega.size, size)  # all modes are below the top frequency
     with operator.progress.step("modes below frequencies", omega.size) as step:

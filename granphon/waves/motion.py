@@ -49,9 +49,9 @@ _ROUNDING = 1e-10
 _NO_CHANGE = 1e-300
 #: correlation of distances and times up to which they make no straight line
 _LEAST_CORRELATION = 0.9
-#: greatest rise of the quadratic part of a parabola fitted to times over distances, over the rise
-#: of its linear part, both along the whole line: with more it is no straight line. A signal that
-#: diffuses, t ~ x^2, has one, and a third if the first distance is half of the last
+#: greatest change of the slope of a parabola fitted to times over distances, from the middle to an
+#: end, over the slope in the middle: with more it is no straight line. For a signal that diffuses,
+#: t ~ x^2, the number is 1, and a third if the first distance is half of the last
 _MOST_BENDING = 0.25
 #: least number of frames in a period of the highest harmonic
 _FRAMES_PER_PERIOD = 2.5
@@ -754,22 +754,22 @@ def _begin_file(
     """
     network = network.storable()
     network_fields = {entry.name: getattr(network, entry.name) for entry in fields(network)}
-    fixed = {}  # arrays that do not grow with the frames, each with the names of its axes
+    fixed_arrays = {}  # arrays that do not grow with the frames, each with the names of its axes
     plain_values = {}
     for name, value in network_fields.items():
         if isinstance(value, np.ndarray):
-            fixed[_NETWORK_PREFIX + name] = (value, _name_axes(name, ContactNetwork))
+            fixed_arrays[_NETWORK_PREFIX + name] = (value, _name_axes(name, ContactNetwork))
         else:
             plain_values[name] = plain(value)
     if len(met):  # a dimension of no length would be the one that grows
-        fixed["met"] = (met, _name_axes("met", Motion))
-    growing = {
+        fixed_arrays["met"] = (met, _name_axes("met", Motion))
+    growing_arrays = {
         name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()
     }
     network_units = {_NETWORK_PREFIX + name: unit for name, unit in ContactNetwork.units.items()}
     units = Motion.units | network_units
     about = _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)}
-    return RecordFile(path, fixed, growing, units, about)
+    return RecordFile(path, fixed_arrays, growing_arrays, units, about)
 
 
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:

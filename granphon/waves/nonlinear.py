@@ -34,7 +34,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -233,9 +233,8 @@ class NonlinearWaves:
                 " of overlap/diameter, or take the small motions of gp.Waves"
             )
             raise InputError('the network has slip_levers="yade"', why, mend)
-        self._laws = self._find_laws(
-            law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal)
-        )
+        crystal_state = state if isinstance(state, CrystalState) else None
+        self._laws = self._find_laws(law, crystal_state, is_unloaded=isinstance(x, Crystal))
         self.normal = self._laws.normal
         self.punch = self._laws.punch
         mu = real_number(friction_coefficient)
@@ -272,17 +271,18 @@ class NonlinearWaves:
         """(n_c,) overlaps at rest, m."""
         return self.normal.overlap
 
-    def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> _Laws:
-        """Return the laws of the contacts of the network: those of the ``law``, or without one
-        those of the crystal whose ``state`` was given, if one was.
+    def _find_laws(self, law: Any, state: CrystalState | None, is_unloaded: bool) -> _Laws:
+        """Return the laws of the contacts of the network: those of the ``law``; or if it is None,
+        those of the crystal of a ``state``, and without such a state Hertz's law.
 
-        ``unloaded`` says that a crystal was given in place of a state, so that balls touch without
-        force. Raises :class:`~granphon.base.errors.InputError` if the laws are not known.
+        ``is_unloaded`` says that a crystal was given in place of a state, so that balls touch
+        without force. Raises :class:`~granphon.base.errors.InputError` if the laws are not known.
         """
-        crystal = state.crystal if state is not None and law is None else law
-        if isinstance(crystal, Crystal) and not (unloaded and law is not None):
-            return self._make_crystal_laws(crystal, unloaded)
-        if unloaded or isinstance(law, DMT | JKR):
+        if law is None and state is not None:
+            return self._make_crystal_laws(state.crystal, is_unloaded)
+        if isinstance(law, Crystal) and not is_unloaded:
+            return self._make_crystal_laws(law, is_unloaded)
+        if is_unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
             raise InputError(
                 f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here"
@@ -291,9 +291,9 @@ class NonlinearWaves:
             return self._make_power_laws(law)
         return self._make_single_law(law)
 
-    def _make_crystal_laws(self, crystal: Crystal, unloaded: bool) -> _Laws:
+    def _make_crystal_laws(self, crystal: Crystal, is_unloaded: bool) -> _Laws:
         """Return the laws of contacts by the pairs of balls of a ``crystal``; contacts have no
-        force at rest if ``unloaded``.
+        force at rest if ``is_unloaded``.
 
         Raises :class:`~granphon.base.errors.InputError` if the balls of the network are not of the
         kinds of the crystal.
@@ -324,7 +324,7 @@ class NonlinearWaves:
             law, _, modulus[contacts] = find_pair(*pair)
             groups.append((law, contacts))
         laws = ContactLaws(groups, force.size, modulus)
-        overlap = laws.overlap(np.zeros_like(force) if unloaded else force)
+        overlap = laws.overlap(np.zeros_like(force) if is_unloaded else force)
         return _Laws(_simplify_laws(laws, overlap), laws, self._find_punch(laws), find_pair)
 
     def _make_single_law(self, law: Any) -> _Laws:
@@ -386,7 +386,8 @@ class NonlinearWaves:
             """Return the means of the coefficient over the root of the radius and of kappa/(2 E* a)
             over the contacts of a ``pair`` of kinds, and 1 in place of E*.
 
-            Raises :class:`~granphon.base.errors.InputError` if the coefficients differ.
+            Raises :class:`~granphon.base.errors.InputError` if the coefficients over the root
+            differ by more than :data:`_SAME_MATERIAL` times their mean.
             """
             contacts = pairs.get(pair, slice(None))
             coefficients = coefficient_per_root[contacts]
@@ -525,10 +526,10 @@ class NonlinearWaves:
         balls too fast, or contacts too stiff, for double precision; and
         :class:`~granphon.base.errors.OutputError` if ``file`` is no motion, or cannot be written.
         """
-        length = positive("duration", duration, "s")
-        count = whole_number("frames", frames, 2, _MOST_STEPS)
+        duration = positive("duration", duration, "s")
+        n_frames = whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
-        self._require_frames_memory(count, to_file=file is not None)
+        self._require_frames_memory(n_frames, to_file=file is not None)
         why_uncompiled = find_why_uncompiled()
         if why_uncompiled:
             warnings.warn(why_uncompiled, stacklevel=2)
@@ -541,42 +542,43 @@ class NonlinearWaves:
         x = system.read("displacements", displacements) + system.read("rotations", rotations)
         v = system.read("velocities", velocities) + system.read("spins", spins)
         chosen_step, top = self._choose_step(system, x, v, step)
-        require_steps(length / chosen_step)  # also if the quotient is infinite
-        trial_step = min(chosen_step, length / (count - 1))
+        require_steps(duration / chosen_step)  # also if the quotient is infinite
+        trial_step = min(chosen_step, duration / (n_frames - 1))
         least_step = trial_step * 2.0**-_MOST_HALVINGS
         least_per_period = _LEAST_CHOSEN_STEPS if step is None else _LEAST_STABLE_STEPS
         # no motion of the run is slower than the run is long, or faster than contacts are
-        for sentence in self.losses.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
+        for sentence in self.losses.find_warnings(min(1.0 / duration, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
-            steps_per_frame = _count_steps(length, trial_step, count)
-            schedule = _Schedule(steps_per_frame, count, least_per_period)
-            recorder = Frames(self.network, length / (count - 1) / steps_per_frame, file)
+            steps_per_frame = _count_steps(duration, trial_step, n_frames)
+            schedule = _Schedule(steps_per_frame, n_frames, least_per_period)
+            recorder = Frames(self.network, duration / (n_frames - 1) / steps_per_frame, file)
             # numbers that leave the floating range end the run later, by _require_short
             floating = np.errstate(over="ignore", invalid="ignore")
             with (
                 recorder,
                 single_products(),
                 floating,
-                progress.step("motion", count - 1) as frame_progress,
+                progress.step("motion", n_frames - 1) as frame_progress,
             ):
                 stop_reason = _record(system, x, v, schedule, scheme, recorder, frame_progress)
             is_unstable = stop_reason in (_TOO_LONG, _UNSOLVED, _RATTLED)
-            if is_unstable and step is None and trial_step > least_step:
-                trial_step *= 0.5
-                continue
-            warning = check_limit("contact_radius", system.widest).warning
-            if warning is not None:
-                sentence = f"in the motion {warning[0].lower()}{warning[1:].rstrip('.')}"
-                warnings.warn(sentence, LimitWarning, stacklevel=2)
-            if stop_reason:
-                stop_warning = StoppedEarlyWarning(
-                    f"the motion ends after {recorder.last_time:.4g} s of {length:.4g} s:"
-                    f" {stop_reason}"
-                )
-                stop_warning.interrupted = stop_reason == _CTRL_C
-                warnings.warn(stop_warning, stacklevel=2)
-            return recorder.join()
+            is_finished = not (is_unstable and step is None and trial_step > least_step)
+            if is_finished:
+                break
+            trial_step *= 0.5
+        width_warning = check_limit("contact_radius", system.widest).warning
+        if width_warning is not None:
+            sentence = f"in the motion {width_warning[0].lower()}{width_warning[1:].rstrip('.')}"
+            warnings.warn(sentence, LimitWarning, stacklevel=2)
+        if stop_reason:
+            stop_warning = StoppedEarlyWarning(
+                f"the motion ends after {recorder.last_time:.4g} s of {duration:.4g} s:"
+                f" {stop_reason}"
+            )
+            stop_warning.interrupted = stop_reason == _CTRL_C
+            warnings.warn(stop_warning, stacklevel=2)
+        return recorder.join()
 
     def _choose_step(
         self, system: _System, x: Array, v: Array, step: float | None
@@ -612,9 +614,10 @@ class NonlinearWaves:
         speed : greatest speed of a ball at the start, m/s, here that of the heaviest ball.
         force, displacement : greatest force, N, and displacement, m, of drives.
 
-        With the speed alone this is the step with which :meth:`run` begins, which it then shortens
-        until a frame has a whole number of steps. Of force and displacement the run knows nothing
-        at its beginning: it halves its step later, where contacts become much stiffer.
+        With the speed alone this is the step with which :meth:`run` begins, before the step is
+        shortened so that a frame has a whole number of steps. A run does not know beforehand which
+        force or displacement its drives reach: it halves its step later, where contacts become much
+        stiffer.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers below zero, if they press no
         contact, and for balls too fast, or contacts too stiff, for double precision.
@@ -631,13 +634,13 @@ class NonlinearWaves:
                 system.find_pressed_stiffness(rest_motions, energy, force, displacement)
             )
 
-    def _require_frames_memory(self, count: int, *, to_file: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if ``count`` frames of a motion take more
-        memory than there is; of frames that go ``to_file``, only two are held in memory.
+    def _require_frames_memory(self, n_frames: int, *, to_file: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if ``n_frames`` frames of a motion take
+        more memory than there is; of frames that go ``to_file``, only two are held in memory.
         """
-        n_held = 2 if to_file else count
+        n_held = 2 if to_file else n_frames
         memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
-        frames = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
+        frames = f"{n_frames:,} frames of a motion of {self.network.n_balls:,} balls"
         require_memory(frames, memory, "Give fewer frames")
 
     def _find_displacements(self, positions: ArrayLike) -> Array:
@@ -710,20 +713,20 @@ def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
     return field
 
 
-def _count_steps(length: float, step: float, count: int) -> int:
-    """Return the number of steps from frame to frame, each of at most ``step``, s, in a run of the
-    duration ``length``, s, with ``count`` frames.
+def _count_steps(duration: float, step: float, n_frames: int) -> int:
+    """Return the number of steps from frame to frame, each of at most ``step``, s, in a run of a
+    ``duration``, s, with ``n_frames`` frames.
 
     Raises :class:`~granphon.base.errors.InputError` for too many steps, and for steps so short that
     they leave the range of double precision.
     """
-    require_steps(length / step)
-    interval = length / (count - 1)
+    require_steps(duration / step)
+    interval = duration / (n_frames - 1)
     steps_per_frame = max(1, math.ceil(interval / step * (1.0 - _ROUNDING)))
-    require_steps(steps_per_frame * (count - 1))
+    require_steps(steps_per_frame * (n_frames - 1))
     if not interval / steps_per_frame >= hertz.LEAST_NORMAL:
         raise InputError(
-            f"a step of {length:.3g} s over {count - 1} frames is beyond double precision"
+            f"a step of {duration:.3g} s over {n_frames - 1} frames is beyond double precision"
         )
     return steps_per_frame
 
@@ -950,9 +953,12 @@ class _RateBound:
     def __init__(self, operator: WaveOperator, punch: Array) -> None:
         rows = operator.law_rows
         self._ratios = [row.stiffness / punch for row in rows[1:]]
-        # a dashpot against slip has a viscosity of its own, and not the stiffness against slip
-        slip = operator.network.shear_stiffness / punch
-        self._per_slip = np.divide(1.0, slip, out=np.zeros_like(slip), where=slip > 0.0)
+        # weights of slip are multiplied by this ratio; the viscosity of a dashpot against slip does
+        # not go with the stiffness, and is first divided by the ratio
+        slip_ratio = operator.network.shear_stiffness / punch
+        self._per_slip = np.divide(
+            1.0, slip_ratio, out=np.zeros_like(slip_ratio), where=slip_ratio > 0.0
+        )
         self._n_contacts = operator.network.n_contacts
         deform = abs(operator.compose(rows))
         self._pull = deform.T.tocsr()
@@ -1013,9 +1019,9 @@ class _RateBound:
         return float(min(np.min(largest_stiffness), np.min(largest_root) ** 2))
 
     def _raise_stiffness(self, stiffness: Array) -> Array:
-        """Return the ``stiffness`` (n_c,), N/m, of the contacts of the network, raised to that of
-        the stiffest contact of balls that have met where it is below; the given stiffness, (n_c or
-        more,), has contacts of such balls last.
+        """Return the stiffness (n_c,), N/m, of the contacts of the network, where each counts as at
+        least as stiff as any contact of balls that have met; ``stiffness`` (n_c or more,) has the
+        contacts of such balls last.
         """
         count = self._n_contacts
         if len(stiffness) > count:  # balls have met
@@ -1069,6 +1075,7 @@ class _System:
         operator = WaveOperator(self.network)
         self.operator = operator
         axes = list(operator.motions.translations)
+        # bodies that drives displace, and their directions by the displacements that balls have
         self._along = [(balls, direction[axes]) for balls, direction in self.moved_bodies]
         self.bound = _RateBound(operator, waves.punch)
         # index of each number of a vector in the flattened motions (n, m) of all balls, and the
@@ -1145,7 +1152,8 @@ class _System:
         less the overlap of its balls by radii and positions; zero without contacts of two balls.
         """
         network = self.network
-        contacts = np.flatnonzero(np.isfinite(network.distance))  # those with a flat wall are not
+        # the distance of a ball from a flat wall is infinite
+        contacts = np.flatnonzero(np.isfinite(network.distance))
         i = network.i[contacts]
         j = network.j[contacts]
         gaps = network.distance[contacts] - network.radii[i] - network.radii[j]
@@ -1259,7 +1267,7 @@ class _System:
 
     def integrate(
         self, x: Array, v: Array, schedule: _Schedule, scheme: str, recorder: Frames
-    ) -> Any:
+    ) -> Iterator[bool]:
         """Run from mass-weighted motions x with velocities v (size,), let the ``recorder`` take a
         frame at each time of the ``schedule``, and yield after each frame: False after the first,
         which is the start, and True after all others.
@@ -1363,9 +1371,9 @@ class _System:
         self._speeds = np.zeros_like(self.current.motions)
 
     def _set_accelerations(self, speeds: Array) -> None:
-        """Set the accelerations with which a step begins, those of the step before, which are taken
-        to be the same, and the forces that resist drives, from the present state and the ``speeds``
-        of drives, m/s.
+        """Set what a step begins with from the present state and the ``speeds`` of drives, m/s: the
+        accelerations, which are also taken as those of the step before, and the forces that resist
+        drives.
         """
         self._spread(self.v, speeds, self._speeds)
         self.contacts.act(self.current, self._speeds)

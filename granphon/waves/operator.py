@@ -537,7 +537,7 @@ class WaveOperator(LinearOperator):
         gyration_j = gyration[network.j]
         pairs: list[tuple[Row, Row]] = []
         torque = network.contact_torque
-        # torques along a line, or about the axis across a plane, are not turned by motions within
+        # motions within a line or a plane do not turn torques along the line or across the plane
         leaves_network = max(self.motions.translations) >= network.dimension
         turns_torques = network.dimension == 3 or leaves_network
         if torque is not None and np.any(torque) and turns_torques:
@@ -596,8 +596,9 @@ class WaveOperator(LinearOperator):
     @cached_property
     def ball_blocks(self) -> Array:
         """(n_free, motions, motions) block of D without G, (rad/s)^2, of each ball when it moves
-        alone. The static forces of pressed contacts, which lower D, are left out, so that the
-        blocks are upper bounds.
+        alone. The blocks are upper bounds: the static forces of pressed contacts, which lower D,
+        are left out, and a contact of a ball with its own image counts twice, as one with each of
+        two balls that rest.
         """
         network = self.network
         m = self.motions.count
@@ -891,8 +892,8 @@ class ArrayOperator(WaveOperator):
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))
-        product = self._product(x.reshape(self._n_fields, *self.cells))[0].ravel()
-        return np.asarray(0.25 * self.top**2 * product)
+        product, _ = self._product(x.reshape(self._n_fields, *self.cells))
+        return np.asarray(0.25 * self.top**2 * product.ravel())  # the product is 4 D x / top^2
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the function that multiplies D + i A^T eta A by a vector; see

@@ -366,14 +366,14 @@ def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
     """Return the labels of the corners along the whole ``path``, from ``labels`` of the corners of
     its pieces in turn: where the path jumps from K to M, both have the one label "K|M".
     """
-    joined = list[str]()
+    joined_labels = list[str]()
     first = 0
     for piece in path:
         piece_labels = labels[first : first + len(piece)]
         first += len(piece)
-        if joined:
-            joined[-1] = f"{joined[-1]}|{piece_labels[0]}"
+        if joined_labels:
+            joined_labels[-1] = f"{joined_labels[-1]}|{piece_labels[0]}"
         else:
-            joined.append(piece_labels[0])
-        joined += piece_labels[1:]
-    return tuple(joined)
+            joined_labels.append(piece_labels[0])
+        joined_labels += piece_labels[1:]
+    return tuple(joined_labels)

@@ -247,17 +247,17 @@ class Course:
 
     def _describe_cell(self) -> tuple[str, str]:
         """Return two parts of the message of :meth:`require_period`: a sentence with the lengths of
-        the cell along the direction, empty if only one is not zero; and words for an array that
-        would have a longer period.
+        the cell along the direction, empty unless two or more are above zero; and words for an
+        array that would have a longer period.
         """
-        heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        rounding = _ZERO_LENGTH * float(np.max(heights))
-        sides = [f"{height:.6g}" for height in heights if height > rounding]
+        lengths = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
+        rounding = _ZERO_LENGTH * float(np.max(lengths))
+        sides = [f"{length:.6g}" for length in lengths if length > rounding]
         if len(sides) < 2:
             return "", "a longer array"
         cell = (
-            f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
-            f" measure counts"
+            f". The cell is {' and '.join(sides)} m long along the direction, and the greatest"
+            f" common measure counts"
         )
         # lengths of the cell that are equal along the direction are the period
         return cell, "an array whose numbers of cells make these lengths equal"
@@ -309,7 +309,7 @@ class Course:
         see :data:`~granphon.waves.settings.ENDS`.
 
         Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
-        along the direction.
+        along the direction, and what :meth:`_hold_walls` and :func:`drop_falling` raise.
         """
         if ends == "periodic":
             return self
@@ -556,8 +556,8 @@ def find_envelope(signals: Array) -> Array:
     count = signals.shape[-1]
     # zeros behind the record keep the transform, which is periodic, from joining its end to its
     # beginning
-    analytic = hilbert(signals, next_fast_len(2 * count), axis=-1)
-    return np.asarray(np.abs(analytic)[..., :count])
+    analytic_signals = hilbert(signals, next_fast_len(2 * count), axis=-1)
+    return np.asarray(np.abs(analytic_signals)[..., :count])
 
 
 def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
@@ -1029,10 +1029,10 @@ class Pulse(Result):
     def time_of_flight(self) -> float:
         """Time of flight by the envelope of the coherent signal, s.
 
-        It is nan, and :attr:`warnings` say why, in six cases: the signal is zero; it does not come
-        after the burst; the record ends before the pulse is over; an echo may come before the
-        maximum of the pulse; the velocity would be above the fastest wave; other frequencies than
-        that of the burst arrive, as in a gap.
+        The time is nan, and :attr:`warnings` say why, in six cases: the signal is zero; the signal
+        does not come after the burst; the record ends before the pulse is over; an echo may come
+        before the maximum of the pulse; the velocity would be above that of the fastest wave; other
+        frequencies than that of the burst arrive, as in a gap.
         """
         return self._flight.time
 
@@ -1073,11 +1073,13 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, for what is no pulse, and
-    for pulses that differ in frequency, cycles, direction, polarisation, drag or burst, or by more
-    than a tenth in their dampings or in the distances of planes. Pulses do not hold their ends, nor
-    whether one ball or a plane was pushed: the caller has to see to these.
+    Raises :class:`~granphon.base.errors.InputError` for no list, an empty list, and what is no
+    pulse; and for pulses that differ in frequency, cycles, direction, polarisation, drag or burst,
+    or by more than a tenth in their dampings or in the distances of planes. Pulses do not hold
+    their ends, nor whether one ball or a plane was pushed: the caller has to see to these.
     """
+    if not isinstance(pulses, Sequence):
+        raise InputError(f"{brief(pulses)} is no list of pulses", mend="Give a list")
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
     for pulse in pulses:
@@ -1443,13 +1445,13 @@ def _find_fastest(
     return np.asarray(fastest)
 
 
-def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
-    """Return the stiffness over the mass, (k, n_u, n_u), (m/s)^2, of each of the ``chosen`` pieces,
-    for waves along the ``course`` in which all balls move in proportion to a plane wave; n_u is the
+def _find_stiffnesses(course: Course, piece_of_ball: Index, pieces: Index) -> Array:
+    """Return the stiffness over the mass, (k, n_u, n_u), (m/s)^2, of each of the ``pieces``, for
+    waves along the ``course`` in which all balls move in proportion to a plane wave; n_u is the
     number of axes along which balls move.
 
-    ``piece_of_ball`` (n,) is the number of the piece of each ball, and ``chosen`` (k,) are numbers
-    of pieces.
+    ``piece_of_ball`` (n,) is the number of the piece of each ball, and ``pieces`` (k,) are such
+    numbers.
     """
     network = course.network
     axes = list(network.ball_motions.translations)
@@ -1476,8 +1478,8 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
             if a == b:
                 contact_stiffness = contact_stiffness + shear * squared_lengths
             stiffness[row, column] = np.bincount(piece_of_contact, contact_stiffness, n_pieces)
-    tensors = np.moveaxis(stiffness, -1, 0)[chosen]
-    return np.asarray(tensors / masses[chosen, None, None])
+    tensors = np.moveaxis(stiffness, -1, 0)[pieces]
+    return np.asarray(tensors / masses[pieces, None, None])
 
 
 def _require_room(period: float, distance: float, velocity: float, burst: ToneBurst) -> None:
@@ -1741,15 +1743,18 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
 
 
 def _read_list(name: str, value: ArrayLike, unit: str, low: Low) -> Array:
-    """Return the ``value`` of the argument ``name`` as numbers (n,), in its ``unit``; it may be
-    empty.
+    """Return the ``value`` of the argument ``name``, a number or a list of numbers in the ``unit``,
+    as an array (n,), which may be empty.
 
-    Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, or that the
-    lower bound ``low`` does not allow.
+    Raises :class:`~granphon.base.errors.InputError` for an array of more axes, and for numbers that
+    are not finite, or that the lower bound ``low`` does not allow.
     """
     if not real_array(name, value).size:
         return np.zeros(0)
-    return finite_array(name, value, unit, low).ravel()
+    numbers = np.atleast_1d(finite_array(name, value, unit, low))
+    if numbers.ndim > 1:
+        raise InputError(f"{name} has the shape {numbers.shape}", mend="Give a list of numbers")
+    return numbers
 
 
 def read_vector(name: str, value: Any, dimension: int) -> Array:

@@ -267,19 +267,17 @@ class Response(Result, array="values"):
         """Return the :attr:`peaks` of means over receivers, such as the balls of a plane.
 
         ``groups`` has for each mean the positions of its receivers among those of the response, as
-        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group without a
-        receiver, and for receivers that are not there.
+        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group that is
+        neither, for one without a receiver, and for receivers that are not there.
         """
         if not groups:
             return ()
-        count = len(self.receivers)
-        for group in groups:
-            positions = np.arange(count)[group] if isinstance(group, slice) else group
-            index_array("groups", positions, count, "receivers")
+        positions_of_groups = [self._find_positions(group) for group in groups]
 
         def take_means(values: Complex) -> Complex:
             """Return the means (n_f, groups) of values (n_f, n_r)."""
-            return np.stack([np.mean(values[:, group], axis=1) for group in groups], axis=1)
+            means = [np.mean(values[:, positions], axis=1) for positions in positions_of_groups]
+            return np.stack(means, axis=1)
 
         def solve(frequencies: Array) -> Complex:
             """Return the means (n_f, groups) at other frequencies (n_f,), Hz."""
@@ -287,6 +285,22 @@ class Response(Result, array="values"):
 
         means = take_means(self.values)
         return find_peaks(self.frequencies, means, solve if self._solver else None)
+
+    def _find_positions(self, group: Any) -> Index:
+        """Return the positions (k,) among the receivers of a ``group`` of :meth:`peaks_of_means`,
+        which says what is raised.
+        """
+        count = len(self.receivers)
+        positions = group
+        if isinstance(group, slice):
+            try:
+                positions = list(range(count))[group]
+            except (TypeError, ValueError):  # ends that are no whole numbers, or a step of zero
+                positions = None
+        if not isinstance(positions, Sequence | np.ndarray):
+            mend = "Give for each mean a list of positions of receivers, or a slice"
+            raise InputError(f"groups has {brief(group)}", mend=mend)
+        return index_array("groups", positions, count, "receivers")
 
     @property
     def method(self) -> str:
@@ -466,10 +480,10 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
     (n_f,), over the largest of the ``values`` (n_f, n_r) there, is above :data:`_WARNED_ERROR`;
     ``unit`` is that of the values.
     """
-    unsure = np.flatnonzero(error > _WARNED_ERROR)
-    worst = unsure[np.argmax(error[unsure])]
+    n_unsure = int(np.count_nonzero(error > _WARNED_ERROR))
+    worst = int(np.argmax(error))
     frequencies = (
-        f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
+        f"{counted(n_unsure, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
         f" {hertz[worst]:.6g} Hz"
     )
     why = "hardly anything reaches the receivers, or a mode hardly loses energy"
@@ -576,7 +590,8 @@ class Places:
         ``value`` is the argument of ``Waves.response`` with this ``name``, one item or a list; all
         of its bodies must be ``held``, or all must move. Raises
         :class:`~granphon.base.errors.InputError` if there is no ball, for balls that are not there,
-        directions in which balls do not move, and bodies that move or are held against ``held``.
+        directions in which balls do not move, and bodies that move where all must be held, or the
+        reverse.
         """
         items = _list_items(value)
         balls = [np.zeros(0, int)]
@@ -662,10 +677,11 @@ class Places:
         """Return the balls (n,) of a plane across the direction.
 
         The plane of a source (``name`` "source") is the first one. That of a receiver is at the
-        given distance from the first one, or without a distance the last one. If ``held``, it is
-        the first plane of held bodies. Raises :class:`~granphon.base.errors.InputError` for a
-        receiver without a distance in a network that repeats along the direction, and if there is
-        no such plane or body.
+        given distance from the first one, or without a distance the last one. If ``held``, the
+        plane is the first one of held bodies.
+
+        Raises :class:`~granphon.base.errors.InputError` for a receiver without a distance in a
+        network that repeats along the direction, and if there is no such plane or body.
         """
         course = Course.along(self.network, self.along)
         if held:
@@ -794,7 +810,7 @@ class ResponseWork:
     def distance(self) -> Array:
         """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g') with
         0 <= d <= top^2 and g' >= g, over top^2, where g is :attr:`least_losses` and gamma the least
-        drag. At frequencies where it is not above zero, nothing bounds the error.
+        drag. At frequencies where this bound is not above zero, nothing bounds the error.
         """
         w = self.omega / self.operator.top
         depth = w**2 * self.least_losses + w * np.min(self.drags)
@@ -817,9 +833,7 @@ class ResponseWork:
         if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
-            return (
-                "Static tangential forces act, or levers of slip exceed arms: without a potential"
-            )
+            return "Static tangential forces, or levers of slip that exceed arms, have no potential"
         loses_none = np.sum(self.row_losses, axis=0) == 0.0
         has_lossless_motions = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
@@ -1525,13 +1539,12 @@ class _Problem:
         energy.
         """
         matrix, drive = equations.at(w)
-        right = np.column_stack([drive, receiver_vectors / equations.top_square]).astype(
-            matrix.dtype
-        )
+        right_sides = np.column_stack([drive, receiver_vectors / equations.top_square])
+        right_sides = right_sides.astype(matrix.dtype)
         try:
             factors = equations.elimination.factorise(matrix)
-            motions = factors.solve(right)
-            change = factors.solve(right - matrix @ motions)
+            motions = factors.solve(right_sides)
+            change = factors.solve(right_sides - matrix @ motions)
         except RuntimeError:  # exactly singular
             raise _explain_resonance(w) from None
         if not np.linalg.norm(change) <= _LARGEST_CHANGE * np.linalg.norm(motions):

@@ -88,7 +88,8 @@ class Transmission(Result, array="transmitted"):
     amplitudes : (n_f, m, m) amplitude of each wave that runs out behind the strip (middle axis) for
         each wave that runs in (last axis); their squared sizes are parts of the energy.
     wavenumbers : (n_f, m) wave numbers of the waves that run in, across the layers, 1/m.
-    length : length of the strip, m: the number of its layers times their height in the first lead.
+    length : length of the strip, m: the height of a layer of the first lead, times the number of
+        balls of the strip that move over that of the layer.
     warnings : one sentence if contacts of the strip are more viscous than stiff, which suggests
         that the damping, a time, was meant in another unit.
     """
@@ -350,20 +351,20 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     n_samples = np.bincount(length_of_run)
     if len(lengths) < 2 or n_samples.min() < 2:
         fewest = counted(int(n_samples.min()), "sample")
-        fault = f"there are {counted(len(lengths), 'length')}, with {fewest} or more"
+        fault = f"the runs have {counted(len(lengths), 'length')}, with {fewest} or more of each"
         raise InputError(fault, "A fall and its error need two of each", "Give more runs")
     # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
-    coherent = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
+    amplitudes = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
     totals = np.array([run.total for run in runs])
     # waves that run on both sides, (n_f, m)
-    is_running = np.arange(coherent.shape[2]) < first.modes.min(axis=1)[:, None]
+    is_running = np.arange(amplitudes.shape[2]) < first.modes.min(axis=1)[:, None]
     has_running = np.any(is_running, axis=1)
     if np.any(totals[:, has_running] <= 0.0) or not np.all(has_running):
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
     runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
-    amplitudes_of_length = [coherent[numbers] for numbers in runs_of_length]
+    amplitudes_of_length = [amplitudes[numbers] for numbers in runs_of_length]
     path, path_error = _fit_paths(lengths, amplitudes_of_length, is_running)
     logs = [np.log(totals[numbers]) for numbers in runs_of_length]
     log_rate, log_rate_error = _fit_logarithms(lengths, logs)
@@ -453,9 +454,9 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     (samples,).
 
     The squared size less the variance of the mean has the mean E = E_0 exp(-rate L), whatever the
-    number n of samples. It is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with
-    the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of the parts of
-    amplitudes along and across the mean, and a is the variance along the mean.
+    number n of samples. This difference is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293
+    (1948)), with the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of the
+    parts of amplitudes along and across the mean, and a is the variance along the mean.
 
     The weights of the fit take C from all lengths together, the same in all directions; the error
     takes C at each length. Both take E from the fit, which is repeated until it does not change
@@ -475,21 +476,21 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     level, rate = _fit_line(lengths, offsets, squares, counts)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
-        fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
-        derivatives = np.stack([fitted, -fitted * offsets / span])  # (2, lengths)
-        weights = 1.0 / (fitted / counts + common_variance / n_pairs)
+        fitted_energies = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
+        derivatives = np.stack([fitted_energies, -fitted_energies * offsets / span])  # (2, lengths)
+        weights = 1.0 / (fitted_energies / counts + common_variance / n_pairs)
         matrix = derivatives * weights @ derivatives.T
         if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
             break
         shares = np.linalg.solve(matrix, derivatives * weights)
-        change = shares @ (energies - fitted)
+        change = shares @ (energies - fitted_energies)
         change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
         level = level + float(change[0])
         rate = rate + float(change[1]) / span
         if np.max(np.abs(change)) < _SETTLED:
             variances_along_mean = covariances[:, 0, 0]
             covariance_squares = np.sum(covariances**2, axis=(1, 2))
-            variances = 4.0 * variances_along_mean * fitted / counts
+            variances = 4.0 * variances_along_mean * fitted_energies / counts
             variances += 2.0 * covariance_squares / n_pairs
             return rate, math.sqrt(float(shares[1] ** 2 @ variances)) / span
     return rate, math.inf
@@ -797,7 +798,8 @@ class TransmissionWork:
         """Number of frequencies for which the waves of the leads are found together, as one stack
         of matrices: many if the matrices are small, and one if they are large.
         """
-        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // (2 * self.lead_size) ** 2), 1)
+        entries = (2 * self.lead_size) ** 2  # the waves of both ways are found by one matrix
+        return max(min(self.hertz.size, _ENTRIES_AT_ONCE // entries), 1)
 
     @property
     def by_slices(self) -> bool:

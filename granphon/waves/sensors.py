@@ -5,7 +5,8 @@ force, and its weight is one. In a wall the sensor reads the sum of the componen
 its axis a: a contact with the normal n has the weight |n.a|. In a ball, such as one with a disc of
 piezoelectric ceramic between its halves, the sensor reads the mean of the forces on both halves: a
 contact has the weight |n.a|/2. In a chain this is the mean of the two contacts (C. Daraio, V. F.
-Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
+Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)). The contact of a ball with
+its own image beyond a period acts on the ball from both sides, and has twice the weight.
 """
 
 from __future__ import annotations
@@ -99,7 +100,8 @@ class SensorPlaces:
         Raises :class:`~granphon.base.errors.InputError` for a body without a contact along this
         axis.
         """
-        contacts = np.flatnonzero((self.i == body) | (self.j == body))
+        n_ends = (self.i == body).astype(float) + (self.j == body)  # ends of contacts at the body
+        contacts = np.flatnonzero(n_ends)
         cosines = np.abs(self.normal[contacts] @ direction)
         is_along = cosines > _ACROSS
         if not np.any(is_along):
@@ -109,7 +111,8 @@ class SensorPlaces:
                 "Give another body or direction",
             )
         share = 0.5 if self.moving[body] else 1.0
-        return Sensor(body, -1, direction, contacts[is_along], share * cosines[is_along])
+        weights = share * n_ends[contacts] * cosines
+        return Sensor(body, -1, direction, contacts[is_along], weights[is_along])
 
     def in_floor(self) -> Sensor:
         """Return the sensor in the one flat wall, whose axis is the normal of the wall; raises what

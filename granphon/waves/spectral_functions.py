@@ -37,7 +37,8 @@ _MOST_PHASE = 1e15
 #: length of the component of a direction across q, over that of the direction, below which the
 #: component is zero
 _ACROSS = 1e-9
-#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is tried
+#: largest number that is tried as a common denominator of the sites of a lattice, in fractions of
+#: the lattice vectors
 _MOST_PARTS = 24
 #: l of the full width l L + ((1 - l)^2 L^2 + G^2)^1/2 to which a kernel of the width G broadens a
 #: Lorentz curve of the full width L. A Gaussian kernel has l = 0.5346, Voigt's curve (Olivero and
@@ -127,7 +128,7 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     """
     if network.lattice is None or network.shape is None:
         return None
-    periods = len(network.shape)
+    n_periods = len(network.shape)
     # steps between the balls of a cell, in fractions of the lattice vectors
     sites = network.lattice.positions @ np.linalg.pinv(network.lattice.vectors)
     steps = sites - sites[0]
@@ -136,7 +137,7 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
         return None
     whole_steps = np.round(denominator * steps).astype(int)
     repeats = _find_repeats(whole_steps, denominator)
-    lattice_vectors = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
+    lattice_vectors = network.cell[:n_periods, : q.shape[1]] / np.array(network.shape)[:, None]
     # the vectors whose reciprocal vectors are the repeats
     periods_of_waves = np.linalg.inv(repeats).T @ lattice_vectors
     return q - _find_nearest(periods_of_waves, q)
@@ -513,19 +514,19 @@ def _fit_peak(log: Array, highest: int) -> tuple[float, float]:
     return float(highest) + shift, height - 0.25 * (previous - following) * shift
 
 
-def find_true_width(broadened: Array, kernel_width: Array) -> Array:
+def find_true_width(broadened_width: Array, kernel_width: Array) -> Array:
     """Return the full widths L (n,), Hz, of Lorentz curves to which a kernel of the full width
-    ``kernel_width`` G (n,), Hz, has given the ``broadened`` full widths (n,), Hz.
+    ``kernel_width`` G (n,), Hz, has given the ``broadened_width`` full widths (n,), Hz.
 
     L follows from broadened = l L + ((1 - l)^2 L^2 + G^2)^1/2 with l = :data:`_LORENTZ_SHARE`. A
     curve that is not wider than the kernel has the width zero.
     """
-    width = np.maximum(broadened, kernel_width)
+    width = np.maximum(broadened_width, kernel_width)
     # the positive root of (1 - 2 l) L^2 + 2 l B L = B^2 - G^2, B the broadened width
     square = (1.0 - _LORENTZ_SHARE) ** 2
-    leading = square - _LORENTZ_SHARE**2  # 1 - 2 l
-    root = np.sqrt(square * width**2 - leading * kernel_width**2)
-    return np.asarray(np.maximum((root - _LORENTZ_SHARE * width) / leading, 0.0))
+    leading_coefficient = square - _LORENTZ_SHARE**2  # 1 - 2 l
+    root = np.sqrt(square * width**2 - leading_coefficient * kernel_width**2)
+    return np.asarray(np.maximum((root - _LORENTZ_SHARE * width) / leading_coefficient, 0.0))
 
 
 def find_ioffe_regel(
@@ -641,8 +642,8 @@ class SpectralFunction(Refinable):
         Raises :class:`~granphon.base.errors.InputError`, as :attr:`peak` does, if the line falls so
         far on neither side: the resolution is too coarse.
         """
-        _, broadened = self._lines
-        return find_true_width(broadened, self._kernel_width)
+        _, broadened_width = self._lines
+        return find_true_width(broadened_width, self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
@@ -736,8 +737,8 @@ class SpectralFunction(Refinable):
         highest = max(found, key=lambda spectrum: spectrum.top)
         for spectrum in found:
             spectrum._require_like(highest)
-        interpolated = [spectrum._interpolate(highest.frequencies) for spectrum in found]
-        values = np.mean(interpolated, axis=0)
+        interpolated_values = [spectrum._interpolate(highest.frequencies) for spectrum in found]
+        values = np.mean(interpolated_values, axis=0)
         # interpolation changes the integral a little: it is made 1 again
         integrals = highest._kernel.integral(values)
         return replace(highest, values=values / integrals[:, None])

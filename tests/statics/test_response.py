@@ -110,7 +110,7 @@ def test_a_grid_that_is_not_spelled_out_responds_as_its_list(lattice, overlap):
         given = (*springs, *(0.0,) * (3 - len(springs)))
         contacts = state._list_contacts(*given)
         expected = ListResponse(contacts, options=FACTORISED).stiffness / contacts.measure
-        found = state._find_tensor_on_grid(*given)
+        found = state._find_tensor_on_grid(*given, ResponseOptions())
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.max(expected))
     contacts = state._list_contacts()
     iteration = state._iterate(normal)

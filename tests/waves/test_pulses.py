@@ -446,6 +446,8 @@ def test_pulses_of_several_samples_have_one_coherent_part():
     assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
     with pytest.raises(InputError, match="no pulse"):
         average_pulses([found[0], 1.0])
+    with pytest.raises(InputError, match="no list of pulses"):
+        average_pulses(found[0])
     with pytest.raises(InputError, match="differ in frequency"):
         average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
 
@@ -1030,6 +1032,8 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
         ({"duration": math.inf}, "duration"),
         ({"planes": [-1.0]}, "planes"),
         ({"planes": [[], 1.0]}, "planes"),
+        ({"planes": [[1.0, 2.0], [3.0, 4.0]]}, "planes has the shape"),
+        ({"frames": [[0.0], [1e-6]]}, "frames has the shape"),
         ({"frames": [[], 1.0]}, "frames"),
         ({"frequency": 10**400}, "frequency"),
         ({"frequency": 1e308}, "is read more than"),

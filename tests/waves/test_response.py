@@ -1042,7 +1042,9 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
         waves.response([100.0], place, place, damping=1e-6, method="direct")
 
 
-@pytest.mark.parametrize("groups", [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]]])
+@pytest.mark.parametrize(
+    "groups", [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]], [0], ["a"], [slice("a")]]
+)
 def test_means_over_receivers_that_are_not_there_have_no_peaks(groups):
     network = ideal("chain").repeat((9,))
     response = gp.Waves(network).response([HERTZ], (0, "x"), [(2, "x"), (3, "x")], 0.0, 0.1)

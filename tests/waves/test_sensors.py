@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.waves.sensors import SensorPlaces
 from tests.waves.test_losses import find_viscosity
 from tests.waves.test_nonlinear import STEEL, line, push
 from tests.waves.test_response import HERTZ, OMEGA, UNITS, D, chain, ideal, springs
@@ -227,3 +228,12 @@ def test_what_is_no_sensor():
     for receiver, text in (((0, 2), "no contact"), (9, "0 to 3"), ("floor", "no floor")):
         with pytest.raises(InputError, match=text):
             motion.sensor(receiver)
+
+
+def test_contact_of_a_ball_with_its_own_image_is_heard_from_both_sides():
+    one = ideal("square")
+    axis = np.array([1.0, 0.0, 0.0])
+    for network in (one, one.repeat((2, 1)), one.repeat((3, 3))):
+        sensor = SensorPlaces.of(network).in_body(0, axis)
+        force = sensor.weights @ network.normal_force[sensor.contacts]
+        assert force == pytest.approx(one.normal_force[0], rel=1e-12)
