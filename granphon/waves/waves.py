@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array
@@ -142,12 +143,18 @@ class Waves:
         estimate D is made, and one product with it is timed. For modes that are filtered out of
         random vectors the density of states is computed too, a small part of the search.
 
-        Raises :class:`~granphon.base.errors.InputError` for another name, and for numbers that the
-        method refuses.
+        Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
+        method does not have, if some are missing, and for numbers that the method refuses.
         """
         from granphon.waves.estimates import WaveEstimate
 
-        return WaveEstimate(self.operator).find(name, *arguments, **options)
+        estimate = WaveEstimate(self.operator)
+        try:
+            find_cost = estimate.bind(name, *arguments, **options)
+        except TypeError as error:
+            problem = f"these are not the arguments of {name}: {error}"
+            raise InputError(problem, mend="Give what the result itself takes") from None
+        return find_cost()
 
     def dos(
         self,

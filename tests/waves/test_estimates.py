@@ -12,6 +12,7 @@ import granphon as gp
 from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.errors import InputError
 from granphon.dynamics.iterative_relaxation import IterativeRelaxation
+from granphon.waves.estimates import WaveEstimate
 from tests import packings
 
 
@@ -243,3 +244,5 @@ def test_arguments_that_a_result_does_not_have_are_refused(arguments, options, w
     waves = gp.Waves(gp.Crystal.on("chain", [ball]).at_force(1.0).network.repeat((9,)))
     with pytest.raises(InputError, match=words):
         waves.estimate(*arguments, **options)
+    with pytest.raises(TypeError, match=words):  # of a wrong call inside the package
+        WaveEstimate(waves.operator).find(*arguments, **options)
