@@ -613,7 +613,7 @@ class LinearSteps:
         many iterations are needed.
         """
         mean = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(OPTIONS.grid.spring * mean)
+        alone = product.invert_blocks_of_balls(OPTIONS.grid.spring * mean)
         green = self._stencils.green_preconditioner(np.float32, mean)
         fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
         remaining = np.empty(fields, np.float32)
