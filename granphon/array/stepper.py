@@ -140,7 +140,7 @@ class Stepper:
             # where friction alone holds balls, shorter steps of the load help sooner
             trial = step.solve(balls, overlap, finds_limits, is_patient=not self.from_gas)
             at_rest = None
-            if not trial.is_balanced and relaxes and trial.left < math.inf:
+            if not trial.is_balanced and relaxes and trial.imbalance < math.inf:
                 at_rest = self.relax_overdamped(trail, ahead[-1])
             if trial.is_balanced:
                 end = self._damp(trail, trial) if drag else self._arrive(state, trial)
@@ -148,7 +148,7 @@ class Stepper:
             elif at_rest is not None:
                 trail = [at_rest]
             else:
-                if trial.left == math.inf and state.force < THRESHOLD_FORCE:
+                if trial.imbalance == math.inf and state.force < THRESHOLD_FORCE:
                     raise self._explain_loss(load, state)
                 has_no_length = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
                 is_shortest = has_no_length or halvings == options.halvings
@@ -327,7 +327,7 @@ class Stepper:
             balls=trial.balls,
             contacts=trial.contacts,
             law=self.law,
-            residual=trial.left,
+            residual=trial.imbalance,
             work=here.work + slid + loosened,
             slid=here.slid + slid,
             loosened=here.loosened + loosened,
