@@ -397,9 +397,10 @@ class GridEquations:
         assembly = self.problem.assembly
         forces = _draw_forces(configuration)
         right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
-        # each of n motions has about the part 1/n of the energy, which is 1/n^(1/2) in its norm: an
-        # error that has fallen to 1/n leaves no motion out
-        reduction = 1.0 / len(forces)
+        # each of n motions has about the part 1/n of the energy, and the part 1/n^(1/2) of its
+        # norm: an error of 1/n leaves no motion out. In a small array that error alone would be so
+        # large that iterations end before they meet a curvature that is hardly below zero
+        reduction = min(options.reduction, 1.0 / len(forces))
         n_iterations = 0
         solution = None
         if self._last is not None:
