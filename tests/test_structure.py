@@ -103,9 +103,9 @@ def test_public_names_exist_and_are_documented():
 #: there
 NOT_HERTZ = {
     "statics/options.py:": "how fast the gaps of the interior-point method are closed",
-    "contacts/sliding.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and"
+    "contacts/sliding.py:_find_rising_losses": "integrals of powers of h^(1/2): the closed form of Hertz and"
     " Mindlin in one step",
-    "contacts/sliding.py:_lose_falling": "the same",
+    "contacts/sliding.py:_find_falling_losses": "the same",
     "balls/ball.py:__post_init__": "inertia of a shell over that of a solid ball",
     "balls/diameters.py:cut_rms": "argument of the gamma function",
     "balls/lattices.py:": "places in a cell",

@@ -32,7 +32,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts import grid_product
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
-from granphon.contacts.slips import find_largest
+from granphon.contacts.slips import find_greatest_length
 from granphon.statics.options import LoadingOptions
 
 #: part of the residual that a whole step of Newton's method leaves where a ball that nothing else
@@ -332,7 +332,7 @@ class LoadStep:
         on_balls = place.push(*self._add_dashpots(contacts, overlap))
         pull = self._geometry.collect_forces(*on_balls)
         push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
-        largest = max(map(find_largest, on_balls))
+        largest = max(map(find_greatest_length, on_balls))
         left, missed = self._measure_imbalance(contacts, largest, push)
         return Trial(
             place=place,
@@ -395,15 +395,21 @@ class LoadStep:
         product = trial.place.linearise(
             tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=is_free
         )
-        least = options.tolerance / distance  # a smaller part is not asked for
-        reduction = options.forcing * min(1.0, max(math.sqrt(distance), least))
         push = trial.push / mean if is_free else None
         motion, iterations = self._linear.solve(
-            product, tangent, trial.pull / mean, push, reduction
+            product, tangent, trial.pull / mean, push, self._choose_reduction(distance)
         )
         rms_overlap = math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
         balls = self._shorten(motion.balls, options.farthest * rms_overlap)
         return Motion(balls, motion.compression), iterations
+
+    def _choose_reduction(self, distance: float) -> float:
+        """Return the part of the right side that the linear equations of a step may leave at a
+        ``distance`` above zero from balance: the less the smaller the distance, but no less than
+        balance needs.
+        """
+        options = self._options
+        return options.forcing * min(1.0, max(math.sqrt(distance), options.tolerance / distance))
 
     def _shorten(self, balls: Array, farthest: float) -> Array:
         """Return the motions ``balls`` (fields, L1, ..., Lp), those of each ball that goes too far
@@ -429,7 +435,8 @@ class LoadStep:
         their torques vanish.
 
         The ``trial`` itself is returned with dashpots, in space, or if no contact can slide; if the
-        trial is in balance or its balls have come apart; and if no ball is loose.
+        trial is in balance or its balls have come apart; and if the torques on loose balls are less
+        than what the linear equations of the next step leave.
 
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
         there.
@@ -440,7 +447,9 @@ class LoadStep:
         loose = self._find_loose(trial)
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
-        if not np.any(loose):
+        torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
+        part = self._choose_reduction(max(trial.left, trial.missed))
+        if not dot(torque, torque) > (part * trial.size) ** 2:
             return trial
         around, arms = self._list_around(loose, turning)
         start = self._here.contacts
@@ -623,11 +632,11 @@ class LinearSteps:
             pull = force.reshape(fields)
             moved = motion.reshape(fields)
             moved[:] = 0.0
-            grid_product.add_alone(alone, pull, moved)
-            grid_product.leave(product.product, pull, moved, remaining)
+            grid_product.add_block_products(alone, pull, moved)
+            grid_product.find_residual(product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
-                grid_product.leave(product.product, pull, moved, remaining)
+                grid_product.find_residual(product.product, pull, moved, remaining)
             # after that of single balls, the motion by Green's function under the forces that are
             # left. Where few balls touch, it would carry these forces too far: there it acts on the
             # whole force

@@ -196,7 +196,7 @@ class PressedPlace:
         components along the two tangents are ``shears`` (n_s, n_c, L1, ..., Lp).
         """
         vectors = np.empty_like(self.configuration.normal)
-        slips.turn_shears(self.configuration, by_contact(shears, len(shears)), vectors)
+        slips.set_shear_vectors(self.configuration, by_contact(shears, len(shears)), vectors)
         return vectors
 
     @property
@@ -292,7 +292,7 @@ class PressedTangent:
         Return minus the change of the sum of the normal forces. If the overlap is held, ``press``
         is not read, and zero is returned.
         """
-        fields = (-1, 1, self.product.steps.shape[1])
+        fields = (-1, 1, self.product.end_cells.shape[1])
         return multiply_pressed(
             self.product,
             self.ahead,

@@ -72,7 +72,7 @@ class _Elastic:
 
     @property
     def solid(self) -> Material:
-        """The material; InputError for a wall that names the kind of balls which has it."""
+        """The material; InputError for a wall that has the name of a kind of balls in its place."""
         if isinstance(self.material, str):
             problem = f"the material of a wall is that of the kind {self.material!r}"
             raise InputError(problem, "A crystal or network that is cut knows it", "Cut it first")
@@ -100,13 +100,13 @@ class Ball(_Elastic):
 
     Parameters
     ----------
-    material : the material, which says how contacts yield; and what the ball weighs, if no mass is
-        given.
+    material : the material, whose elastic constants are those of the contacts. Its density gives
+        the mass of the ball, unless a mass is given.
     diameter : m.
     mass : kg; by default the mass of a solid ball of the material. It is a number afterwards.
     inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, as of a solid ball
         of this mass.
-    name : what messages call the kind, and contact laws of a pair of kinds are named by. A crystal
+    name : the name of the kind, in messages and in the contact laws of pairs of kinds. A crystal
         calls kinds without a name A, B, C, ... in the order in which they come.
     spread : how the diameters of balls of the kind differ, as for :class:`~granphon.Packing`, about
         the mean ``diameter``; None for equal ones. A crystal draws them in
@@ -171,8 +171,8 @@ class Ball(_Elastic):
 class Wall(_Elastic):
     """A flat elastic wall, thick and wide against the contacts of balls that touch it.
 
-    A ball touches it by the laws of Hertz and Mindlin as another ball, of which the radius is
-    infinite. A wall stands where a crystal or a network is cut, as
+    A ball touches it by the laws of Hertz and Mindlin, as it touches a ball of infinite radius. A
+    wall stands where a crystal or a network is cut, as
     ``crystal.cut(axis, layers, edges=(gp.Wall(steel), "free"))``; the edge "floor" is the limit of
     a wall that does not yield.
 
@@ -242,9 +242,10 @@ def name_walls(
 ) -> tuple[str | Wall, ...]:
     """Return the ``edges`` of a cut, in which each wall is replaced by one that has a
     :class:`~granphon.Material` and a name; other edges stay. A wall of the material of a known
-    wall, or of an earlier edge, is that wall, unless another name is given.
+    wall, or of the wall at an earlier edge, is that wall, unless it has another name.
 
-    ``kinds`` are the balls by the names of their kinds, and ``known_walls`` those of earlier cuts.
+    ``kinds`` are the balls by the names of their kinds, and ``known_walls`` the walls of earlier
+    cuts.
     Raises :class:`InputError` for the material of a kind that there is not, and for a name that a
     kind, the floor, or a wall of another material has.
     """

@@ -131,8 +131,8 @@ class Hertz:
 
 @dataclass(frozen=True)
 class PowerLaw(EnergyLaw):
-    """The law f = c delta^a of all contacts, whatever the balls: a = 1 a spring that only pushes, 2
-    a cone.
+    """The law f = c delta^a of all contacts, whatever the balls. With a = 1 a contact is a spring
+    that only pushes, with a = 2 it is that of a cone.
 
     Parameters
     ----------
@@ -182,11 +182,11 @@ class PowerLaw(EnergyLaw):
         """Return the overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if a force
         is negative or nan, or if an overlap is not finite, as that of an infinite force.
         """
-        load = np.asarray(real_array("force", force))
-        require_pushing(load)
+        forces = np.asarray(real_array("force", force))
+        require_pushing(forces)
         with np.errstate(over="ignore"):
-            overlaps = (load / self.coefficient) ** (1.0 / self.exponent)
-        require_finite("overlap", overlaps, "a force", load, "N")
+            overlaps = (forces / self.coefficient) ** (1.0 / self.exponent)
+        require_finite("overlap", overlaps, "a force", forces, "N")
         return overlaps[()]
 
 
@@ -220,7 +220,7 @@ class _Adhesive:
 @dataclass(frozen=True)
 class DMT(_Adhesive):
     """The law of Derjaguin, Muller and Toporov: Hertz's force less 2 pi w R, for stiff balls of
-    small adhesion.
+    small adhesion. 1/R is the sum of 1/R_i of both balls.
 
     Parameters
     ----------
@@ -269,9 +269,9 @@ class DMTLaw(EnergyLaw):
         """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
         contact does not bear.
         """
-        load = np.asarray(real_array("force", force))
-        require_pushing(load, -self.tension)
-        return self.hertz.overlap(load + self.tension)
+        forces = np.asarray(real_array("force", force))
+        require_pushing(forces, -self.tension)
+        return self.hertz.overlap(forces + self.tension)
 
 
 @dataclass(frozen=True)
@@ -282,10 +282,11 @@ class JKR(_Adhesive):
     ----------
     adhesion : the work of adhesion w of the two surfaces, J/m^2; 0 is Hertz's law.
 
-    A contact bears a tension of up to (3/2) pi w R, at which its stiffness is zero and the balls
-    are apart by 0.23 a^2/R, a being (2 pi w R^2/E*)^(1/3). Farther apart it is broken: the branch
+    1/E* is the sum of (1 - sigma^2)/E of both balls, 1/R the sum of 1/R_i, and s is the length
+    (2 pi w R^2/E*)^(1/3). A contact bears a tension of up to (3/2) pi w R, at which its stiffness
+    is zero and the balls are apart by 0.23 s^2/R. Farther apart the contact is broken: the branch
     that is stable only where the distance is held is left out. Balls that come near each other pull
-    once they touch, so that a contact that is made and broken takes energy: 0.33 pi w a^2.
+    once they touch, so that a contact that is made and broken takes energy: 0.33 pi w s^2.
 
     The stiffness against slip is 8 G* a of the radius a of the contact under its load (A. R.
     Savkoor and G. A. D. Briggs, Proc. R. Soc. A 356, 103, 1977), which adhesion makes larger than
@@ -318,10 +319,16 @@ class JKR(_Adhesive):
 class JKRLaw(EnergyLaw):
     """The law of a pair that :class:`~granphon.JKR` returns.
 
-    With the contact radius a = ``spot`` times u^2, ``spot`` being (2 pi w R^2/E*)^(1/3), m, force
-    and overlap are ``force_scale`` times (4/3) u^6 - 2 u^3, N, and ``length`` times u^4 - u, m; u^3
-    is 3/4 where the contact breaks, and 3/2 where it bears no load. The energy is that over balls
-    far apart.
+    All follows from one number u. The contact radius is ``spot`` times u^2, the force is
+    ``force_scale`` times (4/3) u^6 - 2 u^3, and the overlap is ``length`` times u^4 - u. The
+    contact breaks where u^3 is 3/4, and bears no load where u^3 is 3/2. The energy is that over
+    balls far apart.
+
+    Attributes
+    ----------
+    force_scale : 2 pi w R, N, with the letters of :class:`~granphon.JKR`.
+    length : spot^2/R, m.
+    spot : (2 pi w R^2/E*)^(1/3), m.
     """
 
     force_scale: float
@@ -404,9 +411,9 @@ class JKRLaw(EnergyLaw):
         forces = np.asarray(real_array("force", force))
         require_pushing(forces, self.least_force)
         with np.errstate(over="ignore"):
-            load = forces / self.force_scale
-            # u^3, the larger root of 2/3 u^6 - u^3 = load/2
-            cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
+            reduced_force = forces / self.force_scale
+            # u^3, the larger root of 2/3 u^6 - u^3 = reduced_force/2
+            cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * reduced_force, 0.0)))
         overlaps = self.length * np.cbrt(cube) * (cube - 1.0)
         require_finite("overlap", overlaps, "a force", forces, "N")
         return overlaps[()]
@@ -471,12 +478,12 @@ class TabulatedLaw(EnergyLaw):
         fractions = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
         knots, _ = self._knots
         # (n - 1, places) logarithms of overlaps between the points of the table
-        refined = knots[:-1, None] + np.diff(knots)[:, None] * fractions
-        sampled = np.exp(np.append(refined.ravel(), knots[-1]))
-        # the largest stiffness of the table below each of the sampled overlaps
-        most_below_sample = np.append(0.0, np.maximum.accumulate(self.stiffness(sampled)))
-        most_below = most_below_sample[np.searchsorted(sampled, overlap, side="right")]
-        return np.asarray(np.maximum(most_below, self.stiffness(overlap)))
+        log_places = knots[:-1, None] + np.diff(knots)[:, None] * fractions
+        places = np.exp(np.append(log_places.ravel(), knots[-1]))
+        # the largest stiffness at any place up to each one, with zero in front of the first
+        stiffest_at_places = np.append(0.0, np.maximum.accumulate(self.stiffness(places)))
+        stiffest_below = stiffest_at_places[np.searchsorted(places, overlap, side="right")]
+        return np.asarray(np.maximum(stiffest_below, self.stiffness(overlap)))
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
@@ -528,9 +535,9 @@ class TabulatedLaw(EnergyLaw):
     def _energies(self) -> Array:
         """Energies (n,) at the points of the table, J."""
         knots, _ = self._knots
-        energy_at_first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
+        energy_at_first_point = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         differences = self._integrate(knots[:-1], knots[1:])
-        return energy_at_first + np.concatenate([[0.0], np.cumsum(differences)])
+        return energy_at_first_point + np.concatenate([[0.0], np.cumsum(differences)])
 
     def _integrate(self, low: Array, high: Array) -> Array:
         """Return the integral of the force over the overlap, J, (m,) from ``low`` (m,) to ``high``
@@ -547,14 +554,14 @@ class TabulatedLaw(EnergyLaw):
         ``overlap`` delta, m, from log f as a function of log delta.
         """
         delta = np.asarray(real_array("overlap", overlap))
-        touches = delta > 0.0
-        x = np.log(np.where(touches, delta, self.overlaps[0]))
+        is_touching = delta > 0.0
+        x = np.log(np.where(is_touching, delta, self.overlaps[0]))
         if order == ENERGY:
             derivative = self._find_energy(x)
         else:
             force_over_power = np.exp(self._find_log_force(x) - (order - 1) * x)
             derivative = force_over_power * self._find_factor(x, order)
-        return np.where(touches, derivative, 0.0)[()]
+        return np.where(is_touching, derivative, 0.0)[()]
 
     def _find_factor(self, x: Array, order: int) -> Array | float:
         """Return the derivative of the energy, of an ``order`` of 1 to 3, times delta^(order - 1)/f
@@ -590,14 +597,14 @@ class TabulatedLaw(EnergyLaw):
         """Return the overlap, m, under a ``force``, N; :class:`InputError` if a force is
         negative.
         """
-        load = np.asarray(real_array("force", force))
-        require_pushing(load)
-        require_finite("overlap", load, "a force", load, "N")
-        log_force = np.log(np.where(load > 0.0, load, self.forces[0]))
+        forces = np.asarray(real_array("force", force))
+        require_pushing(forces)
+        require_finite("overlap", forces, "a force", forces, "N")
+        log_force = np.log(np.where(forces > 0.0, forces, self.forces[0]))
         log_overlap = self._find_log_overlap(log_force)
         with np.errstate(over="ignore"):
-            overlaps = np.where(load > 0.0, np.exp(log_overlap), 0.0)
-        require_finite("overlap", overlaps, "a force", load, "N")
+            overlaps = np.where(forces > 0.0, np.exp(log_overlap), 0.0)
+        require_finite("overlap", overlaps, "a force", forces, "N")
         return overlaps[()]
 
     def _find_log_overlap(self, log_force: Array) -> Array:
@@ -770,11 +777,12 @@ def check_law(law: PairLaw, radius: float) -> None:
     if np.any(is_flat):
         problem = f"the force of the contact law {name} does not rise"
         raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
-    inverse = _call_for_numbers(law, name, "overlap", numbers["force"][:, 0])
-    is_off = np.abs(inverse - overlaps) > _ALLOWED * np.abs(overlaps)
+    overlaps_of_forces = _call_for_numbers(law, name, "overlap", numbers["force"][:, 0])
+    is_off = np.abs(overlaps_of_forces - overlaps) > _ALLOWED * np.abs(overlaps)
     if np.any(is_off):
         index = int(np.argmax(is_off))
-        problem = f"overlap(force(overlap)) of the contact law {name} is {inverse[index]:.6g} m"
+        found_overlap = f"{overlaps_of_forces[index]:.6g} m"
+        problem = f"overlap(force(overlap)) of the contact law {name} is {found_overlap}"
         raise _refuse_at(overlaps[index], problem)
 
 
@@ -956,19 +964,19 @@ def _require_units(law: type, name: str, units: Mapping[str, str]) -> None:
 
 
 def find_law(law: Any) -> Any:
-    """Return the law of a name, or ``law`` itself if it is not a text. Raises :class:`InputError`
-    for a name without a law, and for the name of a class that takes numbers.
+    """Return the law that ``law`` names, or ``law`` itself if it is not a text. Raises
+    :class:`InputError` for a name without a law, and for the name of a class that takes numbers.
     """
     if not isinstance(law, str):
         return law
-    registered = LAWS[one_of("law", law, LAWS)]
-    if registered.numbers:
-        numbers = ", ".join(registered.numbers)
+    named_law = LAWS[one_of("law", law, LAWS)]
+    if named_law.numbers:
+        numbers = ", ".join(named_law.numbers)
         raise InputError(
             f"the contact law {law!r} has numbers: {numbers}",
-            mend=f"Give it as {registered.law.__name__}({numbers})",
+            mend=f"Give it as {named_law.law.__name__}({numbers})",
         )
-    return registered.law() if isinstance(registered.law, type) else registered.law
+    return named_law.law() if isinstance(named_law.law, type) else named_law.law
 
 
 #: how laws are given

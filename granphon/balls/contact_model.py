@@ -51,10 +51,10 @@ class ContactModel:
     law : the law of all pairs, or a tuple of pairs of names, each with its law, as
         :func:`~granphon.balls.contact_laws.read_laws` returns it.
     friction : whether contacts resist slip, as those of Mindlin that do not slip.
-    torsion : stiffness of a contact against twist, over k times the square of the distance of the
-        centres, of a contact with a wall that of the centre from the wall; or "mindlin", that of an
+    torsion : stiffness of a contact against twist, over k times the square of a distance: that of
+        the two centres, or that of the centre from a wall. Or "mindlin", for the stiffness of an
         elastic contact that does not slip.
-    bending : stiffness of a contact against rolling, over k times the square of this distance.
+    bending : stiffness of a contact against rolling, over k times the square of the same distance.
     own_radii : whether contacts have the curvatures of the radii of their balls, not those of the
         kinds.
     walls : the elastic walls that balls touch, with their names.
@@ -169,16 +169,16 @@ class ContactModel:
         ``bending_stiffness``, N m. Raises :class:`~granphon.base.errors.InputError` for a force
         that the law does not bear, and for kinds without a law.
         """
-        kinds = np.zeros(len(radii), int)
+        kind_of_ball = np.zeros(len(radii), int)
         if len(names):
-            kinds = np.array([self._find_number(name) for name in names], int)
+            kind_of_ball = np.array([self._find_number(name) for name in names], int)
         diameters = 2.0 * radii
         if not self.own_radii:
-            diameters = np.array([ball.diameter for ball in self.kinds])[kinds]
+            diameters = np.array([ball.diameter for ball in self.kinds])[kind_of_ball]
         columns = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *STIFFNESSES)}
         # balls of the same kind and diameter share a law
         groups, group_of_ball = np.unique(
-            np.stack([kinds, diameters], axis=1), axis=0, return_inverse=True
+            np.stack([kind_of_ball, diameters], axis=1), axis=0, return_inverse=True
         )
         for group, (kind, diameter) in enumerate(groups.tolist()):
             balls = np.flatnonzero(group_of_ball.ravel() == group)
@@ -202,13 +202,15 @@ class ContactModel:
         punch = punch_stiffness(law, overlap, constants.modulus)
         radius = 0.5 * diameter  # the distance of the centre from the wall, too
         contact_radius = punch / (2.0 * constants.modulus)
-        shear = constants.mindlin_ratio * punch if self.friction else 0.0
-        torsion = self.find_torsion(stiffness, radius, contact_radius, constants.twist_modulus)
+        shear_stiffness = constants.mindlin_ratio * punch if self.friction else 0.0
+        torsion_stiffness = self.find_torsion(
+            stiffness, radius, contact_radius, constants.twist_modulus
+        )
         return {
             "overlap": overlap,
             "arm": radius,
             "normal_stiffness": stiffness,
-            "shear_stiffness": shear,
-            "torsion_stiffness": torsion,
+            "shear_stiffness": shear_stiffness,
+            "torsion_stiffness": torsion_stiffness,
             "bending_stiffness": self.find_bending(stiffness, radius),
         }

@@ -122,9 +122,10 @@ class Shape(ABC):
         """
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
-        """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0:
-        over the deviations x' of the other ball if that of the central ball, ``x``, is given, and
-        over both otherwise. ``y`` and ``x``, over W, broadcast.
+        """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0.
+
+        If the deviation ``x`` of the central ball is given, the average is over the deviation x' of
+        the other ball; if not, it is over both. ``y`` and ``x``, over W, broadcast.
 
         Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3.
         """
@@ -217,16 +218,16 @@ class _Density(Shape):
         overlap = np.asarray(y, float)[..., np.newaxis]
         edge = self._edge
         node_count = order * self._nodes_per_order
-        # x below which a ball touches no other, and from which on a ball touches all others
-        touching_some = np.clip(-2.0 * overlap - edge, -edge, edge)
-        touching_all = np.clip(edge - 2.0 * overlap, -edge, edge)
+        # the x from which on a ball touches some others, and that from which on it touches all
+        first_x_touching = np.clip(-2.0 * overlap - edge, -edge, edge)
+        first_x_touching_all = np.clip(edge - 2.0 * overlap, -edge, edge)
         if whole:
             fractions, shares = _make_gauss_rule(node_count)
-            positions = [(touching_some + edge) * fractions - edge]
-            weights = [(touching_some + edge) * shares * self._compute_density(positions[0])]
+            positions = [(first_x_touching + edge) * fractions - edge]
+            weights = [(first_x_touching + edge) * shares * self._compute_density(positions[0])]
         else:
-            positions = [0.5 * (touching_some - edge)]
-            weights = [self._compute_fraction_below(touching_some)]
+            positions = [0.5 * (first_x_touching - edge)]
+            weights = [self._compute_fraction_below(first_x_touching)]
         # each of the two parts above begins at an x where s = y + x/2 is ``start`` above the
         # singularity, and is ``length`` long in s
         some_start = np.maximum(overlap, 0.0)
@@ -234,8 +235,8 @@ class _Density(Shape):
         all_start = np.maximum(overlap - edge, 0.0)
         all_length = np.clip(overlap, 0.0, edge)
         for first_x, start, length in (
-            (touching_some, some_start, some_length),
-            (touching_all, all_start, all_length),
+            (first_x_touching, some_start, some_length),
+            (first_x_touching_all, all_start, all_length),
         ):
             root, rise, _, weight = _make_root_nodes(start, length, node_count)
             x = first_x + 2.0 * rise
@@ -273,9 +274,9 @@ class UniformShape(_Density):
             return [constant], math.ceil(power) + 1
         # the average equals 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; the
         # integrand is of degree 2p + 3 in the root
-        rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
-        falling: Piece = (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)
-        return [rising, falling], math.ceil(power) + 2
+        rising_piece: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
+        falling_piece: Piece = (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)
+        return [rising_piece, falling_piece], math.ceil(power) + 2
 
 
 @dataclass(frozen=True)
@@ -323,12 +324,12 @@ class NormalShape(_Density):
         """
         from scipy.special import ndtri
 
-        from_median = np.asarray(probability, float) - 0.5
+        part_above_median = np.asarray(probability, float) - 0.5
         cut_tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0))
         # the part of the density before the cut that lies beyond |x|
-        tail = cut_tail + self._fraction_within * (0.5 - np.abs(from_median))
+        tail = cut_tail + self._fraction_within * (0.5 - np.abs(part_above_median))
         deviation = np.clip(-ndtri(tail), 0.0, self.cutoff)  # |x| in standard deviations
-        return (np.sign(from_median) * self._std * deviation)[()]
+        return (np.sign(part_above_median) * self._std * deviation)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
         """Return the pieces of the distribution of (x + x')/2, or without ``pairs`` of x'/2, and
@@ -497,8 +498,8 @@ def merge(places: Array, weights: Array) -> tuple[Array, Array]:
     ``weights`` of equal places.
     """
     has_weight = weights > 0.0
-    different, index = np.unique(places[has_weight], return_inverse=True)
-    return different, np.bincount(index, weights[has_weight]).astype(float)
+    different_places, index = np.unique(places[has_weight], return_inverse=True)
+    return different_places, np.bincount(index, weights[has_weight]).astype(float)
 
 
 def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> tuple[Array, Array]:
@@ -512,9 +513,10 @@ def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> t
     fraction of the range below. As the widths of cells differ, their pairs open at different
     places, and the errors do not add up.
 
-    Errors against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with
-    192 places: 4e-6 of F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12
-    with all contacts closed; sampling noise is 1e-3 or more.
+    Errors were measured with 192 places against all pairs of 2500 to 1e4 balls (uniform, normal,
+    log-normal, of two kinds). The relative errors of F_ave and K_ave are 4e-6 and 4e-4 from f* =
+    1e-3 on, 2e-7 and 5e-5 from f* = 0.08 on, and 1e-12 with all contacts closed. Sampling noise is
+    1e-3 or more.
     """
     if places.size <= most_points:
         return places, weights
@@ -540,19 +542,20 @@ def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> t
     return merge(np.concatenate(new_places), np.concatenate(new_weights))
 
 
-def _number_cells(places: Array, weights: Array, cells: int) -> tuple[Any, Any]:
-    """Return the number (n,) of the cell of each of the ``places`` (n,), ascending, and how many
-    places each cell has; the first and the last place have cells of their own besides the
-    ``cells``.
+def _number_cells(places: Array, weights: Array, n_cells: int) -> tuple[Any, Any]:
+    """Return the number (n,) of the cell of each of the ``places`` (n,), ascending, and the number
+    of places in each cell.
 
-    The edges of the cells are those of :func:`condense`, of places with ``weights`` (n,).
+    The first and the last place have cells of their own. The other places are in ``n_cells`` cells,
+    whose edges :func:`condense` describes; a cell without places gets no number. ``weights`` (n,)
+    are those of the places.
     """
     fraction_below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
     range_below = (places - places[0]) / (places[-1] - places[0])
     coordinate = _SHARE_OF_BALLS * fraction_below + (1.0 - _SHARE_OF_BALLS) * range_below
-    cell = np.minimum(np.floor(coordinate * cells), cells - 1.0)
+    cell = np.minimum(np.floor(coordinate * n_cells), n_cells - 1.0)
     cell[0] = -1.0
-    cell[-1] = cells
+    cell[-1] = n_cells
     _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
     return number, count
 
@@ -832,8 +835,8 @@ class _Listed(Spread):
 
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
-        """Mean diameter, m; deviations of the different diameters, m, ascending; their
-        probabilities; both (n,).
+        """Mean diameter, m; the deviations (n,), m, of the n different diameters, ascending; and
+        their probabilities (n,).
         """
         diameters, weights = merge(np.array(self.diameters), self._compute_shares())
         # differences are exact if diameters differ by less than a factor of 2, so that equal balls
@@ -903,11 +906,13 @@ class Discrete(_Listed):
                 f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
             )
             raise InputError(problem, mend="Give one fraction for each diameter")
-        rarest = min((fraction for fraction in self.fractions if fraction), default=1.0)
-        if rarest < _RAREST:
+        least_fraction = min((fraction for fraction in self.fractions if fraction), default=1.0)
+        if least_fraction < _RAREST:
             mend = "Leave it out, or give the fraction 0"
             raise InputError(
-                f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend
+                f"a fraction is {least_fraction:g}",
+                f"A kind rarer than {_RAREST:g} is not resolved",
+                mend,
             )
         excess = math.fsum(self.fractions) - 1.0
         if abs(excess) > _ROUNDED:

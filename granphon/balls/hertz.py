@@ -20,7 +20,8 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.validation import positive, real_array
 
-#: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
+#: a of Hertz's law f = c h_+^a, with the overlap h; the stiffness is a f/h, and the energy is
+#: f h/(a + 1)
 EXPONENT = 1.5
 #: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness,
 #: slope of the stiffness
@@ -147,8 +148,8 @@ class EnergyLaw(ABC):
         with np.errstate(all="ignore"):  # numbers that are not finite are refused below
             derivative = self._evaluate(delta, order)
         # balls that are apart have zero whatever their distance, but nan is refused
-        checked = np.where(np.isnan(delta), delta, derivative)
-        require_finite(QUANTITIES[order], checked, "an overlap", delta, "m")
+        number_to_check = np.where(np.isnan(delta), delta, derivative)
+        require_finite(QUANTITIES[order], number_to_check, "an overlap", delta, "m")
         return derivative
 
     def energy(self, overlap: ArrayLike) -> Any:
@@ -197,13 +198,13 @@ def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: st
         )
 
 
-def require_pushing(load: Array, least: float = 0.0) -> None:
-    """Raise :class:`InputError` unless all forces ``load``, N, are the ``least`` that a contact
-    bears, N, or more; a negative ``least`` is a tension.
+def require_pushing(forces: Array, least: float = 0.0) -> None:
+    """Raise :class:`InputError` unless all ``forces``, N, are the ``least`` that a contact bears,
+    N, or more; a negative ``least`` is a tension.
     """
-    if np.any(np.isnan(load)):
+    if np.any(np.isnan(forces)):
         raise InputError("the force of a contact is nan", mend="Give a number, N")
-    if not np.all(load >= least):
+    if not np.all(forces >= least):
         problem = "the force of a contact is negative"
         why = NO_TENSION
         if least != 0.0:
@@ -278,20 +279,21 @@ class HertzLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).
 
-        Raises :class:`InputError` if a force is negative.
+        Raises :class:`InputError` if a force is negative or nan, or if an overlap is beyond double
+        precision.
         """
-        load = real_array("force", force)
-        require_pushing(load)
+        forces = real_array("force", force)
+        require_pushing(forces)
         with np.errstate(over="ignore"):
-            ratio = load / self.coefficient
+            ratio = forces / self.coefficient
         has_all_digits = (ratio >= LEAST_NORMAL) & (ratio < np.inf)
         cube_root = np.cbrt(ratio)
         # where the quotient leaves the range of normal numbers, that of the roots does not
         if not np.all(has_all_digits):
-            quotient_of_roots = np.cbrt(load) / np.cbrt(self.coefficient)
+            quotient_of_roots = np.cbrt(forces) / np.cbrt(self.coefficient)
             cube_root = np.where(has_all_digits, cube_root, quotient_of_roots)
         delta = cube_root**2
-        require_finite("overlap", delta, "a force", load, "N")
+        require_finite("overlap", delta, "a force", forces, "N")
         return delta[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:

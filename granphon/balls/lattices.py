@@ -158,15 +158,15 @@ class Lattice:
         """Raise InputError if a known lattice of the same name has another cell or other sites, by
         more than the rounding at which balls still touch.
         """
-        registered = LATTICES.peek(self.name)
-        if registered is None:
+        known_lattice = LATTICES.peek(self.name)
+        if known_lattice is None:
             return
-        has_same_cell = _are_close(self.vectors, registered.vectors)
-        has_same_sites = _are_close(self.positions, registered.positions)
+        has_same_cell = _are_close(self.vectors, known_lattice.vectors)
+        has_same_sites = _are_close(self.positions, known_lattice.positions)
         if has_same_cell and has_same_sites:
             return
-        cell = brief(registered.vectors.round(6).tolist())
-        balls = counted(registered.n_balls, "ball")
+        cell = brief(known_lattice.vectors.round(6).tolist())
+        balls = counted(known_lattice.n_balls, "ball")
         raise InputError(
             f"the lattice {self.name!r} has a cell or sites of its own",
             f"There is a lattice of that name, with the cell {cell} and {balls}",
@@ -339,12 +339,12 @@ STRUCTURES = {
 }
 
 
-def _are_close(coordinates: Array, registered: Array) -> bool:
-    """Return whether coordinates, (n, d) and (m, d), in spacings, agree to the rounding at which
-    balls still touch.
+def _are_close(coordinates: Array, known_coordinates: Array) -> bool:
+    """Return whether ``coordinates`` (n, d) are the ``known_coordinates`` (m, d), both in spacings,
+    to the rounding at which balls still touch; they are not if n differs from m.
     """
-    has_same_shape = coordinates.shape == registered.shape
-    return has_same_shape and np.allclose(coordinates, registered, rtol=0.0, atol=TOUCH)
+    has_same_shape = coordinates.shape == known_coordinates.shape
+    return has_same_shape and np.allclose(coordinates, known_coordinates, rtol=0.0, atol=TOUCH)
 
 
 def register_lattice(lattice: Lattice) -> Lattice:

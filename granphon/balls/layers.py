@@ -227,8 +227,7 @@ def find_outer(heights: Array) -> Flags:
 
 def _find_basis(axis: Any, cell: Array) -> Index:
     """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that
-    to the next one; ``axis`` is as for :meth:`Layers.across`. InputError for another one, and for a
-    cell without periods.
+    to the next layer. ``axis`` is as for :meth:`Layers.across`, and so are the errors.
     """
     periods = len(cell)
     if not periods:
@@ -244,8 +243,8 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     if len(basis_of_layer):
         # whole vectors of the plane are taken from the stack, so that it stands as upright as
         # possible
-        in_plane, *_ = np.linalg.lstsq((basis_of_layer @ cell).T, stack @ cell, rcond=None)
-        stack = stack - np.rint(in_plane).astype(np.intp) @ basis_of_layer
+        components, *_ = np.linalg.lstsq((basis_of_layer @ cell).T, stack @ cell, rcond=None)
+        stack = stack - np.rint(components).astype(np.intp) @ basis_of_layer
     return np.concatenate([basis_of_layer, stack[None]])
 
 
@@ -302,16 +301,16 @@ def _split_by_plane(indices: Index) -> tuple[Index, Index]:
     # the number of planes that each vector of the basis rises
     rises = (indices // np.gcd.reduce(indices)).astype(np.intp)
     while np.count_nonzero(rises) > 1:
-        rising = np.flatnonzero(rises)
-        flattest = rising[np.argmin(np.abs(rises[rising]))]
-        for vector in rising:
+        rising_vectors = np.flatnonzero(rises)
+        flattest = rising_vectors[np.argmin(np.abs(rises[rising_vectors]))]
+        for vector in rising_vectors:
             if vector != flattest:
                 quotient = int(np.rint(rises[vector] / rises[flattest]))
                 rises[vector] -= quotient * rises[flattest]
                 basis[vector] -= quotient * basis[flattest]
-    last_rising = int(np.flatnonzero(rises)[0])
-    stack = basis[last_rising] * int(np.sign(rises[last_rising]))
-    return np.delete(basis, last_rising, axis=0), stack
+    rising_vector = int(np.flatnonzero(rises)[0])  # the only one that is left
+    stack = basis[rising_vector] * int(np.sign(rises[rising_vector]))
+    return np.delete(basis, rising_vector, axis=0), stack
 
 
 def _shorten(basis: Index, cell: Array) -> Index:

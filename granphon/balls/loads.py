@@ -73,9 +73,8 @@ class Load:
     ------
     InputError : another kind; a value that is not a finite number, or not above zero where it must
         be; more values than memory holds; a side force without ``balls_per_side``, a stress or
-        strain without ``tensor``, or another kind of load with either; a tensor of other numbers,
-        and a gravity that is not a finite
-        number.
+        strain without ``tensor``, or another kind of load with either; a tensor that has not 1, 3
+        or 6 finite components, and a gravity that is not a finite number.
     """
 
     kind: str
@@ -172,9 +171,8 @@ class Load:
         return replace(self, array=np.ravel(self.array))
 
     def describe(self, periods: int, pressed_axes: int | None = None) -> str:
-        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``, of
-        which a pressure acts along ``pressed_axes``, see
-        :func:`~granphon.base.quantities.find_load_unit`.
+        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``. A
+        pressure acts along so many ``pressed_axes``, by default the periods.
         """
         return f"{self} {find_load_unit(self.kind, periods, pressed_axes)}".rstrip()
 

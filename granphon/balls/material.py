@@ -137,9 +137,9 @@ class Material(Block):
         # mode of order two lies between
         if sigma >= 0.0:
             return _TORSIONAL * frequency_unit
-        breathing = _find_breathing_mode(sigma)
-        lowest = _TORSIONAL if breathing is None else breathing
-        return lowest * frequency_unit
+        breathing_frequency = _find_breathing_mode(sigma)
+        reduced_frequency = _TORSIONAL if breathing_frequency is None else breathing_frequency
+        return reduced_frequency * frequency_unit
 
 
 def _find_breathing_mode(sigma: float) -> float | None:
@@ -168,10 +168,11 @@ def _find_breathing_mode(sigma: float) -> float | None:
 
     # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
     # is a little lower
-    uniform_strain = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    lower_bound = 0.5 * uniform_strain
-    # the factor is above 1 because the root equals ``uniform_strain`` to rounding near sigma = -1
-    upper_bound = min(1.1 * uniform_strain, _TORSIONAL)
+    uniform_frequency = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
+    lower_bound = 0.5 * uniform_frequency
+    # the factor is above 1 because near sigma = -1 the root equals ``uniform_frequency`` to
+    # rounding
+    upper_bound = min(1.1 * uniform_frequency, _TORSIONAL)
     if residual(lower_bound) * residual(upper_bound) > 0.0:
         return None
-    return float(brentq(residual, lower_bound, upper_bound, xtol=1e-16 * uniform_strain))
+    return float(brentq(residual, lower_bound, upper_bound, xtol=1e-16 * uniform_frequency))

@@ -97,8 +97,8 @@ class Motions:
         With one atom each motion takes the coordinate of its axis: (u_x, u_y, w) in the plane,
         (w_x, w_y, u_z) out of it. With two atoms, the first holds u and the second w.
         """
-        first_turn = 3 * (self.atoms_per_ball - 1)
-        return (*self.translations, *(first_turn + axis for axis in self.rotations))
+        first_rotation_slot = 3 * (self.atoms_per_ball - 1)
+        return (*self.translations, *(first_rotation_slot + axis for axis in self.rotations))
 
     @property
     def still_slots(self) -> tuple[int, ...]:

@@ -48,7 +48,8 @@ _LOOKS_LIKE_MM = 1.0 / 200.0
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
 _PIECES = ("clusters", "rows", "layers", "networks")
-#: least square of a component, over the distance of touching balls, from which it is scaled
+#: least square of the component of a vector along an axis, in distances of touching balls, from
+#: which coordinates along the axis are scaled
 _LEAST_SQUARE = 1e-2
 #: distance, over that of touching balls, up to which pairs are listed
 _NEAR_TOUCH = 1.0 + NEAR + 1e-9
@@ -125,9 +126,9 @@ def contact_frames(normal: Array) -> list[list[Array]]:
     """Return the right-handed unit vectors n, t and n x t of each contact, its normal and two
     tangents.
 
-    They are three lists, one for each vector, of the components along x, y and z, each (n_c,). On a
-    line and in the plane, where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space
-    that is not nearly along z, t is along z x n; for the others along x x n. The tangents of -n are
+    They are three lists, one for each vector, of the components along x, y and z, each (n_c,).
+    ``normal`` is (n_c, 1) on a line, (n_c, 2) in the plane and (n_c, 3) in space. The tangent t is
+    along z x n, but for a normal that is nearly along z it is along x x n. The tangents of -n are
     -t and n x t.
     """
     count, dimension = normal.shape
@@ -507,9 +508,10 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
     """Find the pairs of places, ``positions`` (n, d), not farther apart than ``cutoff``, each once,
     also of images along ``periods`` (p, d).
 
-    Returns indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is
-    shifted, and the vectors (pairs, d) from i to this image, in the order of i, j and these shifts.
-    The search is in a tree of the places and of their images near the faces of the cell.
+    Returns the indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is
+    shifted, and the vectors (pairs, d) from i to this image. Pairs are sorted by i, then by j, and
+    then by the shift. The search is in a tree of the places and of their images near the faces of
+    the cell.
     """
     # imported here because it loads much of scipy, which lattices that have a name do not need
     from scipy.spatial import cKDTree

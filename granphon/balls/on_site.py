@@ -77,10 +77,14 @@ def read_on_site(value: Any, motions: Motions, n: int) -> Array | None:
     """Return the stiffnesses (n, motions) of the springs to the ground of n balls, N/m against
     displacements and N m against rotations; None without springs.
 
-    ``value`` is None; or one stiffness of all displacements, N/m; or a mapping of names to
-    stiffnesses, "x", "y", "z" in N/m, and "rotation" of all rotations, or "rotation_x" and so on of
-    one, in N m; or a list of such numbers or mappings, one for each ball; or the array (n,
-    motions).
+    ``value`` is one of these:
+
+    - None;
+    - one stiffness of all displacements, N/m;
+    - a mapping from names to stiffnesses: "x", "y" and "z" of displacements, N/m, "rotation" of all
+      rotations, and "rotation_x" and so on of one rotation, N m;
+    - a list of n such numbers or mappings, one for each ball;
+    - the array (n, motions).
 
     Raises :class:`~granphon.base.errors.InputError` for something else, a stiffness below zero,
     above 1e30 or not finite, a motion that balls do not have, and a list of another length.
@@ -109,8 +113,8 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
         rule = partial(_read_stiffness, unit=SPRING_PARAMETERS[ON_SITE])
         stiffness: float = require("on_site", rule, value)
         return [0.0 if name in ROTATIONS else stiffness for name in names]
-    allowed = (*names, ROTATION) if motions.rotations else names
-    rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed}
+    allowed_names = (*names, ROTATION) if motions.rotations else names
+    rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed_names}
     stiffnesses = require("on_site", partial(block, rules=rules), value)
     rotation_stiffness = stiffnesses.get(ROTATION, 0.0)  # of rotations without one of their own
     defaults = {name: rotation_stiffness if name in ROTATIONS else 0.0 for name in names}

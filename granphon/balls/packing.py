@@ -72,9 +72,9 @@ class Packing:
         phi_z), "out_of_plane" (u_z, phi_x, phi_y) or "all" six. By default "longitudinal" on a
         line, "in_plane" in a plane, "all" in space.
     torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin": the
-        torsion of a Hertz contact that does not slip, which depends on the load: (1 - nu)/3 times
-        overlap over diameter for equal balls. It needs motions with a rotation about the normal:
-        "out_of_plane" or "all".
+        torsion of a Hertz contact that does not slip, which depends on the load: for equal balls
+        (1 - sigma)/3 times overlap over diameter, with the Poisson ratio sigma. It needs motions
+        with a rotation about the normal: "out_of_plane" or "all".
     bending : stiffness of a contact against rolling, over k d^2.
 
     Raises
@@ -214,9 +214,10 @@ class Packing:
 
         With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
-        follows from the force. For equal balls the result is (1 - nu)/3 times the overlap over the
-        diameter. The result is zero where k is zero. Raises :class:`InputError` for what is no
-        number, and for a negative force if the torsion depends on the load.
+        follows from the force. For equal balls the result is (1 - sigma)/3 times the overlap over
+        the diameter, with the Poisson ratio sigma. The result is zero where k is zero. Raises
+        :class:`InputError` for what is no number, and for a negative force if the torsion depends
+        on the load.
         """
         f, k = np.broadcast_arrays(real_array("force", force), real_array("stiffness", stiffness))
         if self.torsion != MINDLIN:
@@ -224,9 +225,9 @@ class Packing:
         d = self.diameter
         overlap = self.law.overlap(f)
         radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
-        # (8/3) G r^3 / d^2, N/m
-        twist = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
-        return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
+        # (8/3) G r^3 over d^2, N/m
+        twist_over_square = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
+        return np.asarray(np.divide(twist_over_square, k, out=np.zeros(f.shape), where=k > 0.0))
 
     @cached_property
     def mass(self) -> float:
@@ -257,8 +258,8 @@ class Packing:
         """Density of the array, the one that belongs to its moduli.
 
         In the plane the density is rho~, the mass over the volume of a layer one diameter thick,
-        kg/m^3 (equation 17: pi rho / 3 sqrt(3)); in space it is that of the crystal, kg/m^3; of a
-        chain it is the mass per length, kg/m.
+        kg/m^3 (equation 17: pi rho / 3 sqrt(3) on the triangular lattice). In space it is the
+        density of the crystal, kg/m^3, and on a line the mass per length, kg/m.
         """
         measure_per_ball = self.structure.measure_per_ball  # in diameters to the power p
         if self.structure.periods == 1:
@@ -298,20 +299,22 @@ class Packing:
 def read_rolling(
     subject: str, dimension: int, motions: Any, torsion: Any, bending: Any
 ) -> tuple[float | str, float]:
-    """Check the ``motions`` of balls on a line, in a plane or in space (``dimension`` 1, 2, 3), and
-    return ``torsion`` and ``bending``, over k d^2; a torsion may be the word "mindlin".
+    """Return the ``torsion`` and the ``bending`` of contacts as floats, over k d^2, after a check
+    of both and of the ``motions`` of the balls. A torsion may also be the word "mindlin".
+
+    ``dimension`` is 1, 2 or 3 for balls on a line, in a plane or in space.
 
     Raises :class:`InputError` for motions that such balls do not have, for a stiffness that is no
     number or too large, and for one that resists none of the motions. The message calls the lattice
     or crystal of the balls ``subject``.
     """
-    allowed = allowed_motions(dimension)
-    if motions is not None and not is_one_of(motions, allowed):
+    motions_by_name = allowed_motions(dimension)
+    if motions is not None and not is_one_of(motions, motions_by_name):
         extent = ("on a line", "in a plane", "in space")[dimension - 1]
         raise InputError(
             f"{subject} has no motions {brief(motions)}",
             f"It lies {extent}",
-            "Use " + ", ".join(allowed),
+            "Use " + ", ".join(motions_by_name),
         )
     if not isinstance(torsion, str):
         torsion = not_negative("torsion", torsion)
@@ -327,7 +330,7 @@ def read_rolling(
             )
     ball_motions = find_motions(dimension, motions)
     _require_resisted(
-        subject, ball_motions, allowed, has_torsion=bool(torsion), has_bending=bool(bending)
+        subject, ball_motions, motions_by_name, has_torsion=bool(torsion), has_bending=bool(bending)
     )
     return torsion, bending
 
@@ -335,14 +338,14 @@ def read_rolling(
 def _require_resisted(
     subject: str,
     ball_motions: Motions,
-    allowed: Mapping[str, Motions],
+    motions_by_name: Mapping[str, Motions],
     *,
     has_torsion: bool,
     has_bending: bool,
 ) -> None:
     """Raise :class:`InputError` if a torsion or a bending resists no rotation of ``ball_motions``.
 
-    ``allowed`` are all sets of motions that these balls may have, by name. The message calls the
+    ``motions_by_name`` are all sets of motions that these balls may have. The message calls the
     lattice or crystal of the balls ``subject``.
     """
 
@@ -363,7 +366,7 @@ def _require_resisted(
     if ball_motions.rotate:
         missing_motions = "rotations about the normals of contacts"
         why = "turn balls across the normals only: no contact twists"
-    suitable_names = [name for name, motions in allowed.items() if not list_idle(motions)]
+    suitable_names = [name for name, motions in motions_by_name.items() if not list_idle(motions)]
     pronoun = "it" if len(idle_stiffnesses) == 1 else "both"
     raise InputError(
         f"{' and '.join(idle_stiffnesses)} without {missing_motions}",
@@ -420,9 +423,9 @@ ChangedT = TypeVar("ChangedT")
 MOST_COMBINATIONS = 100_000
 #: the numbers that every material has, and their SI units
 _MATERIAL = {
-    name: declared.kind.unit or "1"
-    for name, declared in list_settings(Material).items()
-    if declared.default == NEEDED
+    name: declaration.kind.unit or "1"
+    for name, declaration in list_settings(Material).items()
+    if declaration.default == NEEDED
 }
 #: the constants of a material on which a contact depends
 _ELASTIC = ("young_modulus", "poisson_ratio")
@@ -600,13 +603,13 @@ class Axis:
         """Return a label with the name of the parameter and its unit, such as "width = 2 um"."""
         return f"{self.name} = {self.write(label)}"
 
-    def write(self, label: Any, written: str = "") -> str:
-        """Return a label with its unit, such as "2 um"; in the unit ``written`` if that is not
+    def write(self, label: Any, chosen_unit: str = "") -> str:
+        """Return a ``label`` with its unit, such as "2 um"; in the ``chosen_unit`` if that is not
         empty. A label that is no number, or has no unit, is returned as a text alone.
         """
         if self.unit in (None, "1") or not isinstance(label, float):
             return str(label)
-        return write_in(label, str(self.unit), written, _DIGITS)
+        return write_in(label, str(self.unit), chosen_unit, _DIGITS)
 
 
 def _require_parameter(name: str) -> None:
@@ -661,11 +664,11 @@ def _label_spreads(spreads: Sequence[Any]) -> tuple[str, ...]:
 def find_double(values: Sequence[Any]) -> int | None:
     """Return the index of the first value that equals an earlier one; None if all differ."""
     if all(isinstance(value, Hashable) for value in values):  # a set needs no pairwise comparison
-        earlier = set[Any]()
+        earlier_values = set[Any]()
         for index, value in enumerate(values):
-            if value in earlier:
+            if value in earlier_values:
                 return index
-            earlier.add(value)
+            earlier_values.add(value)
         return None
     for index, value in enumerate(values):
         if value in values[:index]:
@@ -674,8 +677,8 @@ def find_double(values: Sequence[Any]) -> int | None:
 
 
 def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
-    """Return the packing with other values of some of its :data:`PARAMETERS`; a crystal with other
-    values of its :data:`KIND_PARAMETERS`.
+    """Return the packing with the ``values`` of some of its :data:`PARAMETERS`, by name, in SI; a
+    crystal with those of parameters of its kinds, walls and springs.
 
     A ``width`` scales the spread (:meth:`Spread.with_width
     <granphon.balls.diameters.Spread.with_width>`); a ``diameter`` leaves the spread as it is.

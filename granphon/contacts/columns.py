@@ -22,13 +22,15 @@ class Columns(NamedTuple):
     distance : (n_c,) of the centres.
     normal_stiffness, shear_stiffness : (n_c,) force over elongation and over slip.
     torsion_stiffness, bending_stiffness : (n_c,) torque over twist and over roll.
-    side_stiffness : (n_c,) force, over displacements across the normal, of the static force f along
-        the normal, -f/r; see :attr:`~granphon.contacts.contact_list.ContactList.side_stiffness`.
+    side_stiffness : (n_c,) stiffness against displacements across the normal that the static force
+        along the normal makes; see
+        :attr:`~granphon.contacts.contact_list.ContactList.side_stiffness`.
     tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) if there
         is none.
-    origin : (n_c, 3) unit normals from which tangents, and the static force T across the normal
-        with them, have turned: on the shortest way to the present normal, and about the normal with
-        the mean rotation of both balls about the origin; (0, 3) if T does not turn about n.
+    origin : (n_c, 3) unit normals from which the tangents have turned, and with them the static
+        force T across the normal. Tangents turn in two rotations: the smallest that takes the
+        origin to the present normal, and one about the normal by the mean rotation of both balls
+        about the origin. (0, 3) if T does not turn about the normal.
     """
 
     i: NDArray[np.int64]

@@ -41,11 +41,12 @@ class ContactList:
         is none.
     origin : (n_c, 3) normals from which tangents, and the tangential force with them, are carried
         with the balls; (0, 3) if the force does not turn about the normal.
-    leaning : (n_c,) whether the static force along the normal resists displacements across the
-        normal, with f/r, and does not support them, with -f/r; (0,) if no contact is so.
-    grid : numbers of cells (L1, ..., Lp) of a list that is a grid: ball b of cell c has the number
-        b cells + c, and the contact of a kind that starts in cell c the number kind cells + c;
-        empty of other lists.
+    leaning : (n_c,) whether the static force f along the normal resists displacements across the
+        normal, with the stiffness f/r; at all other contacts f supports these displacements, with
+        the stiffness -f/r. r is the distance of the centres. (0,) if no contact leans.
+    grid : numbers of cells (L1, ..., Lp) of a list that is a grid; empty for other lists. In a grid
+        of C cells ball b of cell c has the number b C + c, and the contact of kind k that starts in
+        cell c has the number k C + c.
     measure : length, area or volume of the cell.
     dimension : 1, 2 or 3, the number p of axes that strains of the cell have.
     """
@@ -82,8 +83,8 @@ class ContactList:
 
     @cached_property
     def side_stiffness(self) -> Array:
-        """(n_c,) stiffness against displacements across the normal by the static force f along it:
-        -f/r, and f/r of contacts that lean.
+        """(n_c,) stiffness against displacements across the normal that the static force f along
+        the normal makes: -f/r with the distance r of the centres, and f/r where contacts lean.
         """
         side_stiffness = -self.normal_force / self.distance
         if self.leaning.size:
@@ -109,7 +110,7 @@ class ContactList:
         ``origin`` are (0, 3).
         """
         has_force = self.has_tangential_force
-        none = np.zeros((0, 3))
+        no_vectors = np.zeros((0, 3))
         return Columns(
             i=self.i,
             j=self.j,
@@ -123,14 +124,14 @@ class ContactList:
             torsion_stiffness=self.torsion_stiffness,
             bending_stiffness=self.bending_stiffness,
             side_stiffness=self.side_stiffness,
-            tangential_force=self.tangential_force if has_force else none,
-            origin=self.origin if has_force else none,
+            tangential_force=self.tangential_force if has_force else no_vectors,
+            origin=self.origin if has_force else no_vectors,
         )
 
     def find_stress(self) -> Array:
-        """Return the (p, p) Cauchy stress of the static forces, below zero where balls are pressed
-        together: force over length^(p - 1). Torques on balls that are not balanced make it
-        unsymmetric.
+        """Return the Cauchy stress (p, p) of the static forces, force over length^(p - 1); it is
+        below zero where balls are pressed together. It is not symmetric if torques on balls are not
+        balanced.
         """
         force = -self.normal_force[:, None] * self.normal
         if len(self.tangential_force):

@@ -1,4 +1,4 @@
-"""Loops over contacts, compiled: what contacts measure, and what they exert.
+"""Compiled loops over contacts: what contacts measure, and what they exert.
 
 The bodies of an assembly have displacements (bodies, 3), its cell has a strain (3, 3), and the
 vectors of its contacts at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. In fewer than
@@ -30,8 +30,8 @@ def measure_losses(
     strain: Array,
     loss: Array,
 ) -> None:
-    """Set ``loss`` (n_c,) to n.w, which is, to first order, what contacts with the ``normal`` n
-    (n_c, 3) lose of their overlaps.
+    """Set ``loss`` (n_c,) to n.w: what contacts with the ``normal`` n (n_c, 3) lose of their
+    overlaps, to first order in the motion.
 
     w = u_j - u_i + E v is made of the ``displacement`` u (bodies, 3) of the bodies ``i`` and ``j``
     (n_c,), the ``strain`` E (3, 3) of the cell, and the ``vector`` v (n_c, 3) of each contact.
@@ -61,18 +61,19 @@ def measure_turned(
     distance: Array,
     normal: Array,
 ) -> None:
-    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), with w as in :func:`measure_losses`; the
-    ``current`` vectors v + w (n_c, 3); their ``distance`` (n_c,); and their ``normal`` (n_c, 3).
+    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), with v and w as in :func:`measure_losses`;
+    the ``current`` vectors v + w (n_c, 3); their lengths ``distance`` (n_c,); and their directions
+    ``normal`` (n_c, 3).
 
-    Flat contacts, where ``is_flat`` (n_c,) is true, keep their vectors, and lose n.w. Vectors must
-    not become zero, which has no direction: the normal is then nan.
+    Flat contacts, where ``is_flat`` (n_c,) is true, keep their vectors, and lose v.w/|v|. A vector
+    must not become zero: its normal is then nan.
     """
     for contact in range(len(i)):
         first = i[contact]
         second = j[contact]
-        touching = 0.0
-        grown = 0.0
-        product = 0.0
+        square_at_touch = 0.0
+        square = 0.0
+        square_change = 0.0
         for axis in range(3):
             apart = displacement[second, axis] - displacement[first, axis]
             for period in range(3):
@@ -80,22 +81,24 @@ def measure_turned(
             begin = vector[contact, axis]
             end = begin if is_flat[contact] else begin + apart
             current[contact, axis] = end
-            touching += begin * begin
-            grown += end * end
-            # |v + w|^2 - |v|^2 without the squares, which would leave no digits; 2 v.w if flat
-            product += (begin + end) * apart
-        length = math.sqrt(grown)
+            square_at_touch += begin * begin
+            square += end * end
+            # |v + w|^2 - |v|^2, without a difference of squares, which would leave no digits;
+            # 2 v.w of a flat contact
+            square_change += (begin + end) * apart
+        length = math.sqrt(square)
         distance[contact] = length
-        loss[contact] = product / (math.sqrt(touching) + length)
-        over = 1.0 / length
+        loss[contact] = square_change / (math.sqrt(square_at_touch) + length)
+        inverse_length = 1.0 / length
         for axis in range(3):
-            normal[contact, axis] = over * current[contact, axis]
+            normal[contact, axis] = inverse_length * current[contact, axis]
 
 
 @compiled
 def find_overlaps(offset: Array, loss: Array, rounding: float, overlap: Array) -> None:
     """Set the ``overlap`` of contacts (n_c,) to their ``offset`` on the sites less their ``loss``,
-    (n_c,) each, or to zero where its magnitude is at most ``rounding`` times the largest magnitude.
+    (n_c,) each. Overlaps whose magnitude is at most ``rounding`` times the largest magnitude are
+    set to zero.
     """
     largest = 0.0
     for contact in range(len(offset)):
@@ -108,9 +111,9 @@ def find_overlaps(offset: Array, loss: Array, rounding: float, overlap: Array) -
 
 @compiled
 def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) -> None:
-    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), or
-    to zero where r is zero and has none, and the ``loss`` of overlaps (n_c,) to |r| - l, with the
-    ``length`` l (n_c,).
+    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), and
+    the ``loss`` of overlaps (n_c,) to |r| - l, with the ``length`` l (n_c,). The normal is zero
+    where r is zero.
     """
     d = vector.shape[1]
     for contact in range(len(vector)):
@@ -126,8 +129,8 @@ def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) 
 
 @compiled
 def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> None:
-    """Set the ``loss`` of overlaps (n_c,) to n.r - l, along a ``normal`` n (n_c, d) that does not
-    turn with the ``vector`` r (n_c, d), with the ``length`` l (n_c,).
+    """Set the ``loss`` of overlaps (n_c,) to n.r - l, for contacts with the ``vector`` r (n_c, d)
+    and the ``length`` l (n_c,), whose ``normal`` n (n_c, d) does not turn with r.
     """
     for contact in range(len(vector)):
         along = 0.0
@@ -165,8 +168,8 @@ def measure_bends(
     bend: Array,
     push: Array,
 ) -> None:
-    """Set ``bend`` (n_c,) and ``push`` (n_c, 3) to the second derivatives of the overlap h and of
-    the force f(h) n of contacts whose balls j move straight on against balls i.
+    """Set ``bend`` (n_c,) to the second derivative of the overlap h, and ``push`` (n_c, 3) to that
+    of the force f(h) n, of contacts whose balls j move straight on against balls i.
 
     The balls move at the rate w, ``moved`` (n_c, 3), and w' is the part of w across the normal n,
     ``normal`` (n_c, 3). Then
@@ -254,19 +257,21 @@ def add_forces(
     on_bodies: Array,
     virial: Array,
 ) -> None:
-    """Add the ``force`` f (n_c,) of contacts along their ``normal`` n (n_c, 3), on body j and the
-    opposite on body i, to the forces ``on_bodies`` (bodies, 3); and f n v, with the ``vector`` v
-    (n_c, 3) from body to body, to the ``virial`` (3, 3). A ``virial`` (0, 3) is not summed.
+    """Add f n of each contact to the force ``on_bodies`` (bodies, 3) on its body j, and subtract
+    f n from that on its body i; f is ``force`` (n_c,), and n is ``normal`` (n_c, 3).
+
+    The sum over contacts of f n v is added to ``virial`` (3, 3), unless that is (0, 3); v is the
+    ``vector`` (n_c, 3) from body i to body j.
     """
     sums_virial = len(virial) > 0
     for contact in range(len(i)):
-        size = force[contact]
-        if size == 0.0:
+        magnitude = force[contact]
+        if magnitude == 0.0:
             continue
         first = i[contact]
         second = j[contact]
         for axis in range(3):
-            component = size * normal[contact, axis]
+            component = magnitude * normal[contact, axis]
             on_bodies[first, axis] -= component
             on_bodies[second, axis] += component
             if sums_virial:
@@ -282,8 +287,8 @@ def add_blocks(
     stiffness: Array,
     blocks: Array,
 ) -> None:
-    """Add k nn of each contact, with its ``stiffness`` k (n_c,) and its ``normal`` n (n_c, 3), to
-    the diagonal ``blocks`` (bodies, d, d) of its two bodies. A contact of a ball with its own image
+    """Add k nn of each contact to the diagonal ``blocks`` (bodies, d, d) of its two bodies; k is
+    its ``stiffness`` (n_c,), and n its ``normal`` (n_c, 3). A contact of a ball with its own image
     resists no motion of the ball, and adds nothing.
     """
     d = blocks.shape[1]
@@ -299,8 +304,8 @@ def add_blocks(
 
 @compiled
 def invert_blocks(blocks: Array) -> None:
-    """Replace symmetric positive definite ``blocks`` (n, d, d) by their inverses, by Gauss and
-    Jordan.
+    """Replace symmetric positive definite ``blocks`` (n, d, d) by their inverses, by the
+    elimination of Gauss and Jordan.
     """
     d = blocks.shape[1]
     for ball in range(len(blocks)):

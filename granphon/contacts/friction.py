@@ -151,12 +151,12 @@ class Contacts:
         self, start: Contacts, overlap_change: float, drag: float, eta: float
     ) -> tuple[Array, Array]:
         """Return the normal forces (n_c, L1, ..., Lp) and the tangential forces (n_s, n_c, L1, ...,
-        Lp) with those of dashpots, which resist the motion of neighbours against each other since
-        the ``start`` of a step.
+        Lp), to each of which that of a dashpot is added. Dashpots resist the motions of neighbours
+        against each other since the ``start`` of a step.
 
-        The stiffness of dashpots over the step is ``drag`` against elongation, and eta times
-        ``drag`` against slip. A change ``overlap_change`` of y, by which all centres come nearer,
-        is not resisted.
+        The force of a dashpot is ``drag`` times the change of the overlap, and eta times ``drag``
+        times the change of the slip. The change ``overlap_change`` of y, by which the load presses
+        all centres together, is not resisted.
         """
         gain = self.overlaps - start.overlaps - overlap_change
         return self.forces + drag * gain, self.shears + eta * drag * (self.slips - start.slips)
@@ -201,17 +201,18 @@ class Tangent:
     def regularise(
         self, added: float, eta: float, share: float, drag: float, unit: float
     ) -> Tangent:
-        """Return a stiffer tangent, divided by ``unit``, with which the equations of a step have a
-        solution.
+        """Return a stiffer tangent, with which the equations of a step have a solution. All of its
+        derivatives are divided by the stiffness ``unit``.
 
-        The stiffness ``added`` is added to that of contacts, and eta times ``added`` to that
-        against slip. A contact that slides has the ``share`` of the stiffness against slip also
-        along q: with a share of one it resists as a spring that carries T. Beside the contacts
-        there are dashpots, which neither slide nor open: their stiffness over the step is ``drag``
-        against elongation, and eta times ``drag`` against slip.
+        The stiffness ``added`` is added to k, and eta times ``added`` to k_s. Along q a contact
+        that slides gets the ``share``, from 0 to 1, of its stiffness against slip: with a share of
+        one it resists as if it did not slide. Beside the contacts there are dashpots, which neither
+        slide nor open: their stiffness over the step is ``drag`` against elongation, and eta times
+        ``drag`` against slip.
         """
         stiffness = self.stiffness + added + drag
-        sliding = math.sqrt(1.0 - share) * self.sliding  # q enters the tangent as q q
+        # the tangent has the square of q: the factor takes the part 1 - share of k_s away along q
+        sliding = math.sqrt(1.0 - share) * self.sliding
         factor = 1.0 / unit
         shear = factor * (self.shear + eta * added)
         drag = factor * (self.drag + eta * drag)
@@ -219,7 +220,9 @@ class Tangent:
 
     @cached_property
     def springs(self) -> Array:
-        """(n_s, n_c, L1, ..., Lp) stiffnesses against each slip alone."""
+        """(n_s, n_c, L1, ..., Lp) derivative of each component of T with respect to the slip in the
+        same direction.
+        """
         return np.asarray(self.shear * (1.0 - self.sliding**2) + self.drag)
 
     def flatten(self) -> SlipTangent:
@@ -235,8 +238,8 @@ class Tangent:
 
     @property
     def cross(self) -> Array:
-        """(1, n_c, L1, ..., Lp) minus the stiffness that couples the two slips in space; (0, n_c,
-        L1, ..., Lp) in a plane, which has one slip.
+        """(1, n_c, L1, ..., Lp) minus the derivative of one component of T with respect to the
+        other slip, in space; (0, n_c, L1, ..., Lp) in a plane, where there is one slip.
         """
         if len(self.sliding) == 1:
             return np.empty((0, *self.stiffness.shape))
@@ -271,17 +274,17 @@ class FrictionLaw:
         L1, ..., Lp) and ``slips`` (n_s, n_c, L1, ..., Lp), and a function that returns the tangent
         there. The function computes the tangent once, at its first call.
 
-        With a ``guess`` of the overlaps (n_c, L1, ..., Lp), the stiffness against slip and
-        Coulomb's limit are those at the guess. The forces are then derivatives of a convex energy,
-        and the tangent is symmetric.
+        With a ``guess`` of the overlaps at the end, (n_c, L1, ..., Lp), the stiffness against slip
+        and Coulomb's limit are those at the guess. The forces are then derivatives of a convex
+        energy, and the tangent is symmetric.
         """
         contacts = Contacts(overlaps, slips, np.empty(slips.shape))
-        held = overlaps if guess is None else guess
+        tangential_overlaps = by_contact(overlaps if guess is None else guess)
         start = before.flatten()
-        motion = by_contact(slips, len(slips))
+        end_slips = by_contact(slips, len(slips))
         shears = contacts.shears.reshape(len(slips), -1)
         numbers = (float(self.mindlin_ratio), float(self.friction_coefficient))
-        sliding.set_shears(*numbers, *start, by_contact(held), motion, shears)
+        sliding.set_shears(*numbers, *start, tangential_overlaps, end_slips, shears)
 
         def linearise() -> Tangent:
             """Return the derivatives of the forces at the end of the step."""
@@ -295,10 +298,10 @@ class FrictionLaw:
                 *numbers,
                 *start,
                 by_contact(overlaps),
-                by_contact(held),
+                tangential_overlaps,
                 guess is None,
-                motion,
-                *tangent.flatten()[:4],
+                end_slips,
+                *tangent.flatten()[:4],  # all but the drag, a number
             )
             return tangent
 
@@ -306,19 +309,21 @@ class FrictionLaw:
 
     def stick(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
         """Return three arrays of a step from the state ``before`` to ``overlaps`` (n_c, L1, ...,
-        Lp) and ``slips`` (n_s, n_c, L1, ..., Lp): the tangential forces at the end if no contact
-        slid in the step, with the shape of the slips; the stiffnesses against slip in the step, and
-        Coulomb's limits mu f at its end, with the shape of the overlaps.
+        Lp) and ``slips`` (n_s, n_c, L1, ..., Lp).
+
+        The first (n_s, n_c, L1, ..., Lp) are the tangential forces at the end if no contact slid in
+        the step. The second (n_c, L1, ..., Lp) are the stiffnesses against slip in the step. The
+        third (n_c, L1, ..., Lp) are Coulomb's limits mu f at the end.
         """
-        sticking = FrictionLaw(self.mindlin_ratio)
+        sticking_law = FrictionLaw(self.mindlin_ratio)
         springs = np.empty(overlaps.shape)
         eta = float(self.mindlin_ratio)
         sliding.set_springs(
             eta, by_contact(before.overlaps), by_contact(overlaps), springs.reshape(-1)
         )
         limit = self.friction_coefficient * hertz.force_of(overlaps)
-        stuck, _ = sticking.advance(before, overlaps, slips)
-        return stuck.shears, springs, limit
+        contacts, _ = sticking_law.advance(before, overlaps, slips)
+        return contacts.shears, springs, limit
 
     def mobilise(self, contacts: Contacts) -> Array:
         """Return |T| over Coulomb's limit mu f (n_c, L1, ..., Lp): one where a contact slides, zero
@@ -335,8 +340,8 @@ class FrictionLaw:
         return self.ratios(contacts) / mu
 
     def ratios(self, contacts: Contacts) -> Array:
-        """Return |T| over the normal force f (n_c, L1, ..., Lp), at most mu; zero where balls are
-        apart.
+        """Return |T| over the normal force f (n_c, L1, ..., Lp); zero where balls are apart. A
+        ratio above mu counts as mu.
         """
         forces = contacts.forces
         ratios = np.divide(
@@ -345,21 +350,22 @@ class FrictionLaw:
         return np.minimum(ratios, self.friction_coefficient)
 
     def sliding_fraction(self, contacts: Contacts) -> float:
-        """Return which part of the contacts that carry load (:attr:`Contacts.carried`) slides:
-        their tangential forces are at Coulomb's limit. At least one contact must carry load.
+        """Return the fraction of contacts that slide, with tangential forces at Coulomb's limit,
+        among those that carry load (:attr:`Contacts.carried`). At least one contact must carry
+        load.
         """
         return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))
 
     def stored(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
         stiffness = self.mindlin_ratio * hertz.stiffness_of(contacts.roots)
-        slips = np.divide(
+        elastic_slips = np.divide(
             contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
         )
         return float(
             np.mean(
                 hertz.energy_of(contacts.forces, contacts.closed_overlaps)
-                + 0.5 * stiffness * slips**2
+                + 0.5 * stiffness * elastic_slips**2
             )
         )
 
@@ -369,19 +375,20 @@ class FrictionLaw:
         tangential force. In the step overlaps and slips change along a straight line.
         """
         slips = by_contact(after.slips, len(after.slips))
-        slid, loosened = sliding.sum_losses(
+        by_sliding, by_law = sliding.sum_losses(
             float(self.mindlin_ratio),
             float(self.friction_coefficient),
             *before.flatten(),
             by_contact(after.overlaps),
             slips,
         )
-        return slid / after.overlaps.size, loosened / after.overlaps.size
+        return by_sliding / after.overlaps.size, by_law / after.overlaps.size
 
 
 def by_contact(values: Array, *rows: int) -> Array:
     """Return ``values`` of contacts as compiled loops read them: flat, (contacts,), or (rows,
-    contacts) if the number of ``rows`` is given. The result is a view where ``values`` allow it.
+    contacts) if the number of ``rows`` is given. The result is a view of ``values`` if they are
+    writable and in C order, and a copy otherwise.
     """
-    # of one layout, and writable: loops are compiled anew for any other
+    # all arrays have one layout and are writable: loops are compiled anew for any other
     return np.require(values, float, ["C", "W"]).reshape(*rows, -1)

@@ -1,9 +1,10 @@
 """Contacts of an array of equal cells, kind by kind: a list that need not be spelled out.
 
-Ball b of cell c has the number b cells + c, and the contact of a kind that starts in cell c the
-number kind cells + c. Along the last period the balls of a kind follow each other in memory, and so
-do the balls that they touch, but for the turn at the boundary. Such a run of contacts is worked on
-as one: loops go through memory in order, and no index is read for a contact.
+In an array of C cells ball b of cell c has the number b C + c, and the contact of kind k that
+starts in cell c has the number k C + c. Along the last period the balls i of the contacts of a kind
+follow each other in memory, and so do their balls j up to the boundary, where they begin again.
+Such a run of contacts is worked on as one: loops go through memory in order, and no index is read
+for a contact.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array
 
-#: number of balls up to which a grid of a lattice is kept, and of cells up to which a grid in
-#: another unit shares the numbers of the balls of its contacts, which take 16 bytes a contact
+#: number of balls up to which a grid of a lattice is kept; and number of cells up to which a grid
+#: finds the numbers of the balls of its contacts, 16 bytes a contact, to share them with its copies
+#: in other units
 _KEPT_CELLS = 2**14
 #: component of a unit normal up to which it is rounding
 _ROUNDING = 1e-15
@@ -109,11 +111,12 @@ class Grid:
         return np.asarray(self.vector / self.distance[:, None])
 
     def scale(self, factor: float) -> Grid:
-        """Return the contacts in another unit of length, in which every length has ``factor`` times
-        the number; ``factor`` is above zero.
+        """Return the contacts in another unit of length: each length is ``factor`` times as many
+        units; ``factor`` is above zero.
         """
         scaled = replace(self, vector=factor * self.vector)
-        # runs, normals and ends do not depend on the unit: both grids share them
+        # runs, normals and ends do not depend on the unit: both grids share them. The ends of a
+        # large grid take memory, and are shared only if they have been found before
         vars(scaled).update(runs=self.runs, normal=self.normal)
         if "ends" in vars(self) or self.n_cells <= _KEPT_CELLS:
             vars(scaled).update(ends=self.ends)
@@ -141,31 +144,33 @@ class Grid:
         end_rows = rows
         if outer:
             indices = np.unravel_index(rows, outer)
-            moved = [
+            end_indices = [
                 (index + step) % length
                 for index, step, length in zip(indices, shift[:-1], outer, strict=True)
             ]
-            end_rows = np.ravel_multi_index(tuple(moved), outer)
-        # each row has two runs: the last `turn` contacts of the row pass the boundary and end at
-        # the beginning of a row
-        turn = shift[-1] % inner
-        starts = np.stack([inner * rows, inner * rows + inner - turn])
-        stops = np.stack([inner * end_rows + turn, inner * end_rows])
-        counts = np.repeat([[inner - turn], [turn]], len(rows), axis=1)
+            end_rows = np.ravel_multi_index(tuple(end_indices), outer)
+        # each row has two runs: the last `n_beyond` contacts of the row pass the boundary and end
+        # at the beginning of a row
+        n_beyond = shift[-1] % inner
+        start_cells = np.stack([inner * rows, inner * rows + inner - n_beyond])
+        end_cells = np.stack([inner * end_rows + n_beyond, inner * end_rows])
+        counts = np.repeat([[inner - n_beyond], [n_beyond]], len(rows), axis=1)
         columns = [np.full(2 * len(rows), kind)]
-        columns += [values.T.ravel() for values in (starts, stops, counts)]
+        columns += [values.T.ravel() for values in (start_cells, end_cells, counts)]
         runs = np.stack(columns, axis=1)
-        return _join_runs(runs[runs[:, 3] > 0])
+        return _join_runs(runs[runs[:, 3] > 0])  # one of the two runs may be empty
 
     @cached_property
     def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Numbers (n_c,) of the two balls of each contact, read-only."""
+        """Numbers (n_c,) of the balls i, and (n_c,) of the balls j, of all contacts; read-only."""
         cells = np.arange(self.n_cells).reshape(self.shape)
         axes = range(cells.ndim)
         # of each kind, the cell where the contact ends that starts in each cell
-        far = [np.roll(cells, [-step for step in shift], axes) for shift in self.shift.tolist()]
+        end_cells = [
+            np.roll(cells, [-step for step in shift], axes) for shift in self.shift.tolist()
+        ]
         i = self.n_cells * self.i[:, None] + cells.ravel()
-        j = self.n_cells * self.j[:, None] + np.reshape(far, (self.n_kinds, -1))
+        j = self.n_cells * self.j[:, None] + np.reshape(end_cells, (self.n_kinds, -1))
         ends = (i.ravel().astype(np.int64), j.ravel().astype(np.int64))
         for numbers in ends:
             numbers.flags.writeable = False
@@ -173,23 +178,24 @@ class Grid:
 
 
 def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the ``runs`` (n, 4) of one kind, which are in the order of their first cells, with
-    neighbours joined: a run that starts and ends where the run before it has stopped becomes part
-    of that run.
+    """Return the ``runs`` (n, 4) of one kind, in the order of their first cells, with runs joined
+    that follow each other: a run becomes part of the run before it if both of its ends go on where
+    those of the run before it have stopped. There is at least one run.
     """
-    follows = np.ones(len(runs), bool)
-    for end in (1, 2):
-        follows[1:] &= runs[1:, end] == runs[:-1, end] + runs[:-1, 3]
-    follows[0] = False
-    first = np.flatnonzero(~follows)
-    joined = runs[first]
-    joined[:, 3] = np.add.reduceat(runs[:, 3], first)
-    return joined
+    goes_on = np.ones(len(runs), bool)
+    for end in (1, 2):  # the columns of the cells where contacts start, and where they end
+        goes_on[1:] &= runs[1:, end] == runs[:-1, end] + runs[:-1, 3]
+    goes_on[0] = False
+    first = np.flatnonzero(~goes_on)
+    joined_runs = runs[first]
+    joined_runs[:, 3] = np.add.reduceat(runs[:, 3], first)
+    return joined_runs
 
 
 def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
-    """Return the contacts of an array of ``shape`` cells of a lattice, kind by kind; lengths are
-    over the diameter. The last 8 grids of at most ``_KEPT_CELLS`` balls are kept for further calls.
+    """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells of a ``lattice``, kind by
+    kind; lengths are over the diameter. The last 8 grids of at most ``_KEPT_CELLS`` balls are kept
+    for further calls.
     """
     if math.prod(shape) * lattice.n_balls > _KEPT_CELLS:
         return Grid.of(lattice.contacts, shape, lattice.n_balls)

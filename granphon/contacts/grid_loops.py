@@ -1,7 +1,10 @@
-"""Loops over the contacts of a grid that keep their directions, compiled.
+"""Compiled loops over the contacts of a grid, whose directions stay as they are at touch.
 
-Motions of balls and forces on them are arrays (f, cells), of the d axes of each ball of the cell;
-numbers of contacts are (kinds, cells). Loops work in the precision of their arguments.
+A cell has b balls, and each ball moves along d axes. Motions of balls, and forces on balls, are
+arrays (f, cells) with f = b d: the line d ball + axis has the motion of one ball of each cell along
+one axis. Arrays with one number of each contact are (kinds, cells). Blocks of balls are (d, d, n),
+of n = b cells balls: first those of the first ball of all cells, then those of the second, and so
+on. Loops work in the precision of their arguments.
 """
 
 from __future__ import annotations
@@ -20,14 +23,15 @@ Values = NDArray[Any]
 _CACHED = 512
 #: number of contacts of a grid up to which all tensions stay in the cache: 256 kB of them
 _SMALL = 2**15
-#: number of sums into which products are added in turn: a sum need not wait for the one before it
+#: number of sums to which products are added in turn: the processor adds to one sum while it still
+#: adds to the others
 _LANES = 16
 
 
 @compiled
 def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
-    """Set ``loss`` (kinds, cells) to n.(u_j - u_i), the loss of overlap of each contact by the
-    ``motions`` (f, cells) of balls.
+    """Set ``loss`` (kinds, cells) to n.(u_j - u_i): the overlap that each contact loses by the
+    ``motions`` u (f, cells) of balls; n is the unit vector from ball i to ball j.
     """
     d = runs.normal.shape[1]
     for run in range(len(runs.table)):
@@ -49,8 +53,8 @@ def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
 
 @compiled
 def add_forces(runs: Runs, force: Values, on_balls: Values) -> None:
-    """Add to ``on_balls`` (f, cells) the forces of contacts on their balls: ``force`` (kinds,
-    cells) is above zero where balls are pushed apart.
+    """Add to ``on_balls`` (f, cells) the forces of contacts on both of their balls. The ``force``
+    (kinds, cells) of a contact is above zero if it pushes the balls apart.
     """
     d = runs.normal.shape[1]
     for run in range(len(runs.table)):
@@ -76,21 +80,22 @@ def resist(
     runs: Runs,
     stiffness: Values,
     motions: Values,
-    strained: Values,
+    elongations: Values,
     forces: Values,
-    tensions: Values,
+    tension_sums: Values,
 ) -> None:
-    """Add to ``forces`` (f, cells) the forces that balls need to make ``motions`` (f, cells)
-    against contacts of a ``stiffness`` (kinds, cells): C^T K (C u + e).
+    """Add to ``forces`` (f, cells) the forces C^T K (C u + e) that move balls by ``motions`` u (f,
+    cells) against their contacts, whose ``stiffness`` (kinds, cells) is the diagonal of K. C u are
+    the elongations n.(u_j - u_i) of contacts.
 
-    ``strained`` (kinds,) are the elongations e of contacts by strains of the cell, and the sums of
-    the tensions of each kind are added to ``tensions`` (kinds,). If the cell is held, both are
-    (0,). The sums depend in their last digits on how many contacts are worked on at a time.
+    ``elongations`` (kinds,) are those by strains of the cell, e. The sum of the tensions of each
+    kind is added to ``tension_sums`` (kinds,). If the cell is held, both are (0,). The last digits
+    of the sums depend on the number of contacts that are worked on at a time.
     """
     if stiffness.size <= _SMALL:
-        _resist_at_once(runs, stiffness, motions, strained, forces, tensions)
+        _resist_at_once(runs, stiffness, motions, elongations, forces, tension_sums)
     else:
-        _resist_by_parts(runs, stiffness, motions, strained, forces, tensions)
+        _resist_by_parts(runs, stiffness, motions, elongations, forces, tension_sums)
 
 
 @compiled
@@ -98,28 +103,30 @@ def _resist_at_once(
     runs: Runs,
     stiffness: Values,
     motions: Values,
-    strained: Values,
+    elongations: Values,
     forces: Values,
-    tensions: Values,
+    tension_sums: Values,
 ) -> None:
-    """Do what :func:`resist` does, where the tensions of all contacts stay in the cache: loops over
-    whole runs that do one thing each take less time there.
+    """Do what :func:`resist` does, for so few contacts that all of their tensions stay in the
+    cache: there, loops over whole runs that do one thing each take less time.
     """
-    tension_of_all = np.empty_like(stiffness)
-    measure_losses(runs, motions, tension_of_all)
+    tensions = np.empty_like(stiffness)
+    measure_losses(runs, motions, tensions)
     for kind in range(len(stiffness)):
-        tension = tension_of_all[kind]
+        tension = tensions[kind]
         spring = stiffness[kind]
-        # a zero of the precision of the springs, so that no loop is in another one
-        elongation = strained[kind] if len(strained) else spring[0] - spring[0]
+        # the difference is a zero in the precision of the springs: in single precision, the loop
+        # does not go over to double precision
+        elongation = elongations[kind] if len(elongations) else spring[0] - spring[0]
         for contact in range(len(spring)):
             tension[contact] = spring[contact] * (tension[contact] + elongation)
-        if len(strained):
+        if len(elongations):
             total = 0.0
             for contact in range(len(spring)):
                 total += tension[contact]
-            tensions[kind] += total
-    add_forces(runs, tension_of_all, forces)
+            tension_sums[kind] += total
+    # a tension pulls balls together; the forces that are asked for hold against it
+    add_forces(runs, tensions, forces)
 
 
 @compiled
@@ -127,21 +134,23 @@ def _resist_by_parts(
     runs: Runs,
     stiffness: Values,
     motions: Values,
-    strained: Values,
+    elongations: Values,
     forces: Values,
-    tensions: Values,
+    tension_sums: Values,
 ) -> None:
-    """Do what :func:`resist` does, for ``_CACHED`` contacts of a run at a time: their motions,
-    tensions and forces stay in the cache.
+    """Do what :func:`resist` does, for at most ``_CACHED`` contacts of a run at a time: their
+    motions, tensions and forces stay in the cache.
     """
     d = runs.normal.shape[1]
     tension = np.empty(_CACHED, motions.dtype)
     for run in range(len(runs.table)):
         kind = runs.table[run, 0]
-        last = runs.table[run, 1] + runs.table[run, 3]
-        ahead = runs.table[run, 2] - runs.table[run, 1]
-        for start in range(runs.table[run, 1], last, _CACHED):
-            stop = min(start + _CACHED, last)
+        run_start = runs.table[run, 1]
+        run_stop = run_start + runs.table[run, 3]
+        # from the number of the cell where a contact starts to that of the cell where it ends
+        offset = runs.table[run, 2] - run_start
+        for start in range(run_start, run_stop, _CACHED):
+            stop = min(start + _CACHED, run_stop)
             count = stop - start
             tension[:count] = 0.0
             for axis in range(d):
@@ -149,18 +158,18 @@ def _resist_by_parts(
                 if component == 0.0:
                     continue
                 near = motions[d * runs.ends[kind, 0] + axis, start:stop]
-                far = motions[d * runs.ends[kind, 1] + axis, start + ahead : stop + ahead]
+                far = motions[d * runs.ends[kind, 1] + axis, start + offset : stop + offset]
                 for contact in range(count):
                     tension[contact] += component * (far[contact] - near[contact])
             spring = stiffness[kind, start:stop]
-            if len(strained):
-                elongation = strained[kind]
+            if len(elongations):
+                elongation = elongations[kind]
                 total = 0.0
                 for contact in range(count):
                     tension[contact] = spring[contact] * (tension[contact] + elongation)
                 for contact in range(count):
                     total += tension[contact]
-                tensions[kind] += total
+                tension_sums[kind] += total
             else:
                 for contact in range(count):
                     tension[contact] *= spring[contact]
@@ -171,16 +180,16 @@ def _resist_by_parts(
                 near = forces[d * runs.ends[kind, 0] + axis, start:stop]
                 for contact in range(count):
                     near[contact] -= component * tension[contact]
-                far = forces[d * runs.ends[kind, 1] + axis, start + ahead : stop + ahead]
+                far = forces[d * runs.ends[kind, 1] + axis, start + offset : stop + offset]
                 for contact in range(count):
                     far[contact] += component * tension[contact]
 
 
 @compiled
 def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
-    """Add k nn of each contact, with its ``stiffness`` k (kinds, cells), to the ``blocks`` (d, d,
-    n) of both balls; only entries up to the diagonal are set. A contact of a ball with its own
-    image adds nothing.
+    """Add k nn of each contact to the ``blocks`` (d, d, n) of both of its balls; ``stiffness``
+    (kinds, cells) is k, and n is the unit vector of the contact. Entries above the diagonal are
+    left as they are. A contact of a ball with its own image adds nothing.
     """
     d = runs.normal.shape[1]
     cells = stiffness.shape[1]
@@ -189,9 +198,10 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
         start = runs.table[run, 1]
         end = runs.table[run, 2]
         count = runs.table[run, 3]
+        # numbers of the first balls i and j of the run
         first = runs.ends[kind, 0] * cells + start
         second = runs.ends[kind, 1] * cells + end
-        if first == second:
+        if first == second:  # all contacts of the run join balls with their own images
             continue
         spring = stiffness[kind, start : start + count]
         for line in range(d):
@@ -207,9 +217,10 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
 
 @compiled
 def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
-    """Set ``inverses`` (d, d, n) to ``part`` times the inverses of symmetric ``blocks`` (d, d, n),
-    to whose diagonals the stiffness ``added`` is added first, and which must then be regular; only
-    entries up to the diagonal are read.
+    """Set ``inverses`` (d, d, n) to ``part`` times the inverses of symmetric ``blocks`` (d, d, n).
+
+    The stiffness ``added`` is first added to the diagonal of each block. Blocks must be regular
+    after that, which is not tested. Entries above their diagonals are not read.
     """
     d = len(blocks)
     for ball in range(blocks.shape[2]):
@@ -248,114 +259,115 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
 
 
 @compiled
-def add_alone(alone: Values, forces: Values, motions: Values) -> None:
-    """Add to ``motions`` (f, cells) the product of the block (d, d) of each ball with the
-    ``forces`` (f, cells) on that ball alone.
-
-    The blocks ``alone`` (d, d, n) are those of the first ball of all cells, then those of the
-    second, and so on.
+def add_block_products(blocks: Values, forces: Values, motions: Values) -> None:
+    """Add to ``motions`` (f, cells) the product of the block of each ball with the ``forces`` (f,
+    cells) on the same ball; ``blocks`` are (d, d, n).
     """
-    d = len(alone)
+    d = len(blocks)
     cells = forces.shape[1]
     for ball in range(len(forces) // d):
         for line in range(d):
             moved = motions[ball * d + line]
             for column in range(d):
-                block = alone[line, column, ball * cells : (ball + 1) * cells]
+                entries = blocks[line, column, ball * cells : (ball + 1) * cells]
                 pull = forces[ball * d + column]
                 for cell in range(cells):
-                    moved[cell] += block[cell] * pull[cell]
+                    moved[cell] += entries[cell] * pull[cell]
 
 
 @compiled
-def leave(
-    runs: Runs, stiffness: Values, forces: Values, motions: Values, remaining: Values
+def find_residual(
+    runs: Runs, stiffness: Values, forces: Values, motions: Values, residual: Values
 ) -> None:
-    """Set ``remaining`` (f, cells) to the ``forces`` less those that balls need to make ``motions``
-    against contacts of a ``stiffness`` (kinds, cells) while the cell is held.
+    """Set ``residual`` (f, cells) to the ``forces`` less those that move balls by ``motions``
+    against their contacts, whose ``stiffness`` is (kinds, cells), while the cell is held; forces
+    and motions are (f, cells).
     """
-    remaining[:] = 0.0
-    none = np.zeros(0, motions.dtype)
-    resist(runs, stiffness, motions, none, remaining, none)
+    residual[:] = 0.0
+    no_strain = np.zeros(0, motions.dtype)
+    resist(runs, stiffness, motions, no_strain, residual, no_strain)
     for field in range(len(forces)):
         pull = forces[field]
-        remainder = remaining[field]
+        remainder = residual[field]
         for cell in range(len(pull)):
             remainder[cell] = pull[cell] - remainder[cell]
 
 
 @compiled
-def multiply(first: Values, second: Values) -> float:
-    """Return the sum of the products of the numbers of two vectors (n,)."""
+def find_scalar_product(first: Values, second: Values) -> float:
+    """Return the scalar product, in double precision, of two vectors of the same length."""
     sums = np.zeros(_LANES)
-    whole = len(first) - len(first) % _LANES
-    for start in range(0, whole, _LANES):
+    # whole groups of products are added to all sums; the products left over are added at the end
+    n_grouped = len(first) - len(first) % _LANES
+    for start in range(0, n_grouped, _LANES):
         for lane in range(_LANES):
             sums[lane] += first[start + lane] * second[start + lane]
     total = 0.0
     for lane in range(_LANES):
         total += sums[lane]
-    for place in range(whole, len(first)):
+    for place in range(n_grouped, len(first)):
         total += first[place] * second[place]
     return total
 
 
 @compiled
-def go_on(
+def take_conjugate_step(
     runs: Runs,
     stiffness: Values,
-    strained: Values,
+    unit_elongations: Values,
     preconditioned: Values,
-    last: float,
+    last_product: float,
     direction: Values,
-    change: Values,
+    resistance: Values,
     solution: Values,
-    remaining: Values,
+    residual: Values,
 ) -> tuple[float, float, float]:
-    """Take a step of conjugate gradients. Return the product of the ``remaining`` forces before the
-    step with the ``preconditioned`` motions, the curvature along the new ``direction``, and the
-    square of the forces that remain after the step.
+    """Take a step of conjugate gradients. Return the scalar product of the ``residual`` before the
+    step with the ``preconditioned`` residual, the curvature along the new ``direction``, and the
+    square of the residual after the step.
 
-    Where the curvature is not above zero, no step is taken, and the square is given as zero.
-    Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
-    both.
+    If the curvature is not above zero, no step is taken, and the square is returned as zero.
+    Vectors (f cells + s,) have the motions of balls, field by field, and s strains of the cell, or
+    the forces on these.
 
     Parameters
     ----------
+    runs : the runs of all contacts.
     stiffness : (kinds, cells) stiffnesses of contacts.
-    strained : (kinds, s) elongations of contacts by unit strains; (kinds, 0) if the cell is held.
-    preconditioned : approximate inverse times the ``remaining`` forces.
-    last : product that the step before has returned; zero at first.
+    unit_elongations : (kinds, s) elongations of contacts by unit strains; (kinds, 0) if the cell is
+        held.
+    preconditioned : approximate inverse times the residual.
+    last_product : scalar product that the step before has returned; zero at first.
     direction : direction of the step before, zeros at first; set to that of this step.
-    change : set to the forces against a unit step along the direction.
-    solution, remaining : motions and remaining forces before the step, set to those after it.
+    resistance : set to the forces against a unit step along the direction.
+    solution, residual : solution and residual before the step, set to those after it.
     """
     kinds, cells = stiffness.shape
-    s = strained.shape[1]
-    n = len(direction) - s
-    fields = n // cells
-    product = multiply(remaining, preconditioned)
-    factor = product / last if last else 0.0
+    s = unit_elongations.shape[1]
+    n_motions = len(direction) - s
+    fields = n_motions // cells
+    product = find_scalar_product(residual, preconditioned)
+    factor = product / last_product if last_product else 0.0
     for place in range(len(direction)):
         direction[place] = factor * direction[place] + preconditioned[place]
     elongations = np.zeros(kinds if s else 0, direction.dtype)
-    tensions = np.zeros(kinds if s else 0, direction.dtype)
+    tension_sums = np.zeros(kinds if s else 0, direction.dtype)
     for strain in range(s):
         for kind in range(kinds):
-            elongations[kind] += strained[kind, strain] * direction[n + strain]
-    change[:] = 0.0
-    motions = direction[:n].reshape((fields, cells))
-    forces = change[:n].reshape((fields, cells))
-    resist(runs, stiffness, motions, elongations, forces, tensions)
+            elongations[kind] += unit_elongations[kind, strain] * direction[n_motions + strain]
+    resistance[:] = 0.0
+    motions = direction[:n_motions].reshape((fields, cells))
+    forces = resistance[:n_motions].reshape((fields, cells))
+    resist(runs, stiffness, motions, elongations, forces, tension_sums)
     for strain in range(s):
         for kind in range(kinds):
-            change[n + strain] += strained[kind, strain] * tensions[kind]
-    curvature = multiply(direction, change)
+            resistance[n_motions + strain] += unit_elongations[kind, strain] * tension_sums[kind]
+    curvature = find_scalar_product(direction, resistance)
     if curvature <= 0.0:
         return product, curvature, 0.0
     length = product / curvature
     for place in range(len(direction)):
         solution[place] += length * direction[place]
     for place in range(len(direction)):
-        remaining[place] -= length * change[place]
-    return product, curvature, multiply(remaining, remaining)
+        residual[place] -= length * resistance[place]
+    return product, curvature, find_scalar_product(residual, residual)

@@ -1,8 +1,8 @@
-"""Loops over the contacts of a list, compiled: the blocks of its tangent.
+"""Compiled loops over the contacts of a list: the blocks of its tangent.
 
 A small motion of two balls that touch, under a small uniform strain E of the cell, moves their
-contact by v = u_j - u_i + E w, where w joins the centres. The contact resists, with a stiffness
-each,
+centres against each other by v = u_j - u_i + E w, where w joins the centres. The contact resists
+five deformations, each with a stiffness of its own,
 
     elongation  v.n
     slip        (1 - nn) v - (arm_i phi_i + arm_j phi_j) x n
@@ -10,18 +10,20 @@ each,
     roll        (1 - nn)(phi_j - phi_i)
     push        (1 - nn) v, which the static force along n resists with the stiffness -f/r
 
-The tangent is the second derivative of the sum of half of the squares of these times their
-stiffness: of two displacements a matrix of nn and 1 - nn; of a displacement and a rotation that of
-phi x n, times an arm; of two rotations one of nn and 1 - nn again.
+The tangent is the second derivative of the energy of these springs. Its block for two displacements
+is made of nn and 1 - nn; that for a displacement and a rotation of the matrix of phi x n, times an
+arm; that for two rotations of nn and 1 - nn again.
 
-A static force T across the normal, with which ball i acts on ball j, turns with n, and about n as
-it is carried:
+Ball i acts on ball j with a static force T across the normal. T turns with n, and about n by the
+angle spin:
 
     dn = (1 - nn) v/r,    turn = n x dn + spin n
     force on ball j   turn x T,                                   on ball i the opposite
     torque on ball j  -(arm_j turn x (n x T) + (e/2) n x T),      on ball i with arm_i
 
-where e is the elongation. This part has no potential, and is not symmetric.
+where e is the elongation, r the distance of the centres, and spin the angle by which tangents turn
+about n (:class:`~granphon.contacts.columns.Columns`, ``origin``). This part has no potential, and
+is not symmetric.
 
 Blocks (m, m) of the m motions of two balls lie so that those of all contacts, or of all balls, of
 one entry follow each other: what multiplies them goes through memory in order.
@@ -40,8 +42,8 @@ from granphon.contacts.vectors import Vector, add, cross, dot, get_row, scale, s
 
 @compiled
 def _set_turning(normal: Array, turning: Array) -> None:
-    """Set ``turning`` (3, 3) off its diagonal, which must be zero, to the matrix that takes phi to
-    phi x n, with the ``normal`` n (3,).
+    """Set ``turning`` (3, 3) to the matrix that takes phi to phi x n, with the ``normal`` n (3,);
+    its diagonal must be zero before, and stays so.
     """
     for axis in range(3):
         following = (axis + 1) % 3
@@ -65,8 +67,8 @@ def _fill_displacements(
 ) -> None:
     """Do what :func:`_fill_motions` does, for balls that do not rotate.
 
-    The entries of a block are those of across (1 - nn) + k nn, for all contacts one after the
-    other: a loop over the contacts goes through memory in order, but for the two balls.
+    A block is across (1 - nn) + k nn. Each of its entries is found for all contacts one after the
+    other: but for the numbers of the balls, the loop goes through memory in order.
     """
     n_contacts = len(columns.i)
     along = np.empty(n_contacts)
@@ -81,7 +83,7 @@ def _fill_displacements(
             axis = axes[column]
             near = diagonal[line, column]
             between = forward[line, column]
-            identity = 1.0 if line == column else 0.0
+            identity = 1.0 if line == column else 0.0  # entry of the matrix 1
             for contact in range(n_contacts):
                 entry = (
                     along[contact] * columns.normal[contact, row] * columns.normal[contact, axis]
@@ -163,7 +165,7 @@ def _fill_strains(
     :func:`fill_tangent`.
     """
     s = len(strains)
-    strained = np.zeros((s, 3))
+    moves = np.zeros((s, 3))
     pulls = np.zeros((s, 3))
     for contact in range(len(columns.i)):
         i = columns.i[contact]
@@ -180,7 +182,7 @@ def _fill_strains(
             moved = _apply_strain(strains, strain, w)
             pull = add(scale(along * dot(moved, normal), normal), across, moved)
             turn = cross(normal, moved)
-            set_row(strained, strain, moved)
+            set_row(moves, strain, moved)
             set_row(pulls, strain, pull)
             for motion in range(len(axes)):
                 axis = axes[motion]
@@ -193,7 +195,7 @@ def _fill_strains(
         for line in range(s):
             for column in range(s):
                 for axis in range(3):
-                    corner[line, column] += strained[line, axis] * pulls[column, axis]
+                    corner[line, column] += moves[line, axis] * pulls[column, axis]
 
 
 @compiled
@@ -206,9 +208,9 @@ def fill_tangent(
     ahead: Array,
     corner: Array,
 ) -> None:
-    """Set ``diagonal``, ``forward``, ``ahead`` and ``corner``, all of which must be zeros before,
-    to the tangents of all contacts. What static forces across normals do is left to
-    :func:`add_static_turn`.
+    """Set ``diagonal``, ``forward``, ``ahead`` and ``corner`` to the tangent of all contacts; all
+    four must be zeros before. Static forces across normals are not in it:
+    :func:`add_static_turn` adds what these do.
 
     Parameters
     ----------
@@ -216,10 +218,10 @@ def fill_tangent(
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     strains : (s, 3, 3) unit strains, symmetric.
     diagonal : (m, m, n) forces on each ball against motions of the same ball.
-    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; the block of
-        ball j and i is its transpose.
-    ahead : (n, m, s) forces on balls against unit strains; those on strains against unit motions
-        are the same.
+    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; forces on ball
+        j against motions of ball i are its transpose.
+    ahead : (n, m, s) forces on balls against unit strains; forces on strains against unit motions
+        are the same numbers.
     corner : (s, s) forces on strains against unit strains.
     """
     rotates = False
@@ -250,9 +252,9 @@ def _set_static_turn(
 
     The first m rows belong to unit motions of ball j along the ``axes``, 3 to 5 of which are
     rotations; the last s rows belong to strains. ``moved`` (m + s, 3) are the motions v of the
-    contact, and ``over`` is 1/r with the distance r of the centres. Rotations turn T about n too:
-    T is carried on the shortest way from the unit vector ``origin``, which is zero where T does not
-    turn about n.
+    contact, and ``over`` is 1/r with the distance r of the centres. T turns about n as the tangents
+    do that the smallest rotation carries from the unit vector ``origin`` to n, and that the mean
+    rotation of both balls about ``origin`` turns; if ``origin`` is zero, T does not turn about n.
     """
     m = len(axes)
     moment = cross(normal, force)
@@ -284,9 +286,9 @@ def _add_turn_of_strains(
     back: Array,
     corner: Array,
 ) -> None:
-    """Add to ``back`` and ``corner`` the work that the changes ``push`` (m + s, 3) of the force of
-    a contact of balls ``i`` and ``j`` on ball j do on the motions ``strained`` (s, 3) of the
-    contact by unit strains; other arguments are those of :func:`add_static_turn`.
+    """Add to ``back`` and ``corner`` the work that a contact of balls ``i`` and ``j`` does in unit
+    strains. The changes of its force on ball j are ``push`` (m + s, 3), and its motions v by unit
+    strains are ``strained`` (s, 3); other arguments are those of :func:`add_static_turn`.
     """
     m = len(axes)
     for strain in range(len(strained)):
@@ -296,6 +298,7 @@ def _add_turn_of_strains(
             if column >= m:
                 corner[strain, column - m] += work
                 continue
+            # ball i moves against v, and turns as ball j does
             back[i, column, strain] += -work if axes[column] < 3 else work
             back[j, column, strain] += work
 
@@ -315,9 +318,10 @@ def _add_turn_of_balls(
     backward: Array,
     ahead: Array,
 ) -> None:
-    """Add to the blocks of balls, of a ``contact`` and of strains the forces and torques on the
-    balls ``i`` and ``j`` of the contact, which have the ``arms``, made of the changes of
-    :func:`_set_static_turn`; other arguments are those of :func:`add_static_turn`.
+    """Add the forces and torques on the balls ``i`` and ``j`` of a ``contact`` to the blocks of
+    balls, of the contact and of strains. They are made of the changes ``push``, ``torque`` and
+    ``lever`` of :func:`_set_static_turn` and of the ``arms`` of balls i and j; other arguments are
+    those of :func:`add_static_turn`.
     """
     m = len(axes)
     arm_i, arm_j = arms
@@ -357,9 +361,9 @@ def add_static_turn(
     """Add to all blocks the changes that static forces across normals cause as they turn with their
     contacts.
 
-    ``backward`` (m, m, n_c) are, for each motion of ball i of a contact, the forces on ball j.
-    ``back`` (n, m, s) are the forces on strains against unit motions of balls. The other arguments
-    are those of :func:`fill_tangent`.
+    ``backward`` (m, m, n_c) are the forces on ball j of each contact (second axis) against motions
+    of ball i (first axis). ``back`` (n, m, s) are the forces on strains against unit motions of
+    balls. The other arguments are those of :func:`fill_tangent`.
     """
     m = len(axes)
     # v by a unit of each motion of ball j, and of each strain
@@ -371,7 +375,8 @@ def add_static_turn(
     push, torque, lever = np.zeros((3, m + len(strains), 3))
     turns_about_normal = len(columns.origin) > 0
     for contact in range(len(columns.i)):
-        force = scale(-1.0, get_row(columns.tangential_force, contact))  # as the tangent resists
+        # the tangent holds the forces that resist: minus those that act
+        force = scale(-1.0, get_row(columns.tangential_force, contact))
         if force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0:
             continue
         i = columns.i[contact]

@@ -1,29 +1,29 @@
-"""Loops over contacts whose balls move, compiled: how contacts deform in a step, what forces they
-then have, and how these act on the balls.
+"""Compiled loops over contacts whose balls move: how contacts deform in a step, what forces they
+then have, and how these forces act on the balls.
 
-Between the centres of two balls lies r, and n = r/|r|. Of a free contact r follows the balls, and
-the arms of the balls are parts of r, which add up to one. Of others r is a unit vector that stays
-as it is at rest, and arms are lengths: the normal of a flat wall, or in the directions of the
-network that of any contact. Forces across a contact make torques by the arms. Slip has the same
-levers, or, as in LAMMPS, the radii, which exceed the arms by half of the overlap: then the law has
-no potential.
+The vector r leads from the centre of ball i to that of ball j, and n = r/|r|. The r of a free
+contact follows the balls, and the arms of its balls are parts of r, which add up to one. The r of
+any other contact is a unit vector that stays as it is at rest, and its arms are lengths: so it is
+with flat walls, and with all contacts if they keep the directions of the network. Forces across a
+contact make torques by the arms. Slip has the same levers, or, as in LAMMPS, the radii, which
+exceed the arms by half of the overlap: then the law has no potential.
 
-A step takes slip, twist and roll across the mean of r before and after. In true directions, forces
-across contacts turn with n by the smallest rotation that takes n along, and about n with the mean
-spin of the two balls: by one half to the mean of r, where the law adds what the step changes, and
-by the other half from there. So |T| stays, and pairs of forces and torques keep momentum and
-angular momentum exactly. Static normal forces then press along n. In the directions of the network
-nothing turns: the loads that hold the balls at rest balance static forces at any time, and changes
-of forces act alone.
+Slip and roll of a step are those across the mean of r before and after the step, and twist is that
+about this mean. In true directions, forces across contacts turn with n in two rotations: the
+smallest that takes n along, and one about n by the mean spin of the two balls. Forces turn to the
+mean of r first, where the law adds what the step changes, and from there to r after the step.
+Turning keeps |T|, and pairs of forces and torques keep momentum and angular momentum exactly.
+Static normal forces press along n. In the directions of the network nothing turns: the loads that
+hold the balls at rest balance static forces at any time, and changes of forces act alone.
 
 A step is one pass over the contacts (:func:`follow`), in chunks. Motions of balls are gathered for
-a chunk, and forces are scattered to balls. In between each number of a contact has a row of the
-chunk. Most loops go over the rows, on several contacts at a time, as the processor can where a
-loop has no index of a ball, no branch, and one array: rows at fixed places do not overlap. These
-functions take the ``rows`` of a chunk, an array of all of them, and the number ``n`` of contacts in
-the chunk; the constants at the head of this module say where each row begins. A loop ends at
-``min(n, CHUNK)``, which is n: of an index that is a constant and a number of unknown size the
-compiler does not know that it is not below zero, where it would count from the end.
+a chunk, and forces are scattered to balls. In between, a row of the chunk holds one number of each
+of its contacts. The processor works on several contacts at a time in loops over one array without
+branches and without indices of balls: so all rows lie in one array, at fixed places, where they do
+not overlap. Functions of a chunk take this array, ``rows``, and the number ``n`` of contacts in the
+chunk; the constants at the head of this module say where each row begins. A loop ends at
+``min(n, CHUNK)``, which is n: it tells the compiler that an index, a constant plus a number up to
+CHUNK, is not below zero, where it would count from the end.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew f
 #: numbers in a line of the processor's cache. Rows begin with a line: the processor reads several
 #: numbers at once from within a line faster than across two
 _LINE = 8
-#: least divisor: zero is divided by this number in place of zero
+#: least divisor: takes the place of a divisor that is zero, where the dividend is zero too
 _LEAST_DIVISOR = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)
 _STIFFNESS = hertz.EXPONENT
@@ -52,8 +52,8 @@ _STIFFNESS = hertz.EXPONENT
 # Where the rows of a chunk begin. Vectors have three; slip, twist and roll, or forces against
 # these, seven.
 
-#: what contacts are at rest: r, |r|, the distance of the bodies, whether r follows the balls (one
-#: or zero), the arms of the balls over |r|, and the normal force
+#: what contacts are at rest: r, |r|, the distance of the surfaces of balls that are apart, whether
+#: r follows the balls (one or zero), the arms of balls i and j over |r|, and the normal force
 REST = 0 * CHUNK
 LENGTH = 3 * CHUNK
 GAP = 4 * CHUNK
@@ -75,7 +75,7 @@ ROOT_DASHPOT = 16 * CHUNK
 COEFFICIENT = 17 * CHUNK
 END = 18 * CHUNK
 ROOT = 19 * CHUNK
-#: radii of the balls where these are the levers of slip, else zero
+#: radii of balls i and j if these are the levers of slip, or else zero
 NEAR_LEVER = 20 * CHUNK
 FAR_LEVER = 21 * CHUNK
 N_COLUMNS = 22 * CHUNK
@@ -94,15 +94,15 @@ _END = 40 * CHUNK
 _R = 43 * CHUNK
 _R_LENGTH = 46 * CHUNK
 _R_MIDDLE = 47 * CHUNK
-#: elongations before and after
+#: elongations before and after the step
 _E_START = 50 * CHUNK
 _E = 51 * CHUNK
-#: tangent of half of the angle by which forces turn about n in half of the step, and the cosine of
-#: the whole angle and one
+#: of the angle by which forces turn about n in half of the step: the tangent of its half, and one
+#: plus its cosine
 _HALF = 52 * CHUNK
 _COSINE = 53 * CHUNK
-#: slip, twist and roll of the step; forces against them: before the step, then turned to its
-#: middle; after it; and the mean of both
+#: slip, twist and roll of the step; forces against them: those before the step, first as they were
+#: and then turned to its middle; those after it; and the mean of both
 _SIDES = 54 * CHUNK
 _HELD = 61 * CHUNK
 _PULL = 68 * CHUNK
@@ -120,7 +120,8 @@ _ON_I = 88 * CHUNK
 _ON_I_TORQUE = 91 * CHUNK
 _ON_J = 94 * CHUNK
 _ON_J_TORQUE = 97 * CHUNK
-#: dashpots: rates of elongation and of deformations, forces before and after, energy lost
+#: dashpots: rates of elongation, and of slip, twist and roll; forces before and after the step;
+#: energy lost
 _RATE = 100 * CHUNK
 _RATES = 101 * CHUNK
 _DASH_START = 108 * CHUNK
@@ -144,9 +145,10 @@ class Columns(NamedTuple):
     Attributes
     ----------
     i, j : (n_c,) numbers of the two balls.
-    shared : (n_k,) the number of each row, if all contacts have the same.
-    separate : (n_s, n_c) the numbers of the other rows.
-    lines : (n_s,) where these rows begin in a chunk.
+    shared : (rows,) one number for each of the rows up to ``N_COLUMNS``, which all contacts have;
+        any number for rows in ``separate``.
+    separate : (n_s, n_c) the numbers of the rows in which contacts differ.
+    lines : (n_s,) where the rows of ``separate`` begin in a chunk.
     """
 
     i: NDArray[np.uint32]
@@ -164,7 +166,8 @@ class Rules(NamedTuple):
     turns : whether the directions of contacts follow their balls, and are not those of rest.
     mu : friction coefficient of Coulomb's limit.
     pulls : whether the force of the law and the dashpot together may pull.
-    is_total : whether the forces of dashpots count in Coulomb's limit, on both sides.
+    is_total : whether the forces of dashpots are added on both sides of Coulomb's limit: to the
+        force against slip, and to the normal force.
     is_hertz : whether loops find normal forces by Hertz's law; otherwise they are known before the
         loop.
     """
@@ -181,7 +184,7 @@ class Moment(NamedTuple):
 
     Attributes
     ----------
-    motions : (n, m) displacements, m, and rotations, rad, of all balls since rest.
+    motions : (n_balls, m) displacements, in metres, and rotations, rad, of all balls since rest.
     e : (n_c,) elongations since rest, m.
     pull : (4 or 8, n_c) change f - f_0 of normal forces, N, forces T against slip (3), N, and with
         8 rows torques against twist and against roll (3), N m.
@@ -199,12 +202,12 @@ class Moment(NamedTuple):
 
 
 @compiled
-def _turn(force: Vector, start: Vector, end: Vector, half: float, cosine: float) -> Vector:
+def _turn_force(force: Vector, start: Vector, end: Vector, half: float, cosine: float) -> Vector:
     """Return a ``force`` across the unit vector ``start``, turned by two rotations: the smallest
     that takes ``start`` to the unit vector ``end``, and one about ``end`` by an angle.
 
-    ``half`` is the tangent of half of the angle, and ``cosine`` one plus the cosine of the angle:
-    half times cosine is the sine.
+    ``half`` is the tangent of half of the angle, and ``cosine`` is one plus the cosine of the
+    angle; the product of both is the sine.
     """
     # for a vector across the start, the smallest rotation is a mirror image across the bisector
     bisector = add(start, 1.0, end)
@@ -215,7 +218,7 @@ def _turn(force: Vector, start: Vector, end: Vector, half: float, cosine: float)
 
 
 @compiled
-def _slip(
+def _find_slip(
     across: Vector,
     turn_i: Vector,
     turn_j: Vector,
@@ -223,8 +226,9 @@ def _slip(
     r: Vector,
     n: Vector,
 ) -> Vector:
-    """Return the slip across n of two balls: j moves by ``across`` against i, and they turn by
-    ``turn_i`` and ``turn_j`` about centres that are r apart; ``levers`` are over |r|.
+    """Return the slip across the unit vector ``n`` of two balls whose centres are ``r`` apart. Ball
+    j moves by ``across`` against ball i, and the balls turn by ``turn_i`` and ``turn_j`` about
+    their centres. ``levers`` are those of balls i and j over |r|.
     """
     turn = add(scale(levers[0], turn_i), levers[1], turn_j)
     slip = add(across, -1.0, cross(turn, r))
@@ -232,14 +236,14 @@ def _slip(
 
 
 @compiled
-def _get(rows: Array, place: int) -> Vector:
-    """Return the vector of a contact whose first component is at a ``place`` of the rows."""
+def _get_vector(rows: Array, place: int) -> Vector:
+    """Return the vector of a contact whose first component is at a ``place`` in the rows."""
     return rows[place], rows[place + CHUNK], rows[place + 2 * CHUNK]
 
 
 @compiled
-def _set(rows: Array, place: int, a: Vector) -> None:
-    """Set the vector of a contact whose first component is at a ``place`` of the rows."""
+def _set_vector(rows: Array, place: int, a: Vector) -> None:
+    """Set the vector of a contact to ``a``; its first component is at a ``place`` in the rows."""
     rows[place] = a[0]
     rows[place + CHUNK] = a[1]
     rows[place + 2 * CHUNK] = a[2]
@@ -247,8 +251,8 @@ def _set(rows: Array, place: int, a: Vector) -> None:
 
 @compiled
 def _find_levers(rows: Array, c: int, r: Vector, n: Vector) -> tuple[float, float]:
-    """Return the levers, over |r|, by which rotations of the balls of contact ``c`` make slip: the
-    arms, or the radii where these are given. ``r`` joins the centres, along the unit vector ``n``.
+    """Return the levers, over |r|, by which rotations of balls i and j of contact ``c`` make slip:
+    the arms, or the radii where these are given. ``n`` is the direction of ``r``, a unit vector.
     """
     over = 1.0 / dot(n, r)
     near = rows[NEAR_LEVER + c]
@@ -263,12 +267,12 @@ def _find_levers(rows: Array, c: int, r: Vector, n: Vector) -> tuple[float, floa
 
 
 @compiled
-def _begin(shared: Array) -> Array:
-    """Return new rows of a chunk, of numbers ``shared`` (n_k,) by all contacts, and then zeros in
-    the rows that a step sets.
+def _make_rows(shared: Array) -> Array:
+    """Return new rows of a chunk: first those of ``shared`` (rows,), each with the one number that
+    all contacts have, then those that a step sets, with zeros.
     """
     numbers = np.zeros(_N_ROWS + _LINE)
-    # rows begin at the first address that begins a line of the processor's cache
+    # the rows begin at the first address in `numbers` where a line of the cache begins
     rows = numbers[(-numbers.ctypes.data // numbers.itemsize) % _LINE :]
     for row in range(0, N_COLUMNS, CHUNK):
         for c in range(CHUNK):
@@ -280,8 +284,8 @@ def _begin(shared: Array) -> Array:
 def _find_line(rows: Array, row: int, n: int) -> Array:
     """Return the n numbers of a ``row``, as a view.
 
-    A loop over the view reads numbers that lie side by side. Of an index ``row + c`` compilers do
-    not know whether it is below zero, which would count from the end, unless the row is a constant.
+    The index ``row + c`` would take more time: unless the row is a constant, the compiler does not
+    know that the index is not below zero, where it would count from the end.
     """
     return rows[row : row + n]
 
@@ -290,8 +294,8 @@ def _find_line(rows: Array, row: int, n: int) -> Array:
 def _read_separate(
     rows: Array, separate: Array, lines: NDArray[np.int64], first: int, n: int
 ) -> None:
-    """Set the rows that begin at ``lines`` to the numbers ``separate`` of n contacts from the
-    ``first`` on.
+    """Set the rows that begin at ``lines`` (n_s,) to the numbers ``separate`` (n_s, n_c) of n
+    contacts from the ``first`` on.
     """
     for line in range(len(lines)):
         _read(rows, lines[line], separate[line], first, n)
@@ -328,7 +332,8 @@ def _gather(
     """Set the rows of the displacement of ball j less that of ball i, before and after the step,
     and of the rotations of both balls in the step.
 
-    ``before`` and ``after`` (n_balls, m) are the motions of all balls along ``axes`` (m,).
+    ``before`` and ``after`` (n_balls, m) are the motions of all balls along ``axes`` (m,), 0 to 2
+    of displacements, 3 to 5 of rotations. ``ends`` are the numbers (n_c,) of balls i and balls j.
     """
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
@@ -361,8 +366,9 @@ def _gather_speeds(
     first: int,
     n: int,
 ) -> None:
-    """Set the rows of displacements before the step and of rotations to the velocity of ball j
-    less that of ball i, and to the spins of both, from the ``speeds`` (n_balls, m) of all balls.
+    """Set the rows of displacements before the step to the velocity of ball j less that of ball i,
+    and the rows of rotations to the spins of both balls. ``speeds`` (n_balls, m) are those of all
+    balls; ``ends`` and ``axes`` are those of :func:`_gather`.
     """
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
@@ -388,7 +394,7 @@ def _scatter(
     n: int,
 ) -> None:
     """Add the rows of forces and torques on balls i and j to the ``forces`` (n_balls, m) on all
-    balls.
+    balls; ``ends`` and ``axes`` are those of :func:`_gather`.
     """
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
@@ -409,29 +415,32 @@ def _deform_straight(rows: Array, n: int) -> None:
     keep their directions; forces act along these.
     """
     for c in range(min(n, CHUNK)):
-        normal = _get(rows, REST + c)
+        normal = _get_vector(rows, REST + c)
         gap = rows[GAP + c]
-        across = _get(rows, _ACROSS + c)
-        end = _get(rows, _ACROSS_END + c)
+        across = _get_vector(rows, _ACROSS + c)
+        end = _get_vector(rows, _ACROSS_END + c)
         # the arms: other levers, which _find_levers gives, come only with contacts that turn
         levers = (rows[NEAR + c], rows[FAR + c])
-        turn_i = _get(rows, _TURN_I + c)
-        turn_j = _get(rows, _TURN_J + c)
+        turn_i = _get_vector(rows, _TURN_I + c)
+        turn_j = _get_vector(rows, _TURN_J + c)
         rows[_E_START + c] = gap + dot(normal, across)
         rows[_E + c] = gap + dot(normal, end)
         moved = add(end, -1.0, across)
-        _set(rows, _SIDES + c, _slip(moved, turn_i, turn_j, levers, normal, normal))
-        _set(rows, _R + c, normal)
+        _set_vector(rows, _SIDES + c, _find_slip(moved, turn_i, turn_j, levers, normal, normal))
+        _set_vector(rows, _R + c, normal)
 
 
 @compiled
 def _lengthen(length: float, free: float, square: float) -> tuple[float, float, float]:
-    """Return |r|, 1/|r| and by how much |r| exceeds the ``length`` |r_0| at rest, where r = r_0 +
-    free w and ``square`` is (r_0 + r).w: free times it is |r|^2 - |r_0|^2, no difference of
+    """Return |r|, 1/|r| and the elongation ``square``/(|r| + |r_0|), without a difference of
     near-equal lengths.
+
+    ``length`` is |r_0|, the length of r at rest, r is r_0 + ``free`` w with ``free`` one or zero,
+    and ``square`` is (r_0 + r).w. If r is free, the elongation is |r| - |r_0|; otherwise it is
+    r_0.w, as r is then a unit vector.
     """
     r_length = math.sqrt(length * length + free * square)
-    # of one division, 1/|r| and the square over |r| + |r_0|
+    # both results from one division
     total_length = length + r_length
     quotient = 1.0 / (r_length * total_length)
     return r_length, total_length * quotient, square * (r_length * quotient)
@@ -442,19 +451,20 @@ def _lengthen(length: float, free: float, square: float) -> tuple[float, float, 
 
 @compiled
 def _find_starts(rows: Array, n: int) -> None:
-    """Find the directions and elongations before the step of contacts that turn. The rows with
-    which forces act, and that of the mean of r, are set to |r| and to r before the step.
+    """Find the directions and elongations before the step of contacts that turn. For later, the row
+    of the |r| with which forces act is set to |r| before the step, and that of the mean of r to r
+    before the step.
     """
     for c in range(min(n, CHUNK)):
-        r_at_rest = _get(rows, REST + c)
+        r_at_rest = _get_vector(rows, REST + c)
         free = rows[FREE + c]
-        across = _get(rows, _ACROSS + c)
+        across = _get_vector(rows, _ACROSS + c)
         r = add(r_at_rest, free, across)
         square = dot(add(r_at_rest, 1.0, r), across)
         length, over, elongation = _lengthen(rows[LENGTH + c], free, square)
         rows[_E_START + c] = rows[GAP + c] + elongation
-        _set(rows, _START + c, scale(over, r))
-        _set(rows, _R_MIDDLE + c, r)
+        _set_vector(rows, _START + c, scale(over, r))
+        _set_vector(rows, _R_MIDDLE + c, r)
         rows[_R_LENGTH + c] = length
 
 
@@ -464,15 +474,15 @@ def _find_ends(rows: Array, n: int, is_mean: bool) -> None:
     :func:`_find_starts`; forces will act with the mean of |r| if ``is_mean``.
     """
     for c in range(min(n, CHUNK)):
-        r_at_rest = _get(rows, REST + c)
+        r_at_rest = _get_vector(rows, REST + c)
         free = rows[FREE + c]
-        across = _get(rows, _ACROSS_END + c)
+        across = _get_vector(rows, _ACROSS_END + c)
         r = add(r_at_rest, free, across)
         square = dot(add(r_at_rest, 1.0, r), across)
         length, over, elongation = _lengthen(rows[LENGTH + c], free, square)
         rows[_E + c] = rows[GAP + c] + elongation
-        _set(rows, _END + c, scale(over, r))
-        _set(rows, _R + c, r)
+        _set_vector(rows, _END + c, scale(over, r))
+        _set_vector(rows, _R + c, r)
         mean_length = 0.5 * (rows[_R_LENGTH + c] + length)
         rows[_R_LENGTH + c] = mean_length if is_mean else length
 
@@ -483,11 +493,11 @@ def _find_middles(rows: Array, n: int) -> None:
     :func:`_find_ends`.
     """
     for c in range(min(n, CHUNK)):
-        start = _get(rows, _R_MIDDLE + c)
-        middle = scale(0.5, add(start, 1.0, _get(rows, _R + c)))
+        start = _get_vector(rows, _R_MIDDLE + c)
+        middle = scale(0.5, add(start, 1.0, _get_vector(rows, _R + c)))
         normal = scale(1.0 / math.sqrt(dot(middle, middle)), middle)
-        _set(rows, _MIDDLE + c, normal)
-        _set(rows, _R_MIDDLE + c, middle)
+        _set_vector(rows, _MIDDLE + c, normal)
+        _set_vector(rows, _R_MIDDLE + c, middle)
 
 
 @compiled
@@ -510,13 +520,13 @@ def _slip_turning(rows: Array, n: int) -> None:
     contacts that turn.
     """
     for c in range(min(n, CHUNK)):
-        turn_i = _get(rows, _TURN_I + c)
-        turn_j = _get(rows, _TURN_J + c)
-        normal = _get(rows, _MIDDLE + c)
-        r = _get(rows, _R_MIDDLE + c)
+        turn_i = _get_vector(rows, _TURN_I + c)
+        turn_j = _get_vector(rows, _TURN_J + c)
+        normal = _get_vector(rows, _MIDDLE + c)
+        r = _get_vector(rows, _R_MIDDLE + c)
         levers = _find_levers(rows, c, r, normal)
-        across = add(_get(rows, _ACROSS_END + c), -1.0, _get(rows, _ACROSS + c))
-        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, levers, r, normal))
+        across = add(_get_vector(rows, _ACROSS_END + c), -1.0, _get_vector(rows, _ACROSS + c))
+        _set_vector(rows, _SIDES + c, _find_slip(across, turn_i, turn_j, levers, r, normal))
         # the mean spin of both balls, over four: half of the angle in half of the step. It is taken
         # for the tangent of itself, from which the cosine follows without a loop of angles
         half = 0.125 * dot(normal, add(turn_i, 1.0, turn_j))
@@ -527,23 +537,23 @@ def _slip_turning(rows: Array, n: int) -> None:
 @compiled
 def _turn_to_middle(rows: Array, place: int, c: int) -> None:
     """Turn a vector across contact c, whose first component is at a ``place`` of the rows, with the
-    contact from the start of the step to its middle; see :func:`_turn`.
+    contact from the start of the step to its middle; see :func:`_turn_force`.
     """
-    start = _get(rows, _START + c)
-    middle = _get(rows, _MIDDLE + c)
-    force = _get(rows, place)
-    _set(rows, place, _turn(force, start, middle, rows[_HALF + c], rows[_COSINE + c]))
+    start = _get_vector(rows, _START + c)
+    middle = _get_vector(rows, _MIDDLE + c)
+    force = _get_vector(rows, place)
+    _set_vector(rows, place, _turn_force(force, start, middle, rows[_HALF + c], rows[_COSINE + c]))
 
 
 @compiled
 def _turn_to_end(rows: Array, place: int, c: int) -> None:
     """Turn a vector across contact c, whose first component is at a ``place`` of the rows, with the
-    contact from the middle of the step to its end; see :func:`_turn`.
+    contact from the middle of the step to its end; see :func:`_turn_force`.
     """
-    middle = _get(rows, _MIDDLE + c)
-    end = _get(rows, _END + c)
-    force = _get(rows, place)
-    _set(rows, place, _turn(force, middle, end, rows[_HALF + c], rows[_COSINE + c]))
+    middle = _get_vector(rows, _MIDDLE + c)
+    end = _get_vector(rows, _END + c)
+    force = _get_vector(rows, place)
+    _set_vector(rows, place, _turn_force(force, middle, end, rows[_HALF + c], rows[_COSINE + c]))
 
 
 @compiled
@@ -586,24 +596,25 @@ def _roll(rows: Array, n: int, turns: bool) -> None:
     contacts turn (``turns``), and otherwise n at rest.
     """
     for c in range(min(n, CHUNK)):
-        normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
-        roll = add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
+        normal = _get_vector(rows, _MIDDLE + c) if turns else _get_vector(rows, REST + c)
+        roll = add(_get_vector(rows, _TURN_J + c), -1.0, _get_vector(rows, _TURN_I + c))
         twist = dot(normal, roll)
         rows[_SIDES + _TWIST + c] = twist
-        _set(rows, _SIDES + _ROLL + c, add(roll, -twist, normal))
+        _set_vector(rows, _SIDES + _ROLL + c, add(roll, -twist, normal))
 
 
 @compiled
-def _press(rows: Array, n: int) -> None:
-    """Find f - f_0 by Hertz's law, without a difference of near-equal forces, and stiffnesses
-    before and after the step.
+def _find_hertz_forces(rows: Array, n: int) -> None:
+    """Find f - f_0 after the step by Hertz's law, without a difference of near-equal forces; the
+    stiffnesses after the step; and the stiffness of a flat punch before the step.
     """
     for c in range(min(n, CHUNK)):
         coefficient = rows[COEFFICIENT + c]
         overlap = rows[END + c]
-        loss = min(rows[_E + c], overlap)  # loss of h_+
+        loss = min(rows[_E + c], overlap)  # of the overlap, until the contact opens
         root = math.sqrt(overlap - loss)
-        # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
+        # (y^(3/2) - h^(3/2))/(y - h) = h^(1/2) + y/(h^(1/2) + y^(1/2)), y being the overlap at rest
+        # and h that after the step
         factor = root + overlap / (root + rows[ROOT + c])
         rows[_CHANGE + c] = -coefficient * (loss * factor)
         stiffness = coefficient * _STIFFNESS * root
@@ -614,27 +625,28 @@ def _press(rows: Array, n: int) -> None:
 
 
 @compiled
-def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
-    """Find the forces T against slip at the end of the step, and the work against slip, of which
-    sliding loses a part. Forces before and after the step are both turned to its middle. ``mu`` and
-    ``is_total`` are those of :class:`Rules`.
+def _find_shears(rows: Array, n: int, mu: float, is_total: bool) -> None:
+    """Find the forces T against slip at the end of the step, and the work that slip takes up in the
+    step. Forces before and after the step are both turned to its middle. ``mu`` and ``is_total``
+    are those of :class:`Rules`.
 
     The law is that of :mod:`granphon.contacts.motion`: dT = k_t ds while a contact widens, and
-    T/k_t is kept while it narrows. T beyond Coulomb's limit is shortened; if ``is_total``, the sum
-    of T and the dashpot's force is, and its limit includes the normal dashpot.
+    T/k_t is kept while it narrows. T beyond Coulomb's limit is shortened to the limit. If
+    ``is_total``, the sum of T and the dashpot's force is shortened in place of T, and the limit
+    includes the force of the normal dashpot.
     """
     slides = mu < math.inf
     for c in range(min(n, CHUNK)):
         start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
         least = min(punch, start_punch)
-        # the share of a force that the law keeps: all where the contact widens, as much as is left
-        # of its stiffness where it narrows, nothing where it was open
+        # the share of the force before the step that the law keeps: all of it where the contact
+        # widens, in proportion to the stiffness where it narrows, nothing where it was open
         kept_share = least / max(start_punch, _LEAST_DIVISOR)
         # the mean stiffness of a step in which the contact widens; that at its end otherwise
         stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
-        sides = _get(rows, _SIDES + c)
-        held = _get(rows, _HELD + c)
+        sides = _get_vector(rows, _SIDES + c)
+        held = _get_vector(rows, _HELD + c)
         pull = add(scale(kept_share, held), stiffness, sides)
         if slides and not is_total:
             limit = mu * max(rows[_CHANGE + c] + rows[FORCE + c], 0.0)
@@ -642,19 +654,19 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
             pull = scale(limit / size if size > limit else 1.0, pull)
         if slides and is_total:
             limit = mu * abs(rows[_CHANGE + c] + rows[FORCE + c] + rows[_DASH + c])
-            dash = _get(rows, _DASH + CHUNK + c)
+            dash = _get_vector(rows, _DASH + CHUNK + c)
             total = add(pull, 1.0, dash)
             size = math.sqrt(dot(total, total))
             if size > limit and punch > 0.0:
                 pull = add(scale(limit / size, total), -1.0, dash)
-        _set(rows, _PULL + c, pull)
+        _set_vector(rows, _PULL + c, pull)
         rows[_WORK + c] = 0.5 * dot(add(pull, 1.0, held), sides)
 
 
 @compiled
-def _resist_roll(rows: Array, n: int) -> None:
-    """Find the torques against twist and roll at the end of the step, as :func:`_resist` finds
-    forces but without a limit, and add the work against them.
+def _find_roll_torques(rows: Array, n: int) -> None:
+    """Find the torques against twist and roll at the end of the step, by the law of
+    :func:`_find_shears` without a limit, and add the work that twist and roll take up.
     """
     for c in range(min(n, CHUNK)):
         start_punch = rows[_PUNCH_START + c]
@@ -665,17 +677,17 @@ def _resist_roll(rows: Array, n: int) -> None:
         twist = rows[_SIDES + _TWIST + c]
         held_twist = rows[_HELD + _TWIST + c]
         pull_twist = kept_share * held_twist + stiffness * rows[TWIST_RATIO + c] * twist
-        roll = _get(rows, _SIDES + _ROLL + c)
-        held = _get(rows, _HELD + _ROLL + c)
+        roll = _get_vector(rows, _SIDES + _ROLL + c)
+        held = _get_vector(rows, _HELD + _ROLL + c)
         pull = add(scale(kept_share, held), stiffness * rows[ROLL_RATIO + c], roll)
         rows[_PULL + _TWIST + c] = pull_twist
-        _set(rows, _PULL + _ROLL + c, pull)
+        _set_vector(rows, _PULL + _ROLL + c, pull)
         work = (pull_twist + held_twist) * twist + dot(add(pull, 1.0, held), roll)
         rows[_WORK + c] = rows[_WORK + c] + 0.5 * work
 
 
 @compiled
-def _average(rows: Array, n: int) -> None:
+def _find_means(rows: Array, n: int) -> None:
     """Find the means of the forces against slip, twist and roll before and after the step, both
     turned to its middle.
     """
@@ -687,7 +699,7 @@ def _average(rows: Array, n: int) -> None:
 
 @compiled
 def _take_mean(rows: Array, n: int) -> None:
-    """Set the rows of forces that act to the means of :func:`_average`."""
+    """Set the rows of forces that act to the means of :func:`_find_means`."""
     for row in range(0, _N_SIDES, CHUNK):
         for c in range(min(n, CHUNK)):
             rows[_PULL + row + c] = rows[_MEAN + row + c]
@@ -709,32 +721,33 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
     spins of :func:`_gather_speeds`.
     """
     for c in range(min(n, CHUNK)):
-        r = _get(rows, _R + c)
-        normal = _get(rows, _END + c) if turns else r
-        across = _get(rows, _ACROSS + c)
-        spin_i = _get(rows, _TURN_I + c)
-        spin_j = _get(rows, _TURN_J + c)
+        r = _get_vector(rows, _R + c)
+        normal = _get_vector(rows, _END + c) if turns else r
+        across = _get_vector(rows, _ACROSS + c)
+        spin_i = _get_vector(rows, _TURN_I + c)
+        spin_j = _get_vector(rows, _TURN_J + c)
         levers = _find_levers(rows, c, r, normal)
         rows[_RATE + c] = dot(normal, across)
-        _set(rows, _RATES + c, _slip(across, spin_i, spin_j, levers, r, normal))
+        _set_vector(rows, _RATES + c, _find_slip(across, spin_i, spin_j, levers, r, normal))
         roll = add(spin_j, -1.0, spin_i)
         twist = dot(normal, roll)
         rows[_RATES + _TWIST + c] = twist
-        _set(rows, _RATES + _ROLL + c, add(roll, -twist, normal))
+        _set_vector(rows, _RATES + _ROLL + c, add(roll, -twist, normal))
 
 
 @compiled
-def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
-    """Find the share of its constant viscosities with which the dashpot of each contact acts: one
-    where the contact stays closed, zero where it stays open. ``is_mean`` says whether the mean
-    force of the step is asked for, and not that after the step; ``pulls`` is that of
+def _set_dash_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
+    """Set the share of its constant viscosities with which the dashpot of each contact acts: one
+    where the contact stays closed, zero where it stays open. If ``is_mean``, the share is that of
+    the mean force of the step, and otherwise that of the force after the step; ``pulls`` is that of
     :class:`Rules`.
 
-    Where the contact opens or closes in the step, the mean force of the step has the share of the
-    step in which the contact is closed. The force after the step, which a scheme lets act in the
-    last half of the step and in the first half of the next, has one half more where the contact
-    closes and one half less where it opens: over both halves it then does what a force does that
-    jumps in between. It is zero where a contact opens if the dashpot must not pull.
+    A contact that opens or closes is closed in a part s of the step, which is the share of the mean
+    force. The force after the step acts in the last half of the step and in the first half of the
+    next step, and is to do what a force does that jumps as the contact opens or closes. Where the
+    contact closes, the share is s + 1/2: s for the step, 1/2 for the next. Where the contact opens,
+    it is s - 1/2: the force before the step has acted in the first half. It is zero where a contact
+    opens and the dashpot must not pull.
     """
     for c in range(min(n, CHUNK)):
         was_closed = rows[_PUNCH_START + c] > 0.0
@@ -751,8 +764,8 @@ def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
 
 @compiled
 def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
-    """Find the forces of dashpots after the step, or those of its mean if ``is_mean``; unless
-    ``pulls``, the pull of the normal dashpot is limited to the force of the law.
+    """Find the forces of dashpots after the step, or their means over the step if ``is_mean``.
+    Unless ``pulls``, the pull of the normal dashpot is at most the push of the law.
     """
     for c in range(min(n, CHUNK)):
         k = 0.5 * (rows[_K_START + c] + rows[_K + c]) if is_mean else rows[_K + c]
@@ -776,10 +789,10 @@ def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
 
 
 @compiled
-def _damp(rows: Array, n: int, is_mean: bool) -> None:
+def _add_dash(rows: Array, n: int, is_mean: bool) -> None:
     """Add the forces of dashpots to the forces that act, and find the energy that dashpots take up
-    in the step: the work of their forces if ``is_mean``, or else of the means of their forces
-    before and after the step.
+    in the step. The force that takes it up is the mean force of the step if ``is_mean``, and
+    otherwise the mean of the forces before and after the step.
     """
     for c in range(min(n, CHUNK)):
         dash = rows[_DASH + c]
@@ -795,28 +808,30 @@ def _damp(rows: Array, n: int, is_mean: bool) -> None:
 
 
 @compiled
-def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
-    """Find the forces and torques on both balls of each contact, from the normal force and those
-    against slip and, if ``rolls``, against twist and roll. If contacts turn (``turns``), static
-    forces act too, along n.
+def _find_ball_forces(rows: Array, n: int, turns: bool, rolls: bool) -> None:
+    """Find the forces and torques on both balls of each contact, from the normal force and the
+    forces against slip and, if ``rolls``, against twist and roll. The normal force is the whole one
+    if contacts turn (``turns``), and its change f - f_0 otherwise.
     """
     for c in range(min(n, CHUNK)):
-        r = _get(rows, _R + c)
-        pull = _get(rows, _PULL + c)
+        r = _get_vector(rows, _R + c)
+        pull = _get_vector(rows, _PULL + c)
         push = rows[_CHANGE + c]
         if turns:
             push = (push + rows[FORCE + c]) / rows[_R_LENGTH + c]
         force = add(scale(push, r), -1.0, pull)
         moment = cross(r, pull)
-        _set(rows, _ON_I + c, scale(-1.0, force))
-        _set(rows, _ON_J + c, force)
-        _set(rows, _ON_I_TORQUE + c, scale(rows[NEAR + c], moment))
-        _set(rows, _ON_J_TORQUE + c, scale(rows[FAR + c], moment))
+        _set_vector(rows, _ON_I + c, scale(-1.0, force))
+        _set_vector(rows, _ON_J + c, force)
+        _set_vector(rows, _ON_I_TORQUE + c, scale(rows[NEAR + c], moment))
+        _set_vector(rows, _ON_J_TORQUE + c, scale(rows[FAR + c], moment))
         if rolls:
             twist = rows[_PULL + _TWIST + c] / math.sqrt(dot(r, r))
-            roll = add(_get(rows, _PULL + _ROLL + c), twist, r)
-            _set(rows, _ON_I_TORQUE + c, add(_get(rows, _ON_I_TORQUE + c), 1.0, roll))
-            _set(rows, _ON_J_TORQUE + c, add(_get(rows, _ON_J_TORQUE + c), -1.0, roll))
+            roll = add(_get_vector(rows, _PULL + _ROLL + c), twist, r)
+            _set_vector(rows, _ON_I_TORQUE + c, add(_get_vector(rows, _ON_I_TORQUE + c), 1.0, roll))
+            _set_vector(
+                rows, _ON_J_TORQUE + c, add(_get_vector(rows, _ON_J_TORQUE + c), -1.0, roll)
+            )
 
 
 @compiled
@@ -876,8 +891,8 @@ def _set_dash(
     first: int,
     n: int,
 ) -> None:
-    """Replace the forces of dashpots before the step in ``dash`` by those after it or, if there are
-    means, of its mean; both stay in the rows too.
+    """Replace the forces of dashpots before the step in ``dash`` by those after the step or, if
+    there are means of normal forces, by their means over the step. The rows of both are set too.
 
     ``k`` (n_c,) are normal stiffnesses before the step, read only if there are means; ``turns`` and
     ``pulls`` are those of :class:`Rules`, and the other arguments those of :func:`follow`.
@@ -893,7 +908,7 @@ def _set_dash(
         _take_rates(rows, n, turns)
     for line in range(len(dash)):
         _read(rows, _DASH_START + line * CHUNK, dash[line], first, n)
-    _find_shares(rows, n, is_mean, pulls)
+    _set_dash_shares(rows, n, is_mean, pulls)
     _find_dash(rows, n, is_mean, pulls)
     for line in range(len(dash)):
         _write(rows, _DASH + line * CHUNK, dash[line], first, n)
@@ -906,12 +921,12 @@ def _set_dash(
 def measure(
     contacts: Columns, motions: Array, axes: NDArray[np.int64], turns: bool, e: Array
 ) -> None:
-    """Set ``e`` (n_c,) to the elongations of contacts whose balls have the ``motions`` (n, m) along
-    ``axes`` (m,), 0 to 2 of displacements, 3 to 5 of rotations; ``turns`` is that of
-    :class:`Rules`.
+    """Set ``e`` (n_c,) to the elongations since rest of contacts whose balls have the ``motions``
+    (n_balls, m) along ``axes`` (m,), 0 to 2 of displacements, 3 to 5 of rotations; ``turns`` is
+    that of :class:`Rules`.
     """
     ends = (contacts.i, contacts.j)
-    rows = _begin(contacts.shared)
+    rows = _make_rows(contacts.shared)
     for first in range(0, len(e), CHUNK):
         n = min(CHUNK, len(e) - first)
         _read_separate(rows, contacts.separate, contacts.lines, first, n)
@@ -936,27 +951,28 @@ def follow(
     dash: Array,
     forces: Array,
 ) -> tuple[float, float, float]:
-    """Set the forces across contacts after a step, and the forces on balls. Return the energy that
-    slip, twist and roll take up in the step, that which dashpots take up, both J, and the greatest
-    stiffness of a flat punch after the step, N/m.
+    """Set the forces across contacts after a step, and the forces on balls. Return three numbers:
+    the energy, J, that slip, twist and roll take up in the step; the energy, J, that dashpots take
+    up; and the greatest stiffness, N/m, of a flat punch after the step.
 
     Parameters
     ----------
     contacts, rules : the contacts, and what holds for all of them.
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
-    before, after : moments before and after the step. Both motions are read, and the forces across
-        contacts before; those after are set, into the same array if both moments share ``pull``.
-        Unless loops know Hertz's law, normal forces and stiffnesses after the step, and stiffnesses
-        of punches before it, are read too; if there are means and dashpots, so are normal
-        stiffnesses before it. None of them is set.
+    before, after : moments before and after the step. The motions of both are read, and the forces
+        across contacts before the step. Forces across contacts after the step are set; both moments
+        may share the array ``pull``. Unless loops know Hertz's law, normal forces and stiffnesses
+        after the step are read, and stiffnesses of punches before the step. With means and
+        dashpots, normal stiffnesses before the step are read too. Nothing else is set.
     mean : (n_c,) means of f - f_0 over the step: forces on balls are then the mean forces of the
         step, by which it keeps the energy. (0,) if forces on balls are to be those after the step,
         as they have to be where loops know Hertz's law.
-    speeds : (n, m) velocities of balls after the step, for dashpots; not read if there are means.
+    speeds : (n_balls, m) velocities of balls after the step, for dashpots; not read if there are
+        means.
     step : length of the step, s; read only if there are means.
-    dash : (rows, n_c) forces of dashpots before the step, replaced by those after it or, if there
-        are means, of its mean; (rows, 0) without dashpots.
-    forces : (n, m) forces and torques on balls, set.
+    dash : (4 or 8, n_c) forces of dashpots before the step, replaced by those after the step or, if
+        there are means, by their means over the step; (4 or 8, 0) without dashpots.
+    forces : (n_balls, m) forces and torques on balls, set.
     """
     ends = (contacts.i, contacts.j)
     # arrays of a tuple are taken out of it before the loop: in the loop this takes time
@@ -976,7 +992,7 @@ def follow(
     rolls = n_sides > 3
     is_mean = len(mean) > 0
     is_damped = dash.shape[1] > 0
-    rows = _begin(contacts.shared)
+    rows = _make_rows(contacts.shared)
     work = np.zeros(CHUNK)
     loss = np.zeros(CHUNK)
     stiffest = np.zeros(CHUNK)
@@ -989,7 +1005,7 @@ def follow(
             _read(rows, _HELD + line * CHUNK, pull_before[1 + line], first, n)
         _deform(rows, n, turns, is_mean, rolls)
         if rules.is_hertz:
-            _press(rows, n)
+            _find_hertz_forces(rows, n)
         else:
             _read(rows, _CHANGE, pull_after[0], first, n)
             _read(rows, _K, k_after, first, n)
@@ -1000,12 +1016,12 @@ def follow(
             _set_dash(
                 rows, ends, turns, rules.pulls, axes, k_before, mean, speeds, step, dash, first, n
             )
-        _resist(rows, n, rules.mu, rules.is_total)
+        _find_shears(rows, n, rules.mu, rules.is_total)
         if rolls:
-            _resist_roll(rows, n)
+            _find_roll_torques(rows, n)
         _sum(rows, n, _WORK, work)
         if is_mean:
-            _average(rows, n)
+            _find_means(rows, n)
         if turns:
             _turn_pull(rows, n, rolls)
         for line in range(n_sides):
@@ -1014,9 +1030,9 @@ def follow(
             _read(rows, _CHANGE, mean, first, n)
             _take_mean(rows, n)
         if is_damped:
-            _damp(rows, n, is_mean)
+            _add_dash(rows, n, is_mean)
             _sum(rows, n, _LOSS, loss)
-        _act(rows, n, turns, rolls)
+        _find_ball_forces(rows, n, turns, rolls)
         _scatter(rows, ends, forces, axes, first, n)
     total_work = 0.0
     total_loss = 0.0
@@ -1033,8 +1049,8 @@ def follow(
 
 @compiled
 def spread(x: Array, places: NDArray[np.int64], weights: Array, motions: Array) -> None:
-    """Set the entries of ``motions`` (n, m) at ``places`` (size,) of the flat array to x times
-    ``weights``, (size,) each.
+    """Set the entries of ``motions`` (n_balls, m) at ``places`` in the flat array to the
+    coordinates x times ``weights``; places, coordinates and weights are (size,).
     """
     flat = motions.reshape(motions.size)
     for place in range(len(x)):
@@ -1058,8 +1074,8 @@ def drift(
 def gather(
     forces: Array, places: NDArray[np.int64], weights: Array, steady: Array, acceleration: Array
 ) -> None:
-    """Set ``acceleration`` to the entries of ``forces`` (n, m) at ``places`` of the flat array,
-    times ``weights``, plus the accelerations ``steady``; all but the forces are (size,).
+    """Set ``acceleration`` to the entries of ``forces`` (n_balls, m) at ``places`` in the flat
+    array, times ``weights``, plus the accelerations ``steady``; all but the forces are (size,).
     """
     flat = forces.reshape(forces.size)
     for place in range(len(acceleration)):

@@ -1,10 +1,11 @@
-"""Loops over the contacts of the law of friction, compiled; the law, and the formulas of a step,
-are those of :mod:`granphon.contacts.friction`.
+"""Compiled loops over the contacts of the law of friction; the law, and the formulas of a step, are
+those of :mod:`granphon.contacts.friction`.
 
-Arguments that all loops have are the law's numbers ``eta`` and ``mu``; the state before the step,
-``old_overlaps`` (n_c,), ``old_slips`` and tangential forces ``old_shears`` (n_s, n_c); and the
-``overlaps`` (n_c,) and ``slips`` (n_s, n_c) at its end; n_s is 1 in a plane, 2 in space. The root
-of an overlap h is r = h_+^(1/2); the stiffness is k = (3/2) r, and the normal force r^3.
+Loops take the law's numbers ``eta`` and ``mu``. The state of contacts before the step is
+``old_overlaps`` (n_c,), ``old_slips`` (n_s, n_c) and the tangential forces ``old_shears`` (n_s,
+n_c); at the end of the step overlaps are ``overlaps`` (n_c,) and slips ``slips`` (n_s, n_c). n_s is
+1 in a plane, 2 in space. The root of an overlap h is r = h_+^(1/2), ``old_root`` before the step
+and ``new_root`` at its end; the normal stiffness is k = (3/2) r, and the normal force r^3.
 """
 
 from __future__ import annotations
@@ -22,31 +23,31 @@ _TINY = 1e-150
 
 
 @compiled
-def _find_spring(eta: float, old: float, new: float, change: float) -> float:
+def _find_spring(eta: float, old_root: float, new_root: float, change: float) -> float:
     """Return the stiffness against slip in a step in which the root r of the overlap h goes from
-    ``old`` to ``new``, and h changes by ``change``.
+    ``old_root`` to ``new_root``.
 
-    Where h rises, the stiffness is eta df/dh between the ends, eta (new^3 - old^3)/(new^2 - old^2);
-    where h falls, eta k at the end. Where a contact closes in the step, ``change`` is that of the
-    whole step, below touch included, so that only the slip of the closed part makes a force.
+    If h rises, the stiffness is eta times the difference of r^3 over that of r^2 between the ends
+    of the step; if h falls, eta k at the end. ``change`` is that of h in the whole step; it is read
+    only where a contact closes, and is then the divisor. It includes the part below touch: so only
+    the slip of the closed part makes a force.
     """
-    if old == 0.0 and new > 0.0:
-        return eta * new * new * new / change
-    # the quotient of powers, divided out; with both roots equal to the end it is (3/2) r
-    least = min(old, new)
-    total = least + new
-    return eta * (total - least * new / max(total, _TINY))
+    if old_root == 0.0 and new_root > 0.0:
+        return eta * new_root * new_root * new_root / change
+    # the quotient of powers, divided out; where h falls, both of its roots are that at the end, and
+    # the quotient is (3/2) r
+    least_root = min(old_root, new_root)
+    total = least_root + new_root
+    return eta * (total - least_root * new_root / max(total, _TINY))
 
 
 @compiled
 def set_springs(eta: float, old_overlaps: Array, overlaps: Array, springs: Array) -> None:
-    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step from
-    ``old_overlaps`` to ``overlaps`` (n_c,).
-    """
+    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step."""
     for c in range(len(overlaps)):
-        old = math.sqrt(max(old_overlaps[c], 0.0))
-        new = math.sqrt(max(overlaps[c], 0.0))
-        springs[c] = _find_spring(eta, old, new, overlaps[c] - old_overlaps[c])
+        old_root = math.sqrt(max(old_overlaps[c], 0.0))
+        new_root = math.sqrt(max(overlaps[c], 0.0))
+        springs[c] = _find_spring(eta, old_root, new_root, overlaps[c] - old_overlaps[c])
 
 
 @compiled
@@ -62,22 +63,24 @@ def set_shears(
 ) -> None:
     """Set ``shears`` (n_s, n_c) to the tangential forces at the end of a step.
 
-    A force beyond Coulomb's limit is shortened to the limit, in its own direction. The ``overlaps``
-    (n_c,) are those from which the stiffness against slip and the limit are found.
+    A force beyond Coulomb's limit is shortened to the limit, and keeps its direction. The stiffness
+    against slip and the limit are found from ``overlaps``, which may be a guess of those at the end
+    of the step.
     """
     for c in range(len(overlaps)):
-        old = math.sqrt(max(old_overlaps[c], 0.0))
-        new = math.sqrt(max(overlaps[c], 0.0))
-        least = min(old, new)  # where h falls, T is first rescaled by new/old
-        spring = _find_spring(eta, old, new, overlaps[c] - old_overlaps[c])
+        old_root = math.sqrt(max(old_overlaps[c], 0.0))
+        new_root = math.sqrt(max(overlaps[c], 0.0))
+        # T before the step is rescaled by least_root/old_root: by one where h does not fall
+        least_root = min(old_root, new_root)
+        spring = _find_spring(eta, old_root, new_root, overlaps[c] - old_overlaps[c])
         size = 0.0
         for s in range(len(slips)):
             shear = spring * (slips[s, c] - old_slips[s, c])
-            if old > 0.0:
-                shear += least * (old_shears[s, c] / old)
+            if old_root > 0.0:
+                shear += least_root * (old_shears[s, c] / old_root)
             shears[s, c] = shear
             size = math.hypot(size, shear) if s else abs(shear)
-        limit = mu * (new * new * new)
+        limit = mu * (new_root * new_root * new_root)
         if size > limit:
             for s in range(len(slips)):
                 shears[s, c] *= limit / size
@@ -91,7 +94,7 @@ def set_tangent(
     old_slips: Array,
     old_shears: Array,
     overlaps: Array,
-    held: Array,
+    tangential_overlaps: Array,
     couples: bool,
     slips: Array,
     stiffness: Array,
@@ -103,47 +106,50 @@ def set_tangent(
     derivatives of the forces of contacts at the end of a step: those of
     :class:`~granphon.contacts.friction.Tangent`.
 
-    ``held`` (n_c,) are the overlaps from which the stiffness against slip and Coulomb's limit are
-    found. If they are not ``overlaps`` but a guess that does not change, tangential forces do not
-    depend on ``overlaps``: then ``couples`` must be false, and ``coupling`` is zero.
+    The stiffness against slip and Coulomb's limit are found from ``tangential_overlaps`` (n_c,). If
+    these are the ``overlaps``, ``couples`` is to be true. If they are a guess that does not change,
+    tangential forces do not depend on ``overlaps``: then ``couples`` must be false, and
+    ``coupling`` is set to zero.
     """
     n_s = len(slips)
     trial = np.zeros(n_s)
     for c in range(len(overlaps)):
-        old = math.sqrt(max(old_overlaps[c], 0.0))
-        new = math.sqrt(max(held[c], 0.0))
-        least = min(old, new)
-        width = held[c] - old_overlaps[c]
-        spring = _find_spring(eta, old, new, width)
+        old_root = math.sqrt(max(old_overlaps[c], 0.0))
+        new_root = math.sqrt(max(tangential_overlaps[c], 0.0))
+        least_root = min(old_root, new_root)
+        overlap_change = tangential_overlaps[c] - old_overlaps[c]
+        spring = _find_spring(eta, old_root, new_root, overlap_change)
         k = EXPONENT * math.sqrt(max(overlaps[c], 0.0))
         stiffness[c] = k
-        over = 1.0 / max(least + new, _TINY) if new > 0.0 else 0.0
-        # slope: derivative of `spring` by the overlap at the end, where h rises
-        if old == 0.0 and new > 0.0:
-            slope = eta * (EXPONENT * new - new * new * new / width) / width
+        inverse_sum = 1.0 / max(least_root + new_root, _TINY) if new_root > 0.0 else 0.0
+        # slope: derivative of `spring` with respect to the overlap at the end, where h rises
+        if old_root == 0.0 and new_root > 0.0:
+            mean_stiffness = new_root * new_root * new_root / overlap_change
+            slope = eta * (EXPONENT * new_root - mean_stiffness) / overlap_change
         else:
-            slope = 0.5 * eta * (least * over + 1.0) * over
+            slope = 0.5 * eta * (least_root * inverse_sum + 1.0) * inverse_sum
         size = 0.0
         for s in range(n_s):
             change = slips[s, c] - old_slips[s, c]
-            bent = old_shears[s, c] / old if old > 0.0 else 0.0  # T/r before the step
-            trial[s] = spring * change + least * bent
+            # T/r before the step
+            reduced_shear = old_shears[s, c] / old_root if old_root > 0.0 else 0.0
+            trial[s] = spring * change + least_root * reduced_shear
             size = math.hypot(size, trial[s]) if s else abs(trial[s])
             coupled = 0.0
             if couples:
                 coupled = slope * change
-                # where h falls, both roots in `spring` are that at the end: its slope is twice as
-                # large; and the old T falls in proportion to the root
-                if new < old:
-                    coupled += coupled + over * bent
+                # where h falls, both roots in `spring` are that at the end: the slope of `spring`
+                # is twice as large, and T before the step falls in proportion to the root
+                if new_root < old_root:
+                    coupled += coupled + inverse_sum * reduced_shear
             coupling[s, c] = coupled
             sliding[s, c] = 0.0
-        limit = mu * (new * new * new)
+        limit = mu * (new_root * new_root * new_root)
         if not size > limit:
             shear[c] = spring
             continue
-        share = limit / size
-        shear[c] = share * spring
+        kept_share = limit / size
+        shear[c] = kept_share * spring
         along = 0.0
         for s in range(n_s):
             sliding[s, c] = trial[s] / size
@@ -151,7 +157,7 @@ def set_tangent(
         if couples:
             for s in range(n_s):
                 across = coupling[s, c] - along * sliding[s, c]
-                coupling[s, c] = share * across + mu * k * sliding[s, c]
+                coupling[s, c] = kept_share * across + mu * k * sliding[s, c]
 
 
 @compiled
@@ -164,147 +170,175 @@ def sum_losses(
     overlaps: Array,
     slips: Array,
 ) -> tuple[float, float]:
-    """Return the two energies that all contacts together lose along the straight line of a step:
-    by sliding, and by the law of the tangential force.
+    """Return two energies that all contacts together lose in a step, along which overlaps and slips
+    change in proportion: by sliding, and by the law of the tangential force.
     """
     lost_by_sliding = 0.0
     lost_by_law = 0.0
     for c in range(len(overlaps)):
-        old = math.sqrt(max(old_overlaps[c], 0.0))
-        new = math.sqrt(max(overlaps[c], 0.0))
-        if new <= old and old == 0.0:
+        old_root = math.sqrt(max(old_overlaps[c], 0.0))
+        new_root = math.sqrt(max(overlaps[c], 0.0))
+        if old_root == 0.0 and new_root == 0.0:  # open before the step and at its end
             continue
         # a contact that closes or opens in the step: only the part of the step in which it is
         # closed counts
         closed_share = 1.0
-        if old == 0.0 or new == 0.0:
-            closed_share = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
-        bent_square = 0.0
+        if old_root == 0.0 or new_root == 0.0:
+            closed_share = (new_root * new_root - old_root * old_root) / (
+                overlaps[c] - old_overlaps[c]
+            )
+        reduced_square = 0.0
         product = 0.0
         slip_square = 0.0
         for s in range(len(slips)):
             # T/r before the step
-            bent = old_shears[s, c] / old if old > 0.0 else 0.0
+            reduced_shear = old_shears[s, c] / old_root if old_root > 0.0 else 0.0
             slip = closed_share * (slips[s, c] - old_slips[s, c])
-            bent_square += bent * bent
-            product += bent * slip
+            reduced_square += reduced_shear * reduced_shear
+            product += reduced_shear * slip
             slip_square += slip * slip
-        if new > old:
-            losses = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
+        if new_root > old_root:
+            losses = _find_rising_losses(
+                old_root, new_root, reduced_square, product, slip_square, eta, mu
+            )
         else:
-            losses = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
+            losses = _find_falling_losses(
+                old_root, new_root, reduced_square, product, slip_square, eta, mu
+            )
         lost_by_sliding += losses[0]
         lost_by_law += losses[1]
     return lost_by_sliding, lost_by_law
 
 
 @compiled
-def _lose_rising(
-    old: float,
-    new: float,
-    bent_square: float,
+def _find_rising_losses(
+    old_root: float,
+    new_root: float,
+    reduced_square: float,
     product: float,
     slip_square: float,
     eta: float,
     mu: float,
 ) -> tuple[float, float]:
-    """Return the energies that one contact loses by sliding and by the law while h rises from
-    ``old``^2 to ``new``^2: the integrals over the step of :mod:`granphon.contacts.friction`.
+    """Return the energies that one contact loses by sliding and by the law while the root of its
+    overlap rises from ``old_root`` to ``new_root``: the integrals of
+    :mod:`granphon.contacts.friction`.
 
-    ``bent_square`` is the square of T/r before the step, ``slip_square`` that of the slip in the
-    step, and ``product`` their scalar product. With f as the variable T is a + s b, linear in the
-    share s of the change of f: it sticks until its magnitude comes to mu f, and slides from there.
-    The polynomials in roots are what the integrals of powers of r become once common factors are
-    divided out, so that steps without a change of h lose no digits.
+    ``reduced_square`` is the square of T/r before the step, ``slip_square`` that of the slip in the
+    step, and ``product`` is the scalar product of T/r and the slip. T is a + s b, where s is the
+    share of the change of f: the contact sticks until |T| comes to mu f, and slides from there. The
+    polynomials in roots are the integrals of powers of r after division by common factors, so that
+    steps with hardly any change of h lose no digits.
     """
-    mean = eta * (old * old + old * new + new * new) / max(old + new, _TINY)
-    cube = old * old * old
-    rise = new * new * new - cube
-    a_square = old * old * bent_square
-    a_dot_b = old * mean * product
+    mean = (
+        eta
+        * (old_root * old_root + old_root * new_root + new_root * new_root)
+        / max(old_root + new_root, _TINY)
+    )
+    cube = old_root * old_root * old_root
+    rise = new_root * new_root * new_root - cube
+    a_square = old_root * old_root * reduced_square
+    a_dot_b = old_root * mean * product
     b_square = mean * mean * slip_square
-    share, excess = _meet(a_square, a_dot_b, b_square, mu, cube, rise)
-    # the root of h where the contact begins to slide
-    turn = new if share == 1.0 else min(max(float(np.cbrt(cube + share * rise)), old), new)
-    square_sum = max(old * old + old * turn + turn * turn, _TINY)
-    stuck = old * bent_square + (turn + 2.0 * old) * share * a_dot_b / square_sum
-    powers = ((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube
-    stuck += powers * share * share * b_square / (5.0 * square_sum * square_sum)
-    stuck *= (turn - old) / (3.0 * eta * max(turn, _TINY))
+    share, excess = _find_slide_start(a_square, a_dot_b, b_square, mu, cube, rise)
+    # the root of h where the contact begins to slide; at the end if it only sticks
+    slide_root = new_root
+    if share != 1.0:
+        slide_root = min(max(float(np.cbrt(cube + share * rise)), old_root), new_root)
+    square_sum = max(old_root * old_root + old_root * slide_root + slide_root * slide_root, _TINY)
+    # the loss by the law while the contact sticks
+    by_law = old_root * reduced_square
+    by_law += (slide_root + 2.0 * old_root) * share * a_dot_b / square_sum
+    powers = (slide_root + 3.0 * old_root) * slide_root + 6.0 * old_root * old_root
+    powers = powers * slide_root + 5.0 * cube
+    by_law += powers * share * share * b_square / (5.0 * square_sum * square_sum)
+    by_law *= (slide_root - old_root) / (3.0 * eta * max(slide_root, _TINY))
     if mu == math.inf:
-        return 0.0, stuck
-    fourth_sum = _sum_powers(turn, new)
-    square_sum = max(turn * turn + turn * new + new * new, _TINY)
-    slid = 0.4 * (mu / eta) * excess * fourth_sum / square_sum
-    return slid, stuck + mu * mu / (15.0 * eta) * (new - turn) * fourth_sum
+        return 0.0, by_law
+    fourth_sum = _sum_powers(slide_root, new_root)
+    square_sum = max(slide_root * slide_root + slide_root * new_root + new_root * new_root, _TINY)
+    by_sliding = 0.4 * (mu / eta) * excess * fourth_sum / square_sum
+    by_law += mu * mu / (15.0 * eta) * (new_root - slide_root) * fourth_sum
+    return by_sliding, by_law
 
 
 @compiled
-def _lose_falling(
-    old: float,
-    new: float,
-    bent_square: float,
+def _find_falling_losses(
+    old_root: float,
+    new_root: float,
+    reduced_square: float,
     product: float,
     slip_square: float,
     eta: float,
     mu: float,
 ) -> tuple[float, float]:
-    """Return the energies that one contact loses by sliding and by the law while h falls from
-    ``old``^2 to ``new``^2; arguments are those of :func:`_lose_rising`.
+    """Return the energies that one contact loses by sliding and by the law while the root of its
+    overlap falls from ``old_root`` to ``new_root``, or stays; arguments are those of
+    :func:`_find_rising_losses`.
 
-    With h as the variable the elastic slip T/(eta k) is a + s b, linear in the share s of the
-    change of h, until its magnitude comes to mu f/(eta k) = 2 mu h/(3 eta).
+    The elastic slip T/(eta k) is a + s b, where s is the share of the change of h: the contact
+    sticks until the magnitude of the elastic slip comes to mu f/(eta k) = 2 mu h/(3 eta), and
+    slides from there.
     """
-    to_slip = EXPONENT * eta
-    fall = new * new - old * old
-    a_square = bent_square / to_slip / to_slip
-    a_dot_b = product / to_slip
-    share, excess = _meet(a_square, a_dot_b, slip_square, mu / to_slip, old * old, fall)
-    turn = new
+    stiffness_ratio = EXPONENT * eta  # eta k over r
+    old_overlap = old_root * old_root
+    overlap_change = new_root * new_root - old_overlap
+    a_square = reduced_square / stiffness_ratio / stiffness_ratio
+    a_dot_b = product / stiffness_ratio
+    share, excess = _find_slide_start(
+        a_square, a_dot_b, slip_square, mu / stiffness_ratio, old_overlap, overlap_change
+    )
+    # the root of h where the contact begins to slide; at the end if it only sticks
+    slide_root = new_root
     if share != 1.0:
-        turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
-    width = max(old + turn, _TINY)
-    stuck = a_square + 2.0 * (2.0 * old + turn) * share * a_dot_b / (3.0 * width)
-    powers = 8.0 * old * old + 9.0 * old * turn + 3.0 * turn * turn
-    stuck += powers * share * share * slip_square / (15.0 * width * width)
-    stuck *= 0.75 * eta * (old - turn)
+        slide_overlap = max(old_overlap + share * overlap_change, 0.0)
+        slide_root = min(max(math.sqrt(slide_overlap), new_root), old_root)
+    root_sum = max(old_root + slide_root, _TINY)
+    # the loss by the law while the contact sticks
+    by_law = a_square + 2.0 * (2.0 * old_root + slide_root) * share * a_dot_b / (3.0 * root_sum)
+    powers = 8.0 * old_overlap + 9.0 * old_root * slide_root + 3.0 * slide_root * slide_root
+    by_law += powers * share * share * slip_square / (15.0 * root_sum * root_sum)
+    by_law *= 0.75 * eta * (old_root - slide_root)
     if mu == math.inf:
-        return 0.0, stuck
-    fourth_sum = _sum_powers(turn, new)
-    slid = 0.4 * mu * excess * fourth_sum / max(turn + new, _TINY)
-    return slid, stuck + mu * mu / (15.0 * eta) * (turn - new) * fourth_sum
+        return 0.0, by_law
+    fourth_sum = _sum_powers(slide_root, new_root)
+    by_sliding = 0.4 * mu * excess * fourth_sum / max(slide_root + new_root, _TINY)
+    by_law += mu * mu / (15.0 * eta) * (slide_root - new_root) * fourth_sum
+    return by_sliding, by_law
 
 
 @compiled
-def _meet(
+def _find_slide_start(
     a_square: float, a_dot_b: float, b_square: float, mu: float, size: float, rise: float
 ) -> tuple[float, float]:
     """Return the share s of a step at which ``|a + s b|`` comes to the limit mu (size + s rise),
-    and the excess of ``|a + b|`` over the limit at the end of the step.
+    and by how much ``|a + b|`` exceeds the limit at the end of the step.
 
-    Where the limit is not passed at the end, or mu is infinite, they are 1 and 0. ``a_square``,
-    ``a_dot_b`` and ``b_square`` are the scalar products of the vectors a and b.
+    The two numbers are 1 and 0 if the limit is not exceeded at the end, or if mu is infinite.
+    ``a_square``, ``a_dot_b`` and ``b_square`` are the scalar products of the vectors a and b.
     """
     if mu == math.inf:
         return 1.0, 0.0
     limit = mu * size
-    rise = mu * rise
-    excess = math.sqrt(max(a_square + 2.0 * a_dot_b + b_square, 0.0)) - (limit + rise)
+    limit_rise = mu * rise
+    excess = math.sqrt(max(a_square + 2.0 * a_dot_b + b_square, 0.0)) - (limit + limit_rise)
     if not excess > 0.0:
         return 1.0, 0.0
-    # the root of square s^2 + 2 half s + constant = 0, without a difference of near numbers
-    square = b_square - rise * rise
-    half = a_dot_b - limit * rise
+    # the root, not below zero, of quadratic s^2 + 2 half_linear s + constant = 0; of its two forms
+    # the one that subtracts no two numbers that are nearly equal
+    quadratic = b_square - limit_rise * limit_rise
+    half_linear = a_dot_b - limit * limit_rise
+    # a vector a that is longer than the limit, as by rounding, counts as one at the limit
     constant = min(a_square - limit * limit, 0.0)
-    root = math.sqrt(max(half * half - square * constant, 0.0))
-    if half <= 0.0:  # a + s b first moves away from the limit
-        share = (root - half) / max(square, _TINY)
+    root = math.sqrt(max(half_linear * half_linear - quadratic * constant, 0.0))
+    if half_linear <= 0.0:
+        share = (root - half_linear) / max(quadratic, _TINY)
     else:
-        share = -constant / max(half + root, _TINY)
+        share = -constant / max(half_linear + root, _TINY)
     return min(share, 1.0), excess
 
 
 @compiled
 def _sum_powers(a: float, b: float) -> float:
-    """Return (a^5 - b^5)/(a - b)."""
+    """Return (a^5 - b^5)/(a - b), which is 5 a^4 where b is a."""
     return (((a + b) * a + b * b) * a + b * b * b) * a + b * b * b * b

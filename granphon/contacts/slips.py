@@ -1,26 +1,26 @@
-"""Loops over the contacts of balls that slip and roll, compiled: what contacts measure, and what
-they exert.
+"""Compiled loops over the contacts of balls that slip and roll: what contacts measure and exert.
 
-Balls have displacements u and rotations phi, (n, 3), in a cell that the load compresses evenly by
-an overlap y. Lengths are over the diameter but for u, y and overlaps, which are smaller by the
-``ratio`` eps: see :class:`~granphon.contacts.friction.RollingContacts`. A contact whose direction
-at touch is e moves by
+Balls have displacements u and rotations phi, (n_balls, 3), in a cell that the load compresses
+evenly by an overlap y. The unit of u, y, slips and overlaps is the width W of the
+diameters, and that of all other lengths the diameter: eps, the ``ratio`` of
+:class:`~granphon.contacts.friction.RollingContacts`, is W over the diameter. The centres of a
+contact whose direction at touch is e move against each other by
 
     v = u_j - u_i - y e
 
-If it keeps its direction, it loses e.v of its overlap, and slips by s = v - (arm_i phi_i + arm_j
-phi_j) x e across e. Otherwise the vector of the centres is w = e + eps v, and the contact
+If the contact keeps its direction, it loses e.v of its overlap, and slips by s = v - (arm_i phi_i +
+arm_j phi_j) x e across e. Otherwise w = e + eps v joins the centres, and the contact
 
     loses  (|w| - 1)/eps = (2 e.v + eps v.v)/(1 + |w|)
     slips by  ds = (1 - nn) dv - (arm_i dphi_i + arm_j dphi_j) x n,    n = w/|w|
     with the arms  |w|/2 -+ uneven
 
-From one configuration to the next the slip is found with the angle by which n turns, exact, and
-with the means of arms and tangents at both ends. It is of second order in the step; in a plane it
-depends on the way by nothing but the change of arms.
+The slip from one configuration to the next is found with the exact angle by which n turns, and with
+the means of the arms and of the tangents of both configurations. Its error is of second order in
+the step. In a plane the slip depends on the way only as arms change along it.
 
-Tangents turn with n on the shortest way from e, and about n with the mean rotation of both balls
-about e.
+The tangents of a contact turn from those at touch in two rotations: the smallest that takes e to n,
+and one about n by the mean rotation of both balls about e.
 
 The force on ball j is f n - T, and both balls bear the torque arm n x T. How a small motion changes
 them is said in :mod:`granphon.contacts.rolling_tangent`.
@@ -39,23 +39,26 @@ from granphon.base.compiled import compiled
 from granphon.contacts.friction import Configuration, RollingContacts
 from granphon.contacts.vectors import Vector, add, add_to_row, cross, dot, get_row, scale, set_row
 
-#: square of the slope of an angle whose series ends with the third term: the fourth is rounding
+#: square of the tangent of an angle up to which the angle is the sum of the first three terms of
+#: its series: the fourth is rounding
 _SMALL = 1e-6
-#: 1 + n.e of a contact that a step too long has turned round
-ROUND = float(np.finfo(float).tiny)
+#: least divisor in place of 1 + n.e, which is zero if a step too long has turned a contact round
+LEAST_DIVISOR = float(np.finfo(float).tiny)
 
 
 @compiled
 def list_motions(fields: NDArray[Any], axes: Array, displacement: Array, rotation: Array) -> None:
-    """Set ``displacement`` and ``rotation`` (n, 3) of balls from ``fields`` (b, m, cells), the m
+    """Set ``displacement`` and ``rotation`` (n_balls, 3) from ``fields`` (b, m, cells), the m
     motions of b balls of each cell.
 
     The first p of the m motions are displacements, which the matrix ``axes`` (p, p) takes to the
     axes of space; the others are rotations about all three axes, or a single one about the third.
-    Components that no motion sets keep their values.
+    Components that no motion sets keep their values. The balls of all cells follow each other: ball
+    b of cell c has the row b cells + c.
     """
     p = len(axes)
     cells = fields.shape[2]
+    # the motion `first` is the rotation about the first axis, or would be if there were one:
     # rotations are about all axes, or about the third alone
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
@@ -74,12 +77,12 @@ def list_motions(fields: NDArray[Any], axes: Array, displacement: Array, rotatio
 @compiled
 def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any]) -> None:
     """Set ``fields`` (b, m, cells) to the forces that do work on the motions of
-    :func:`list_motions`, from ``force`` and ``torque`` (n, 3) on balls; ``axes`` (p, p) are the
-    same.
+    :func:`list_motions`, from ``force`` and ``torque`` (n_balls, 3) on balls; ``axes`` (p, p) are
+    those of that function.
     """
     p = len(axes)
     cells = fields.shape[2]
-    # rotations are about all axes, or about the third alone
+    # as in list_motions
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
         place = ball * cells
@@ -95,15 +98,13 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
 
 
 @compiled
-def find_largest(vectors: Array) -> float:
-    """Return the largest length of ``vectors`` (n, 3); zero if there are none."""
-    largest = 0.0
+def find_greatest_length(vectors: Array) -> float:
+    """Return the greatest length among ``vectors`` (n, 3); zero if there are none."""
+    greatest_square = 0.0
     for place in range(len(vectors)):
-        x = vectors[place, 0]
-        y = vectors[place, 1]
-        z = vectors[place, 2]
-        largest = max(largest, x * x + y * y + z * z)
-    return math.sqrt(largest)
+        vector = get_row(vectors, place)
+        greatest_square = max(greatest_square, dot(vector, vector))
+    return math.sqrt(greatest_square)
 
 
 @compiled
@@ -116,8 +117,8 @@ def measure_straight(
     slips: Array,
 ) -> None:
     """Set the ``overlaps`` (n_c,) and ``slips`` (n_s, n_c) of contacts that keep their directions,
-    from ``displacement`` and ``rotation`` (n, 3) of balls and the ``overlap`` y. In space, the
-    second slip is that along normal x tangent.
+    from ``displacement`` and ``rotation`` (n_balls, 3) of balls and the ``overlap`` y. The first
+    slip is that along the tangent t, and the second, in space, that along n x t.
     """
     for c in range(len(overlaps)):
         i = contacts.i[c]
@@ -125,14 +126,15 @@ def measure_straight(
         n = get_row(contacts.normal, c)
         t = get_row(contacts.tangent, c)
         b = cross(n, t)
-        moved = add(get_row(displacement, j), -1.0, get_row(displacement, i))
-        # rotations move the surfaces at the contact against each other by r x n
-        r = scale(0.5 - contacts.uneven[c], get_row(rotation, i))
-        r = add(r, 0.5 + contacts.uneven[c], get_row(rotation, j))
-        overlaps[c] = overlap + contacts.offset[c] - dot(n, moved)
-        slips[0, c] = dot(t, moved) - dot(b, r)
+        # v but for -y n, which has no component across n
+        across = add(get_row(displacement, j), -1.0, get_row(displacement, i))
+        # the slip is that of v - turn x n
+        turn = scale(0.5 - contacts.uneven[c], get_row(rotation, i))
+        turn = add(turn, 0.5 + contacts.uneven[c], get_row(rotation, j))
+        overlaps[c] = overlap + contacts.offset[c] - dot(n, across)
+        slips[0, c] = dot(t, across) - dot(b, turn)
         if len(slips) == 2:
-            slips[1, c] = dot(b, moved) + dot(t, r)
+            slips[1, c] = dot(b, across) + dot(t, turn)
 
 
 @compiled
@@ -147,11 +149,11 @@ def measure_turned(
     tangent: Array,
     distance: Array,
 ) -> None:
-    """Set the ``overlaps`` and the ``distance`` (n_c,) of centres, and the unit vectors ``normal``
-    and ``tangent`` (n_c, 3), of contacts that turn with their balls.
+    """Set the ``overlaps`` (n_c,), the ``distance`` (n_c,) of centres, and the unit vectors
+    ``normal`` and ``tangent`` (n_c, 3) of contacts that turn with their balls.
 
-    ``displacement`` and ``rotation`` are (n, 3), and ``overlap`` is y. ``in_plane`` says whether
-    balls stay in the plane of x and y.
+    ``displacement`` and ``rotation`` (n_balls, 3) are those of balls, and ``overlap`` is y.
+    ``in_plane`` says whether balls stay in the plane of x and y.
     """
     eps = contacts.ratio
     for c in range(len(overlaps)):
@@ -160,22 +162,21 @@ def measure_turned(
         e = get_row(contacts.normal, c)
         v = add(get_row(displacement, j), -1.0, get_row(displacement, i))
         v = add(v, -overlap, e)
-        # w joins the centres; its unit is the diameter
         w = add(e, eps, v)
-        size = math.sqrt(dot(w, w))
-        # (|w| - 1)/eps = grown/(1 + |w|), which subtracts no two numbers that are nearly equal
-        grown = 2.0 * dot(e, v) + eps * dot(v, v)
-        overlaps[c] = contacts.offset[c] - grown / (1.0 + size)
-        n = (w[0] / size, w[1] / size, w[2] / size)
+        length = math.sqrt(dot(w, w))
+        # (w.w - 1)/eps, without a difference of numbers that are nearly equal
+        square_change = 2.0 * dot(e, v) + eps * dot(v, v)
+        overlaps[c] = contacts.offset[c] - square_change / (1.0 + length)
+        n = (w[0] / length, w[1] / length, w[2] / length)
         set_row(normal, c, n)
-        distance[c] = size
+        distance[c] = length
         if in_plane:
             set_row(tangent, c, (-n[1], n[0], 0.0))
             continue
-        # the tangent goes along by the smallest rotation from e to n
+        # the smallest rotation from e to n takes the tangent along
         t = get_row(contacts.tangent, c)
-        t = add(t, -dot(t, n) / max(1.0 + dot(e, n), ROUND), add(e, 1.0, n))
-        # and turns about n by the mean of the spins of both balls
+        t = add(t, -dot(t, n) / max(1.0 + dot(e, n), LEAST_DIVISOR), add(e, 1.0, n))
+        # then the tangent turns about n by half of the sum of the rotations of both balls about e
         spin = dot(e, add(get_row(rotation, i), 1.0, get_row(rotation, j)))
         cosine = math.cos(0.5 * eps * spin)
         sine = math.sin(0.5 * eps * spin)
@@ -184,10 +185,11 @@ def measure_turned(
 
 @compiled
 def _find_angle(sine: float, cosine: float, eps: float) -> float:
-    """Return an angle over ``eps``. ``sine`` is the sine of the angle over eps, and ``cosine`` its
-    cosine, both times the same positive number.
+    """Return an angle over ``eps``. ``sine`` is the sine of the angle over eps, and ``cosine`` the
+    cosine of the angle; both may be multiplied by the same positive number.
 
-    Small angles are found by the series of the arc tangent, so that eps may be zero.
+    Small angles are found by the series of the arc tangent, so that ``eps`` may be zero. The cosine
+    must not be zero.
     """
     slope = sine / cosine
     square = eps * eps * slope * slope
@@ -199,16 +201,17 @@ def _find_angle(sine: float, cosine: float, eps: float) -> float:
 def measure_slips(
     contacts: RollingContacts, before: Configuration, after: Configuration, slips: Array
 ) -> None:
-    """Add to ``slips`` (n_s, n_c) the slips of contacts, which turn with their balls, from the
-    configuration ``before`` to the configuration ``after``; n_s is 1 in a plane, 2 in space.
+    """Add to ``slips`` (n_s, n_c) those from the configuration ``before`` to the configuration
+    ``after``, of contacts that turn with their balls. n_s is 1 in a plane; in space it is 2, and
+    the second slip is that along n x t.
     """
-    moved = after.displacement - before.displacement
-    turned = after.rotation - before.rotation
+    move = after.displacement - before.displacement
+    turn = after.rotation - before.rotation
     overlap_change = after.overlap - before.overlap
     if len(slips) == 1:
-        _measure_slips_in_plane(contacts, before, after, moved, turned, overlap_change, slips[0])
+        _measure_slips_in_plane(contacts, before, after, move, turn, overlap_change, slips[0])
     else:
-        _measure_slips_in_space(contacts, before, after, moved, turned, overlap_change, slips)
+        _measure_slips_in_space(contacts, before, after, move, turn, overlap_change, slips)
 
 
 @compiled
@@ -216,14 +219,14 @@ def _measure_slips_in_plane(
     contacts: RollingContacts,
     before: Configuration,
     after: Configuration,
-    moved: Array,
-    turned: Array,
+    move: Array,
+    turn: Array,
     overlap_change: float,
     slips: Array,
 ) -> None:
-    """Add to ``slips`` (n_c,) the slips of :func:`measure_slips` of balls in a plane.
+    """Add to ``slips`` (n_c,) the slips of :func:`measure_slips` for balls in a plane.
 
-    ``moved`` and ``turned`` (n, 3) are the changes of displacements and rotations, and
+    ``move`` and ``turn`` (n_balls, 3) are the changes of displacements and rotations, and
     ``overlap_change`` is that of y.
     """
     eps = contacts.ratio
@@ -232,8 +235,8 @@ def _measure_slips_in_plane(
         j = contacts.j[c]
         # (x, y) is dv, and the directions before and after the step are (start_x, start_y) and
         # (end_x, end_y)
-        x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
-        y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
+        x = move[j, 0] - move[i, 0] - overlap_change * contacts.normal[c, 0]
+        y = move[j, 1] - move[i, 1] - overlap_change * contacts.normal[c, 1]
         start_x = before.normal[c, 0]
         start_y = before.normal[c, 1]
         end_x = after.normal[c, 0]
@@ -243,8 +246,8 @@ def _measure_slips_in_plane(
         sine = start_x * y - start_y * x
         cosine = after.distance[c] * (start_x * end_x + start_y * end_y)
         slip = mean_distance * _find_angle(sine, cosine, eps)
-        slip -= (0.5 * mean_distance - contacts.uneven[c]) * turned[i, 2]
-        slip -= (0.5 * mean_distance + contacts.uneven[c]) * turned[j, 2]
+        slip -= (0.5 * mean_distance - contacts.uneven[c]) * turn[i, 2]
+        slip -= (0.5 * mean_distance + contacts.uneven[c]) * turn[j, 2]
         slips[c] += slip
 
 
@@ -253,50 +256,53 @@ def _measure_slips_in_space(
     contacts: RollingContacts,
     before: Configuration,
     after: Configuration,
-    moved: Array,
-    turned: Array,
+    move: Array,
+    turn: Array,
     overlap_change: float,
     slips: Array,
 ) -> None:
-    """Add to ``slips`` (2, n_c) the slips of :func:`measure_slips` of balls in space.
+    """Add to ``slips`` (2, n_c) the slips of :func:`measure_slips` for balls in space.
 
-    ``moved`` and ``turned`` (n, 3) are the changes of displacements and rotations, and
+    ``move`` and ``turn`` (n_balls, 3) are the changes of displacements and rotations, and
     ``overlap_change`` is that of y.
     """
     eps = contacts.ratio
     for c in range(slips.shape[1]):
         i = contacts.i[c]
         j = contacts.j[c]
-        v = add(get_row(moved, j), -1.0, get_row(moved, i))
-        v = add(v, -overlap_change, get_row(contacts.normal, c))
+        change = add(get_row(move, j), -1.0, get_row(move, i))
+        change = add(change, -overlap_change, get_row(contacts.normal, c))  # that of v
         start = get_row(before.normal, c)
         end = get_row(after.normal, c)
         mean_distance = 0.5 * (before.distance[c] + after.distance[c])
         # n turns about this axis; its length is the sine of the angle over eps, times the distance
         # after the step
-        axis = cross(start, v)
+        axis = cross(start, change)
         sine = math.sqrt(dot(axis, axis))
         factor = 0.0
         if sine > 0.0:
             cosine = after.distance[c] * dot(start, end)
             factor = mean_distance * _find_angle(sine, cosine, eps) / sine
-        # the angle of n less those of the balls, each times its arm
-        turn = scale(factor, axis)
-        turn = add(turn, contacts.uneven[c] - 0.5 * mean_distance, get_row(turned, i))
-        turn = add(turn, -contacts.uneven[c] - 0.5 * mean_distance, get_row(turned, j))
-        first = get_row(before.tangent, c)
-        last = get_row(after.tangent, c)
-        # means of each tangent before and after the step, times two
-        tangents = add(first, 1.0, last)
-        second_tangents = add(cross(start, first), 1.0, cross(end, last))
-        slips[0, c] += 0.5 * dot(turn, second_tangents)
-        slips[1, c] -= 0.5 * dot(turn, tangents)
+        # the rotation of n times the distance, less the rotations of the balls times their arms;
+        # the slip is that vector x n
+        turn_of_surfaces = scale(factor, axis)
+        arm_i = 0.5 * mean_distance - contacts.uneven[c]
+        arm_j = 0.5 * mean_distance + contacts.uneven[c]
+        turn_of_surfaces = add(turn_of_surfaces, -arm_i, get_row(turn, i))
+        turn_of_surfaces = add(turn_of_surfaces, -arm_j, get_row(turn, j))
+        tangent_before = get_row(before.tangent, c)
+        tangent_after = get_row(after.tangent, c)
+        # sums of each tangent before and after the step: twice their means
+        tangents = add(tangent_before, 1.0, tangent_after)
+        second_tangents = add(cross(start, tangent_before), 1.0, cross(end, tangent_after))
+        slips[0, c] += 0.5 * dot(turn_of_surfaces, second_tangents)
+        slips[1, c] -= 0.5 * dot(turn_of_surfaces, tangents)
 
 
 @compiled
 def _find_shear(n: Vector, t: Vector, shears: Array, c: int) -> Vector:
-    """Return T along the axes of space, the tangential force of the contact ``c`` whose components
-    along the tangents t and n x t are in ``shears`` (n_s, n_c).
+    """Return the tangential force T of the contact ``c`` along the axes of space; its components
+    along the tangents ``t`` and n x t are in ``shears`` (n_s, n_c) of all contacts.
     """
     if len(shears) == 1:
         return scale(shears[0, c], t)
@@ -312,9 +318,9 @@ def add_forces(
     force: Array,
     torque: Array,
 ) -> None:
-    """Add to ``force`` and ``torque`` (n, 3) on balls the forces and torques of contacts with the
-    normal forces ``normal_force`` (n_c,) and the tangential forces ``shears`` (n_s, n_c), which are
-    in the configuration ``at``.
+    """Add to ``force`` and ``torque`` (n_balls, 3) on balls the forces and torques of contacts in
+    the configuration ``at``. ``normal_force`` (n_c,) are the normal forces f, and ``shears`` (n_s,
+    n_c) the components of the tangential forces T.
     """
     for c in range(len(normal_force)):
         along_t = shears[0, c]
@@ -339,9 +345,9 @@ def add_forces(
 def sum_works(
     contacts: RollingContacts, at: Configuration, normal_force: Array, shears: Array
 ) -> float:
-    """Return the sum over contacts of (f n - T).e, the work of the forces on balls j along the
-    directions e at touch; ``normal_force`` (n_c,) are f, and ``shears`` (n_s, n_c) the components
-    of T.
+    """Return the sum over contacts of (f n - T).e: the work of contacts per unit by which the
+    overlap y falls, as balls j then move by e against balls i. ``normal_force`` (n_c,) are f, and
+    ``shears`` (n_s, n_c) are the components of T.
     """
     total = 0.0
     for c in range(len(normal_force)):
@@ -353,9 +359,9 @@ def sum_works(
 
 
 @compiled
-def turn_shears(at: Configuration, shears: Array, vectors: Array) -> None:
-    """Set ``vectors`` (n_c, 3) to the tangential forces along the axes of space whose components
-    along the two tangents of each contact are ``shears`` (n_s, n_c).
+def set_shear_vectors(at: Configuration, shears: Array, vectors: Array) -> None:
+    """Set ``vectors`` (n_c, 3) to the tangential forces along the axes of space. Their components
+    along the tangents t and n x t of the configuration ``at`` are ``shears`` (n_s, n_c).
     """
     for c in range(len(vectors)):
         n = get_row(at.normal, c)

@@ -4,8 +4,9 @@ motions and unit strains.
     | A  B | | u |     forces against motions
     | B' S | | E |     forces against strains
 
-A (n m, n m) is sparse. Where its entries stand depends on the ends of the contacts alone, and with
-it the order in which they are eliminated: both are found once for all lists with the same ends.
+u are the m motions of n balls, and E are s strains. A (n m, n m) is sparse. Where its entries
+stand, and in which order they are eliminated, depends only on the numbers of the balls of the
+contacts: both are found once for all lists with the same numbers.
 """
 
 from __future__ import annotations
@@ -101,8 +102,8 @@ class Pattern:
         return {}
 
     def lead(self, size: int) -> LeadingPart:
-        """Return where the entries of the leading part (size, size) of the matrix stand; the answer
-        is kept for further calls.
+        """Return where the entries of the leading part stand: the first ``size`` lines and columns
+        of the matrix. The part is kept for further calls.
         """
         if size not in self._leading:
             self._leading[size] = LeadingPart(self, size)
@@ -139,9 +140,9 @@ class LeadingPart:
         self._starts = np.searchsorted(columns, np.arange(size + 1)).astype(np.int32)
 
     def make_band(self, entries: Array) -> Array:
-        """Return the diagonals of a symmetric matrix with these ``entries``, in the order of
-        :attr:`places`, from the main one down: (band + 1, size), the last ``k`` numbers of diagonal
-        k being zero.
+        """Return the main diagonal and the diagonals below it, (band + 1, size), of a symmetric
+        matrix whose ``entries`` are in the order of :attr:`places`. The last k numbers of the k-th
+        diagonal below the main one are zero.
         """
         columns = np.repeat(np.arange(len(self._starts) - 1), np.diff(self._starts))
         is_lower = self._lines >= columns
@@ -150,8 +151,8 @@ class LeadingPart:
         return band
 
     def make_matrix(self, entries: Array) -> Any:
-        """Return the sparse matrix (size, size), in columns, with these ``entries``, in the order
-        of :attr:`places`.
+        """Return the sparse matrix (size, size), in columns, whose ``entries`` are in the order of
+        :attr:`places`.
         """
         from scipy.sparse import csc_array  # imported here: media that are averaged do not need it
 
@@ -198,10 +199,11 @@ class Blocks:
     ----------
     diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
     forward : (m, m, n_c) blocks of A: forces on ball i of each contact against motions of ball j.
-    backward : (m, m, n_c) blocks of A, transposed: for each motion of ball i of a contact, the
-        forces on ball j. They are ``forward`` itself where A is symmetric.
+    backward : (m, m, n_c) blocks of A, transposed: forces on ball j of each contact (second axis)
+        against motions of ball i (first axis). They are the array ``forward`` itself if A is
+        symmetric.
     ahead : (n, m, s) B, forces on balls against unit strains.
-    back : (n, m, s) B' transposed, forces on strains against unit motions.
+    back : (n, m, s) B' transposed, forces on strains against unit motions of balls.
     corner : (s, s) S, forces on strains against unit strains.
     """
 
@@ -215,8 +217,8 @@ class Blocks:
     def symmetrise(self) -> Blocks:
         """Return the blocks with A replaced by its symmetric part; B, B' and S stay as they are."""
         diagonal = 0.5 * (self.diagonal + self.diagonal.swapaxes(0, 1))
-        between = 0.5 * (self.forward + self.backward)
-        return replace(self, diagonal=diagonal, forward=between, backward=between)
+        forward = 0.5 * (self.forward + self.backward)
+        return replace(self, diagonal=diagonal, forward=forward, backward=forward)
 
     def list_entries(self, pattern: Pattern) -> Array:
         """Return the entries of A in the order of its ``pattern``."""
@@ -227,11 +229,11 @@ class Blocks:
 
 
 def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_balls: int) -> Blocks:
-    """Return the tangent of the contacts of ``n_balls`` balls.
+    """Return the tangent of the contacts ``columns`` of ``n_balls`` balls.
 
     ``axes`` (m,) are those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations;
     ``strains`` (s, 3, 3) are unit strains, symmetric. Without tangential forces the tangent is
-    symmetric: ``backward`` is then ``forward``, and ``back`` is ``ahead``, the same arrays.
+    symmetric: then ``backward`` is the array ``forward``, and ``back`` the array ``ahead``.
     """
     s = len(strains)
     m = len(axes)
@@ -287,8 +289,8 @@ class Tangent:
 
 
 def unit_strains(dimension: int) -> Array:
-    """Return (s, 3, 3) unit strains of a cell with 1, 2 or 3 axes, in Voigt order: symmetric, with
-    1/2 in both entries of a shear.
+    """Return the unit strains (s, 3, 3) of a cell of ``dimension`` 1, 2 or 3, in Voigt order. They
+    are symmetric matrices; both entries of a shear are 1/2.
     """
     pairs = voigt_pairs(dimension)
     strains = np.zeros((len(pairs), 3, 3))
@@ -299,7 +301,7 @@ def unit_strains(dimension: int) -> Array:
 
 
 def find_tangent(contacts: ContactList, strains: Array) -> Tangent:
-    """Return the tangent of a list under unit ``strains`` (s, 3, 3), symmetric."""
+    """Return the tangent of a list; ``strains`` (s, 3, 3) are unit strains, symmetric."""
     return Tangent(
         contacts, fill_blocks(contacts.columns, contacts.axes, strains, contacts.n_balls)
     )

@@ -16,7 +16,7 @@ def get_row(vectors: Array, place: int) -> Vector:
 
 @compiled
 def set_row(vectors: Array, place: int, a: Vector) -> None:
-    """Set the row ``place`` of ``vectors`` (n, 3) to a."""
+    """Set the row ``place`` of ``vectors`` (n, 3) to ``a``."""
     vectors[place, 0] = a[0]
     vectors[place, 1] = a[1]
     vectors[place, 2] = a[2]
@@ -24,7 +24,7 @@ def set_row(vectors: Array, place: int, a: Vector) -> None:
 
 @compiled
 def add_to_row(vectors: Array, place: int, factor: float, a: Vector) -> None:
-    """Add factor a to the row ``place`` of ``vectors`` (n, 3)."""
+    """Add the ``factor`` times ``a`` to the row ``place`` of ``vectors`` (n, 3)."""
     vectors[place, 0] += factor * a[0]
     vectors[place, 1] += factor * a[1]
     vectors[place, 2] += factor * a[2]
@@ -44,11 +44,11 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @compiled
 def add(a: Vector, factor: float, b: Vector) -> Vector:
-    """Return a + factor b."""
+    """Return a plus the ``factor`` times b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
 @compiled
 def scale(factor: float, a: Vector) -> Vector:
-    """Return factor a."""
+    """Return the ``factor`` times a."""
     return factor * a[0], factor * a[1], factor * a[2]

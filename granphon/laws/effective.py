@@ -179,15 +179,15 @@ class EffectiveLaw(SpreadLaw):
         Raises :class:`~granphon.base.errors.PrecisionError` below the start of the curve.
         """
         curve = self.curve
-        touches = y > -self.shape.bounds[1]
-        if np.any(touches & (y < curve.start)):
-            least_overlap = float(np.min(y[touches]))
+        is_touching = y > -self.shape.bounds[1]
+        if np.any(is_touching & (y < curve.start)):
+            least_overlap = float(np.min(y[is_touching]))
             raise self._refuse(
                 f"an overlap of {least_overlap:.6g} widths is below that of f* ="
                 f" {curve.least_force:.6g}"
             )
         derivatives = np.zeros(y.shape)
-        derivatives[touches] = curve.value(y[touches], order)
+        derivatives[is_touching] = curve.value(y[is_touching], order)
         return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
@@ -338,11 +338,12 @@ class EffectiveCurve:
             # the first guess is linear between u and a variable from 0 to 1. On a step that begins
             # at an opening f rises as u^2, and the variable is the square root of f; on other steps
             # f may span decades, and the variable is log f
-            rise = np.clip(target - lower_force[index], 0.0, span[index])
+            force_rise = np.clip(target - lower_force[index], 0.0, span[index])
             begins_at_opening = middle == half
-            log_rise = np.log1p(rise / lower_force[index])
-            log_span = np.log1p(span[index] / lower_force[index])
-            variable = np.where(begins_at_opening, np.sqrt(rise / span[index]), log_rise / log_span)
+            root_variable = np.sqrt(force_rise / span[index])
+            log_rise = np.log1p(force_rise / lower_force[index])
+            log_variable = log_rise / np.log1p(span[index] / lower_force[index])
+            variable = np.where(begins_at_opening, root_variable, log_variable)
             root = middle + half * (2.0 * variable - 1.0)
             for _ in range(_MOST_ITERATIONS):
                 residual = target - self._evaluate(index, root, FORCE)
@@ -399,8 +400,9 @@ class EffectiveCurve:
         quotient = chebyshev.chebval(t, quotients[:, index], tensor=False)
         numerator = chebyshev.chebval(t, numerators[:, index], tensor=False)
         rise = 2.0 * half * root  # dy/dt
-        divided = np.divide(numerator, rise, out=np.zeros_like(rise), where=numerator != 0.0)
-        return np.asarray(quotient + divided)
+        # a numerator of zero gives no slope, also where dy/dt is zero
+        ratio = np.divide(numerator, rise, out=np.zeros_like(rise), where=numerator != 0.0)
+        return np.asarray(quotient + ratio)
 
     def _evaluate_by_step(
         self, index: NDArray[np.intp], arguments: Array, function: Callable[[Index, Array], Array]
@@ -532,8 +534,9 @@ class DensityBalls:
         self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less
-        ``base_force`` (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of the steps (B,).
+        """Return three arrays for the stiffness ``k`` (B, s + 1) at the points: the force G(y, k)
+        less ``base_force``, (B, s + 1); dG/dk, (B, s + 1); and G at the lower ends of the steps,
+        (B,).
 
         G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
@@ -603,13 +606,13 @@ class PointAverages:
         be too much, and the method is to be called again for that block.
         """
         point_count: int = block.root.shape[1]
-        steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
+        n_steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
         *_, near_contacts = self._find_range(block)
         near_count: int = near_contacts.stop - near_contacts.start
-        elements = near_count * steps * point_count
-        if steps > 1 and elements > _MOST_NEAR:
-            return steps // 2
-        return steps
+        n_elements = near_count * n_steps * point_count
+        if n_steps > 1 and n_elements > _MOST_NEAR:
+            return n_steps // 2
+        return n_steps
 
     def balls(self, block: Block) -> PointBalls:
         """Return the averages at the points of a ``block``, from sums over near contacts plus sums
@@ -637,8 +640,8 @@ class PointAverages:
         # h^(1/2) of the overlaps h = (origin - opening) + u^2, and its change from the upper end
         overlap_at_origin = np.where(is_closed, origin - openings[:, None], 0.0)
         root = np.sqrt(overlap_at_origin[..., None] + block.root**2) * is_closed[..., None]
-        top = root[..., -1:]
-        sum_of_roots = np.where(is_closed[..., None], root + top, np.inf)
+        top_root = root[..., -1:]  # at the upper end
+        sum_of_roots = np.where(is_closed[..., None], root + top_root, np.inf)
         change = block.drop * (block.root + block.root[:, -1:]) / sum_of_roots
 
         def sum_pairs(terms: Array) -> Array:
@@ -649,8 +652,9 @@ class PointAverages:
             columns = terms.reshape(len(terms), int(np.prod(shape)))
             return np.asarray(pair_weights @ columns).reshape(-1, *shape)
 
-        force_changes = change * (root * (root + top) + top * top)  # root^3 - top^3
-        top_forces = top[..., 0] ** 3
+        # root^3 - top_root^3
+        force_changes = change * (root * (root + top_root) + top_root * top_root)
+        top_forces = top_root[..., 0] ** 3
         return [
             1.5 * sum_pairs(root),
             1.5 * sum_pairs(change),
@@ -726,7 +730,7 @@ class PointBalls:
     xi : local-field factor.
     stiffness : (n, B, s + 1) K^Q at the points.
     change, force_change : (n, B, s + 1) changes of K^Q and of F^Q from the upper end of the step.
-    top : (n, B) F^Q at the upper end of the step.
+    top_force : (n, B) F^Q at the upper end of the step.
     """
 
     weights: Array
@@ -734,7 +738,7 @@ class PointBalls:
     stiffness: Array
     change: Array
     force_change: Array
-    top: Array
+    top_force: Array
 
     #: derivative of the force from which forces are counted, a constant on each step
     base_stiffness = 0.0
@@ -747,25 +751,26 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less its
-        value at the upper end of the step (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of
-        the steps (B,).
+        """Return three arrays for the stiffness ``k`` (B, s + 1) at the points: the force G(y, k)
+        less its value at the upper end of the step, (B, s + 1); dG/dk, (B, s + 1); and G at the
+        lower ends of the steps, (B,).
 
         G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k)
         top_compliance = compliance[..., -1]
-        top_force = self._average(top_compliance * self.top) / self._average(top_compliance)
-        top_excess = self.top - top_force
+        weighted_force = self._average(top_compliance * self.top_force)
+        mean_top_force = weighted_force / self._average(top_compliance)
+        top_excess = self.top_force - mean_top_force
         # <(F^Q - f) compliance> is zero at the upper end. So at the other points it is a sum of
         # the changes of F^Q and of the compliance from the upper end, which keeps all digits
-        stiffening = self.change + self.xi * (k - k[:, -1:])
-        changes = self.force_change - stiffening * (top_excess * top_compliance)[..., None]
+        stiffness_change = self.change + self.xi * (k - k[:, -1:])  # of K^Q + Xi k
+        changes = self.force_change - stiffness_change * (top_excess * top_compliance)[..., None]
         total = self._average(compliance)
         force = self._average(compliance * changes) / total
         excess = self.force_change + top_excess[..., None] - force
         by_k = -self.xi * self._average(compliance * compliance * excess) / total
-        return force, by_k, top_force + force[:, 0]
+        return force, by_k, mean_top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
         """Return the mean (...) over the listed diameters of ``values`` (n, ...)."""
@@ -810,14 +815,14 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     slope = differentiate(find_stiffness, _STEP_OF_XI) / xi  # dk/dXi at the upper end
     force_slope = 0.0  # that of the force, at the lower end of the steps that are done
     tables = []
-    first_done = curve.steps.shape[1]  # steps from this number on are done
-    while first_done:
-        steps = _list_steps(curve, slice(max(0, first_done - _MANY_STEPS), first_done))
+    first_solved = curve.steps.shape[1]  # steps from this number on are solved
+    while first_solved:
+        steps = _list_steps(curve, slice(max(0, first_solved - _MANY_STEPS), first_solved))
         block = Block.of(steps, points)
         step_count = averages.limit_steps(block) if averages else len(steps)
         block = Block.of(steps[:step_count], points)
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
-        steps_of_block = slice(first_done - step_count, first_done)
+        steps_of_block = slice(first_solved - step_count, first_solved)
         values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, steps_of_block])
         k = np.asarray(values[::-1], float)  # a block has its steps in descending order
         _, by_k, _ = balls.balance(k)
@@ -830,7 +835,7 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         slope = float(slopes[-1, 0])
         force_slope = float(by_k[-1, 0] * slope + by_xi[-1, 0])
         tables.append(slopes @ coefficients.T)
-        first_done -= step_count
+        first_solved -= step_count
     stiffness = np.concatenate(tables)[::-1].T
     rise = 2.0 * curve.steps[2] * curve.steps[1:]
     forces = _integrate_over_steps(stiffness, rise, force_slope)
@@ -896,7 +901,7 @@ class _CurveSolver:
 
     Attributes
     ----------
-    pending : steps to be solved, in ascending order; the last of them is solved next.
+    pending_steps : steps to be solved, in ascending order; the last of them is solved next.
     stiffness, force : k and f* at the upper end of the step that is solved next.
     count : number of steps to be solved at once.
     guess : overlaps and k/<K^Q> of the last attempt, if it has to be repeated; else None.
@@ -915,8 +920,8 @@ class _CurveSolver:
         self.points, self.derivative, self.coefficients = radau(stages)
         self.series = high_pressure_series(shape, xi)
         start = self.series.start
-        self.pending = _divide_range([*shape.openings.tolist(), start], longest)
-        self.first_opening = self.pending[0][0]
+        self.pending_steps = _divide_range([*shape.openings.tolist(), start], longest)
+        self.first_opening = self.pending_steps[0][0]
         self.stiffness = self.series.value(start, STIFFNESS)
         self.force = self.series.value(start, FORCE)
         self.count = 1
@@ -938,7 +943,7 @@ class _CurveSolver:
         """Return whether the stiffness counts as zero (:data:`_VANISHED`) at the upper end of the
         next step.
         """
-        origin, _, high = self.pending[-1]
+        origin, _, high = self.pending_steps[-1]
         depth = origin - self.first_opening + high**2
         return self.stiffness * depth <= _VANISHED * self.force
 
@@ -953,8 +958,8 @@ class _CurveSolver:
         ends at their upper end, as they are not resolved however short they are.
         """
         # steps are halved towards the first contact, and never contain it
-        if self._begins_at_first_contact(self.pending[-1]):
-            self.pending[-1:] = _halve(self.pending[-1])
+        if self._begins_at_first_contact(self.pending_steps[-1]):
+            self.pending_steps[-1:] = _halve(self.pending_steps[-1])
             return True
         steps, block = self._take_steps()
         balls = self._average(block)
@@ -991,7 +996,7 @@ class _CurveSolver:
         contact, which is halved first. :attr:`count` becomes less if the work on so many would be
         too much.
         """
-        next_steps = reversed(self.pending[-self.count :])
+        next_steps = reversed(self.pending_steps[-self.count :])
         steps = [step for step in next_steps if not self._begins_at_first_contact(step)]
         while True:
             block = Block.of(steps, self.points)
@@ -1014,7 +1019,7 @@ class _CurveSolver:
         all of them are to be solved next, at once.
         """
         finer_steps = _halve_rough(steps, is_rough)
-        self.pending[-len(steps) :] = finer_steps
+        self.pending_steps[-len(steps) :] = finer_steps
         self.count = len(finer_steps)
 
     def _keep(self, block: Block, solution: tuple[Array, Array]) -> None:
@@ -1029,7 +1034,7 @@ class _CurveSolver:
         self.tables.append((k @ self.coefficients.T)[:solved_count])
         self.stiffness = float(k[solved_count - 1, 0])
         self.force = float(forces[solved_count - 1])
-        del self.pending[-block_size:]
+        del self.pending_steps[-block_size:]
         self.count *= 2
         self.guess = None
 
@@ -1047,8 +1052,8 @@ def _sort_by_overlap(y: Array, ratio: Array) -> tuple[Array, Array]:
     """Return overlaps ``y`` (B, s + 1) and the ``ratio`` (B, s + 1) at them, both flat, (m,), in
     ascending order of the overlap.
     """
-    ascending = np.argsort(y, axis=None)
-    return y.ravel()[ascending], ratio.ravel()[ascending]
+    order = np.argsort(y, axis=None)
+    return y.ravel()[order], ratio.ravel()[order]
 
 
 def _divide_range(ends: list[float], longest: float) -> list[Step]:
@@ -1102,23 +1107,27 @@ def _make_curve(
 
 
 def _estimate(
-    balls: DensityBalls | PointBalls, block: Block, guess: tuple[Array, Array] | None, top: float
+    balls: DensityBalls | PointBalls,
+    block: Block,
+    guess: tuple[Array, Array] | None,
+    top_stiffness: float,
 ) -> Array:
     """Return an estimate of the stiffness k (B, s + 1) at the points of a ``block``, with the value
-    ``top`` at its upper end.
+    ``top_stiffness`` at its upper end.
 
     The ratio k/<K^Q> is a smooth function of the overlap. It is interpolated from the overlaps and
     ratios ``guess`` of the last attempt, or without one is a constant.
     """
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-    scale = top / (balls.mean[0, -1] * ratio[0, -1])
+    scale = top_stiffness / (balls.mean[0, -1] * ratio[0, -1])
     return np.asarray(balls.mean * ratio * scale)
 
 
 def _find_rough(table: Array, k: Array, tolerance: Array) -> Flags:
-    """Return (B,) whether ``k`` (B, s + 1) is not resolved on each step, because one of the last
-    two of its Chebyshev coefficients, ``table`` (B, s + 1), is above the ``tolerance`` (B,) or (1,)
-    times the least k.
+    """Return (B,) for each step whether the stiffness ``k`` (B, s + 1) is not resolved: one of the
+    last two of its Chebyshev coefficients is above the tolerance times the least k.
+
+    ``table`` (B, s + 1) are the coefficients, and ``tolerance`` is (B,) or (1,).
     """
     last_coefficients = np.max(np.abs(table[:, -2:]), axis=1)
     return np.asarray(last_coefficients > tolerance * np.min(k, axis=1))
@@ -1142,18 +1151,23 @@ def _halve(step: Step) -> list[Step]:
 
 
 def _relax(
-    balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
+    balls: DensityBalls | PointBalls,
+    derivative: Array,
+    block: Block,
+    k: Array,
+    top_stiffness: float,
 ) -> tuple[Array, Array] | None:
     """Return the stiffness k (B, s + 1) at the points of a ``block`` of B steps, which solves k =
     dG(y, k)/dy for the averages G over ``balls``, and the force (B,) at the lower ends of the
     steps; None if Newton's method fails.
 
     The estimate ``k`` (B, s + 1), from which the method starts, is overwritten. ``derivative``
-    (s, s + 1) is ``to_slopes`` of :func:`radau`, and ``top`` is k at the upper end of the block.
+    (s, s + 1) is ``to_slopes`` of :func:`radau`, and ``top_stiffness`` is k at the upper end of the
+    block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     # k at the upper end of a step is k at the lower end of the step before
-    k[:, -1] = np.append(top, k[:-1, 0])
+    k[:, -1] = np.append(top_stiffness, k[:-1, 0])
     for _ in range(_MOST_ITERATIONS):
         force, by_k, _ = balls.balance(k)
         # k dy/dt - dG/dt; `force` is G less a base force, whose derivative is the base stiffness
@@ -1172,14 +1186,15 @@ def _relax(
 
 
 def _solve_steps(
-    by_k: Array, derivative: Array, block: Block, residual: Array, top: float
+    by_k: Array, derivative: Array, block: Block, residual: Array, top_change: float
 ) -> Array | None:
     """Return the changes (B, s) of the stiffness k, at the Radau points of a ``block`` of B steps,
     that remove a ``residual`` (B, s) of the equation k dy/dt = dG(y, k)/dt to first order; None if
     the linear equations have no finite solution.
 
     ``by_k`` (B, s + 1) is dG/dk. ``derivative`` (s, s + 1) takes values at the points to their
-    derivatives at the Radau points, and ``top`` is the change of k at the upper end of the block.
+    derivatives at the Radau points, and ``top_change`` is the change of k at the upper end of the
+    block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     inner_columns = derivative[:, :-1]
@@ -1193,7 +1208,7 @@ def _solve_steps(
     except np.linalg.LinAlgError:
         return None
     # the change of k at the lower end of a step is linear in the change at its upper end
-    end_changes = [top]
+    end_changes = [top_change]
     for offset, gain in responses[:, 0].tolist():
         end_changes.append(offset + gain * end_changes[-1])
     upper_changes = np.array(end_changes[:-1])[:, None]

@@ -237,8 +237,8 @@ class SpreadLaw(EnergyLaw):
         zero, and :class:`~granphon.base.errors.PrecisionError` if a force is so small that the law
         is not known there.
         """
-        load = real_array("force", force)
-        if not np.all(load > 0.0):
+        forces = real_array("force", force)
+        if not np.all(forces > 0.0):
             raise InputError(
                 "the mean force of the contacts is not above zero",
                 "Contacts carry no tension, so no single overlap belongs to such a force",
@@ -267,8 +267,8 @@ class SpreadLaw(EnergyLaw):
         # holds
         with np.errstate(over="ignore", under="ignore"):
             force_at_start = self._series.value(self._series.start, FORCE)
-            is_far = self._units.reduced_force(load) >= force_at_start
-            return self._evaluate_parts(load, is_far, invert_series, invert_near)
+            is_far = self._units.reduced_force(forces) >= force_at_start
+            return self._evaluate_parts(forces, is_far, invert_series, invert_near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return Delta f / f of Section IV at each ``overlap``, m: the rms deviation, over balls Q,

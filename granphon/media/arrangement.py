@@ -153,8 +153,8 @@ class Arrangement:
         return self.crystal.periods > 0
 
     def require_words(self) -> None:
-        """Raise InputError if a scene file has no words for the crystal: for one that exists
-        already, and is a sample or a cut, or has springs to the ground.
+        """Raise InputError if a scene file has no words for the crystal: if the crystal was given,
+        and is a sample or a cut or has springs to the ground.
         """
         if self.given is None:
             return
@@ -202,9 +202,10 @@ class Arrangement:
         return crystal
 
     def _find_edge(self, edge: str | Wall) -> str | Wall:
-        """Return an edge of a cut. A wall whose material is the name of a kind gets the material of
-        the ball of that kind, of which the crystal need not have a ball. Raises InputError if there
-        is no such kind.
+        """Return an ``edge`` of a cut as a crystal takes it: a wall whose material is the name of a
+        kind gets the material of that kind, also where no ball of the crystal is of the kind.
+
+        Raises InputError if there is no such kind.
         """
         if isinstance(edge, Wall) and isinstance(edge.material, str):
             return replace(edge, material=self._find_ball(edge.material).material)
@@ -316,38 +317,45 @@ class Arrangement:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The names of the parameters that a sweep may vary: of kinds of balls, "A.density", of
-        walls, "wall.young_modulus", and of springs to the ground, "on_site", "on_site.x". A kind
-        without balls, of whose material a wall is, has the elastic constants alone.
+        """The names of the parameters that a sweep may vary.
+
+        Those of a kind of balls are such as "A.density", those of a wall such as
+        "wall.young_modulus", and those of springs to the ground such as "on_site" and "on_site.x".
+        A kind that has no balls in the crystal, and whose material a wall has, has the elastic
+        constants alone.
         """
-        spare_kinds = sorted(self._kinds_of_walls - {*self.kind_names})
-        of_kinds = itertools.product(self.kind_names, KIND_PARAMETERS)
-        of_walls = itertools.product((*spare_kinds, *self._walls), WALL_PARAMETERS)
-        owners = (*of_kinds, *of_walls)
-        names = [f"{owner}.{parameter}" for owner, parameter in owners]
+        kinds_without_balls = sorted(self._kinds_of_walls - {*self.kind_names})
+        elastic_owners = (*kinds_without_balls, *self._walls)
+        pairs = [
+            *itertools.product(self.kind_names, KIND_PARAMETERS),
+            *itertools.product(elastic_owners, WALL_PARAMETERS),
+        ]
+        names = [f"{owner}.{parameter}" for owner, parameter in pairs]
         return (*names, *list_spring_parameters(self.crystal.named_motions))
 
     def list_own_parameters(self, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
-        """Return the names of those parameters of which none stands for a part of another.
+        """Return the names of parameters that can be changed one by one, so that no two of them
+        change the same number.
 
-        A wall of the material of a kind changes with the kind, and has no name of its own here. A
-        ball whose mass was given has its mass, and other balls have their density.
-        ``kinds_of_walls`` are kinds after whose materials further walls are made, such as that of a
-        half space.
+        A wall of the material of a kind changes with the kind, and is left out. A kind of ball has
+        "mass" if its mass was given, and otherwise "density". ``kinds_of_walls`` are names of kinds
+        whose materials further walls have, such as the wall of a half space.
         """
         names = list[str]()
         for kind in self.kind_names:
             ball = self._named_balls[kind]
             density_or_mass = "density" if _has_solid_mass(ball) else "mass"
             names += [f"{kind}.{name}" for name in (*WALL_PARAMETERS, density_or_mass, "diameter")]
-        spare_kinds = sorted({*self._kinds_of_walls, *kinds_of_walls} - {*self.kind_names})
-        walls_of_own = [
+        all_kinds_of_walls = {*self._kinds_of_walls, *kinds_of_walls}
+        kinds_without_balls = sorted(all_kinds_of_walls - {*self.kind_names})
+        names_of_other_walls = [
             at_face.name
             for edge, at_face in self._pair_edges()
             if isinstance(at_face, Wall)
             and not (isinstance(edge, Wall) and isinstance(edge.material, str))
         ]
-        owners = (*spare_kinds, *dict.fromkeys(walls_of_own))
+        # one wall may be at several faces
+        owners = (*kinds_without_balls, *dict.fromkeys(names_of_other_walls))
         names += [".".join(pair) for pair in itertools.product(owners, WALL_PARAMETERS)]
         return (*names, *self._list_own_springs())
 
@@ -456,8 +464,8 @@ class Arrangement:
         if not springs:
             return crystal
         n = crystal.n_balls
-        changed = change_springs(crystal.on_site, springs, crystal.named_motions, n)
-        return crystal.with_springs(changed)
+        on_site = change_springs(crystal.on_site, springs, crystal.named_motions, n)
+        return crystal.with_springs(on_site)
 
     def _change_springs(self, changes: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
         """Return :attr:`on_site` with the ``changes``, stiffnesses by the names of parameters, N/m
@@ -475,11 +483,11 @@ class Arrangement:
         cuts = []
         for (axis, layers, edges), face in zip(self.cut, self.crystal.faces, strict=True):
             # the edge at the face of the crystal has a name, which the edge of the cut may lack
-            changed = [
+            changed_edges = [
                 walls.get(at_face.name, edge) if isinstance(at_face, Wall) else edge
                 for edge, at_face in zip(edges, face.edges, strict=True)
             ]
-            cuts.append((axis, layers, tuple(changed)))
+            cuts.append((axis, layers, tuple(changed_edges)))
         return tuple(cuts)
 
 
@@ -514,9 +522,7 @@ def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
 
 
 def _has_solid_mass(ball: Ball) -> bool:
-    """Return whether the mass of a ball is that of a solid ball, and not another one, which was
-    given.
-    """
+    """Return whether the mass of a ball is that of a solid ball; another mass was given."""
     solid_mass = ball.material.ball_mass(ball.diameter)
     return math.isclose(ball.mass, solid_mass, rel_tol=_SAME_MASS)
 
@@ -546,7 +552,9 @@ Balls = Packing | Arrangement | NetworkFiles
 
 
 def find_kinds(balls: Balls) -> dict[str, Ball]:
-    """Return the ball of each kind by name, of a crystal; empty where balls have no kinds."""
+    """Return the balls of an arrangement by the names of their kinds; empty for other balls, which
+    have no kinds.
+    """
     return dict(balls.kinds) if isinstance(balls, Arrangement) else {}
 
 
@@ -648,8 +656,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def contact_fraction(self) -> Any:
-        """Fraction of the contacts of the crystal that are closed, at which they have a
-        stiffness.
+        """Fraction of the contacts of the crystal that have a normal stiffness: those that are
+        closed.
         """
         return np.mean(self.source.normal_stiffness > 0.0, axis=-1)[()]
 
@@ -686,7 +694,9 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of the exponent: zero, as nothing is sampled."""
+        """Standard error of the exponent: zero, as the exponent is exact; None where contacts have
+        no exponent in common.
+        """
         return None if self.exponent is None else np.zeros(self.shape)[()]
 
 
@@ -705,7 +715,7 @@ class CrystalMedium(Medium[Any]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether the states take little time: those of up to 500 balls count as quick."""
+        """Whether the states take little time: those of up to :data:`QUICK_BALLS` balls do."""
         return bool(self.packing.crystal.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:

@@ -206,7 +206,8 @@ class FrictionHistory:
             return start
         if self.from_gas:
             return "gas"
-        return ReducedLoad(overlap=float(self.start) - 0.5)  # y = a* - 1/2
+        # the overlap in units of the width W is a* - 1/2
+        return ReducedLoad(overlap=float(self.start) - 0.5)
 
     def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
         """Return the indices of the ``prescribed`` loads in the order in which they are applied: as
@@ -248,10 +249,10 @@ def read_friction_coefficient(value: Any) -> float | None:
 def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | str:
     """Return the start of a loading: a reduced spacing a*, a load, or "gas".
 
-    ``value`` is a number, a :class:`~granphon.balls.loads.Load`, one of {force: ...}, {pressure:
-    ...} and {overlap: ...}, "gas", or None for the default start, a* = 1/2. ``load(kind, value)``
-    reads the value of a load and returns it in SI; without that function the value is a plain
-    number in SI. The function is a rule of :mod:`granphon.base.validation`.
+    ``value`` is a number, a :class:`~granphon.balls.loads.Load`, a block such as {force: ...},
+    {pressure: ...} or {overlap: ...}, the word "gas", or None for the default start, a* = 1/2. The
+    function ``load(kind, value)`` reads the value of a block and returns it in SI; if it is None,
+    the value is a plain number in SI. The function is a rule of :mod:`granphon.base.validation`.
     """
     if isinstance(value, Load):
         if value.size != 1:

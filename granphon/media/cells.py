@@ -69,15 +69,15 @@ class CrystalCell(Lattice):
         second in the xy plane.
         """
         d = network.dimension
-        moving = network.moving
+        is_moving = network.moving
         periods = network.cell[np.flatnonzero(network.pbc), :d]
         turn = find_axes(periods) if len(periods) else np.eye(d)
-        distances = network.distance[np.isfinite(network.distance)]
+        distances = network.distance[np.isfinite(network.distance)]  # between balls, not to walls
         longest_contact = float(distances.max(initial=0.0)) / diameter
         vectors, sites = _reduce_cell(
             periods @ turn.T,
-            network.positions[moving, :d] @ turn.T,
-            network.radii[moving],
+            network.positions[is_moving, :d] @ turn.T,
+            network.radii[is_moving],
             diameter,
         )
         return cls(

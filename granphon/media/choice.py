@@ -79,8 +79,8 @@ SIDES = {
     2: (16, 20, 24, 32, 40, 50, 64, 80, 100, 128, 160, 200, 256, 320, 400, 512, 640, 800, 1024),
     3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
 }
-#: what the :data:`~granphon.media.array_options.REFERENCE_OPTIONS` of an automatic medium are, of
-#: the arrays that errors are relative to
+#: what each of the :data:`~granphon.media.array_options.REFERENCE_OPTIONS` means as an option of an
+#: automatic medium: it says how the arrays are loaded that errors are relative to
 _MEANINGS_OF_TRUTH = (
     "whether errors are relative to arrays [loaded with friction]"
     "(../how-to/tradeoff.md#arrays-loaded-with-friction)",
@@ -93,11 +93,12 @@ _MEANINGS_OF_TRUTH = (
 class AutoMedium(Medium[ContactState]):
     """The first medium whose expected error is within a tolerance.
 
-    At high load that is the averaged lattice, then the averaged force, then the effective medium
-    (unless a list of diameters makes it slow), and below the load where these fail a simulation of
-    one sample (seed 0) of as many balls as the tolerance needs: up to 1024 x 1024 on the triangular
-    lattice, and a cube of 96 diameters in fcc and hcp. Errors are relative errors of velocities and
-    frequencies, from :mod:`granphon.media.accuracy`, against simulated arrays, the :attr:`truth`.
+    As the load falls, that is first the averaged lattice, then the averaged force, and then the
+    effective medium, unless a list of diameters makes it slow. Below the load where these fail it
+    is a simulation of one sample (seed 0), of as many balls as the tolerance needs: up to 1024 x
+    1024 on the triangular lattice, and a cube of 96 diameters in fcc and hcp. Errors are relative
+    errors of velocities and frequencies against simulated arrays, the :attr:`truth`; they are those
+    of :mod:`granphon.media.accuracy`.
     The expected error of a simulation is 1.9 standard deviations of a sample. ``at_*`` take scalars
     or arrays, and return the state of the first medium that is accurate enough at all of these
     loads, or else of the largest simulation; :meth:`choose` chooses for each load.
@@ -168,12 +169,12 @@ class AutoMedium(Medium[ContactState]):
         candidate_of_load = np.argmax(errors <= self.tolerance, axis=0)
         serving_media = []
         for candidate in np.unique(candidate_of_load):
-            served = np.flatnonzero(candidate_of_load == candidate)
+            load_indices = np.flatnonzero(candidate_of_load == candidate)
             serving_medium = ServingMedium(
                 candidates[candidate],
-                served,
+                load_indices,
                 self.packing,
-                load[served],
+                load[load_indices],
                 chosen_automatically=True,
                 truth=self.truth,
             )
@@ -336,6 +337,14 @@ def find_medium(name: str) -> type[Any]:
     return _OF_BALLS[name].load() if name in _OF_BALLS else MEDIA[name]
 
 
+def _list_defaults(name: str) -> dict[str, Any]:
+    """Return the default of each option of the medium with a ``name``, by the name of the option.
+    Raises KeyError if there is no such medium.
+    """
+    options = find_medium(name).options
+    return {option_name: option.default for option_name, option in options.items()}
+
+
 @dataclass(frozen=True)
 class MediumChoice:
     """The name and options of a medium, without a packing.
@@ -362,8 +371,7 @@ class MediumChoice:
         name = require("medium", _read_name, self.name)
         options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        known_options = find_medium(name).options
-        defaults = {option: known.default for option, known in known_options.items()}
+        defaults = _list_defaults(name)
         changed_options = [
             (option, value)
             for option, value in sorted(options.items())
@@ -377,9 +385,10 @@ class MediumChoice:
         value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice,
         lattice: Lattice | None = None,
     ) -> MediumChoice:
-        """Read a choice from a ``value``, a name such as "ema", or {"ema": {"local_field":
-        "paper"}}, for a ``lattice`` if one is given; see :func:`read_medium`. Raises InputError for
-        any other value.
+        """Return the choice that a ``value`` gives: a name such as "ema", a mapping such as {"ema":
+        {"local_field": "paper"}}, or a choice. ``lattice`` is as in :func:`read_medium`.
+
+        Raises InputError for any other value.
         """
         medium: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return medium
@@ -429,9 +438,7 @@ class MediumChoice:
         """Every option with its value, defaults included; a shape whose default depends on the
         lattice is None.
         """
-        known_options = find_medium(self.name).options
-        defaults = {name: option.default for name, option in known_options.items()}
-        return defaults | dict(self.options)
+        return _list_defaults(self.name) | dict(self.options)
 
     @property
     def history(self) -> FrictionHistory:
@@ -579,6 +586,7 @@ class MediumChoice:
         """Raise :class:`~granphon.base.errors.InputError` if these ``balls`` do not have the
         medium: crystals and packings in files have one medium each, which no other balls have.
         """
+        # packings have many media, and no name of one as their ``medium_name``
         medium_of_balls = self.name if self.name in _OF_BALLS else ""
         if balls.medium_name != medium_of_balls:
             raise InputError(
@@ -729,8 +737,8 @@ def choose_shape(structure: Lattice, side: float) -> tuple[int, ...]:
 
 
 def split_label(label: str) -> tuple[str, dict[str, str]]:
-    """Return the name of the medium with a :attr:`~MediumChoice.label`, and its options as they
-    stand there, by name.
+    """Return the name of the medium with a :attr:`~MediumChoice.label`, and the options of the
+    label by name, with their values as texts.
     """
     name, _, settings_text = label.removesuffix(")").partition("(")
     settings = settings_text.split(", ")
@@ -761,10 +769,10 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     _read_name(name)
     has_units = written and not isinstance(value, MediumChoice)
     rule = partial(_read_options, name, lattice=lattice, written=has_units)
-    read_options = {} if options is None else read_inside(name, rule, options)
-    if lattice is not None and read_options.get("shape") == DEFAULT_SHAPES[lattice.periods]:
-        del read_options["shape"]
-    return MediumChoice(name, tuple(read_options.items()))
+    option_values = {} if options is None else read_inside(name, rule, options)
+    if lattice is not None and option_values.get("shape") == DEFAULT_SHAPES[lattice.periods]:
+        del option_values["shape"]
+    return MediumChoice(name, tuple(option_values.items()))
 
 
 def default_medium(balls: Balls, diameters_differ: bool = False) -> str:
@@ -825,7 +833,7 @@ def _read_options(
     says whether the block stands in a file, where a load in ``start`` has a unit; else it may be a
     number, SI.
     """
-    rules = {option: known.rule for option, known in find_medium(name).options.items()}
+    rules = {option_name: option.rule for option_name, option in find_medium(name).options.items()}
     if lattice is not None and "shape" in rules:
         rules["shape"] = partial(read_cells, periods=lattice.periods)
     if lattice is not None and "start" in rules:

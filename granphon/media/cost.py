@@ -104,9 +104,10 @@ _TOLD_BYTES = 1e8
 
 
 class Units(NamedTuple):
-    """A ``number`` of equal units of work, such as balls brought to rest, the function ``measure``
-    that times one unit and returns its time, s, and the time ``slowest``, s, that a unit takes at
-    most on any machine.
+    """Equal units of work, such as balls brought to rest.
+
+    ``number`` says how many there are. The function ``measure`` times one unit and returns its
+    time, s. ``slowest`` is the time, s, that a unit takes at most on any machine.
     """
 
     number: float
@@ -212,9 +213,10 @@ class Cost:
 
 
 def write_duration(seconds: float) -> str:
-    """Return a time, ``seconds``, as a text of two significant digits, in the largest unit in which
-    it is two or more; seconds from 100 to 120 have three digits, and what is below 0.1 s is said to
-    be less than that.
+    """Return a time, ``seconds``, as a text of two significant digits. The unit is the largest of
+    days, hours and minutes in which the time is two or more, or else the second.
+
+    A time from 100 to 120 s has three digits. A time below 0.1 s is "less than 0.1 s".
     """
     for unit_seconds, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * unit_seconds:
@@ -225,11 +227,11 @@ def write_duration(seconds: float) -> str:
 
 
 def _write_digits(value: float) -> str:
-    """Return a number above zero as a text of two significant digits, without an exponent from 1e-4
-    on.
+    """Return a ``value`` above zero as a text of two significant digits. It has no exponent if the
+    value is 1e-4 or more.
     """
-    rounded = float(f"{value:.2g}")
-    return f"{rounded:.2g}" if rounded < 100.0 else f"{rounded:,.0f}"
+    rounded_value = float(f"{value:.2g}")
+    return f"{rounded_value:.2g}" if rounded_value < 100.0 else f"{rounded_value:,.0f}"
 
 
 # -- what is timed ---------------------------------------------------------------------------------
@@ -337,8 +339,8 @@ _written_numbers = partial(Units, measure=_measure_number, slowest=_SLOWEST_NUMB
 
 @cache
 def _measure_matrix(eigenvectors: bool) -> float:
-    """Return the time, s, in which the eigenvalues of a complex matrix are found, and its
-    ``eigenvectors`` if these are wanted, over the cube of the size of the matrix.
+    """Return the time, s, in which a Hermitian matrix is solved, over the cube of its number of
+    rows. Its eigenvalues are found, and with ``eigenvectors`` its eigenvectors too.
     """
     real, imaginary = np.random.default_rng(0).normal(size=(2, _SMALL_MATRIX, _SMALL_MATRIX))
     matrix = real + real.T + 1j * (imaginary - imaginary.T)  # Hermitian
@@ -393,15 +395,17 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters:
 
 
 def relaxation_memory(balls: int, motions: int, dimension: int) -> float:
-    """Return the memory, bytes, of the moduli and sound velocities of a crystal of so many
-    ``balls`` with ``motions`` each on a line, in a plane or in space (``dimension`` 1, 2, 3), and
-    of their derivatives: that of the factors of its matrices.
+    """Return the memory, bytes, that the moduli and sound velocities of a crystal take, and their
+    derivatives: that of the factors of its matrices.
+
+    The crystal has so many ``balls`` with so many ``motions`` each. ``dimension`` is 1, 2 or 3 for
+    balls on a line, in a plane or in space.
     """
     growth = math.pow(max(balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
     return _RELAXED_BYTES[dimension] * balls * motions * growth
 
 
-def find_typical_force(packing: Packing, load: Load) -> Array:
+def estimate_contact_force(packing: Packing, load: Load) -> Array:
     """Return the approximate mean contact force (n,), N, at each value of an applied load; no array
     is simulated.
     """
@@ -467,8 +471,8 @@ _STATE_NUMBERS = 125.0
 
 
 def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = True) -> Cost:
-    """Return the estimated cost of bands at ``points`` wave vectors with ``eigenvectors``, and of
-    their ``file`` if there is one; or of frequencies alone.
+    """Return the estimated cost of bands at ``points`` wave vectors: of frequencies alone, or with
+    ``eigenvectors``, and then with the lines of a ``file`` if one is written.
 
     Memory and time of a wave vector grow as the square of the number of ``branches``, as measured
     with 2, 3 and 9 branches; the time is that in which a number of numbers is written as text. With
@@ -508,10 +512,10 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     points = math.prod(mesh)
     has_equal_sides = len(set(mesh)) < len(mesh)
     solved_points = points * (_PART_BY_SYMMETRY if has_equal_sides else 1.0)
-    matrices = min(solved_points, _MESH_POINTS_AT_ONCE) * _MATRIX_BYTES * branches**2
-    tables = _MESH_POINT_BYTES * points
-    modes = solved_points * _MODE_BYTES * branches
-    memory = _DENSITY_BYTES + tables + modes + matrices
+    matrix_bytes = min(solved_points, _MESH_POINTS_AT_ONCE) * _MATRIX_BYTES * branches**2
+    table_bytes = _MESH_POINT_BYTES * points
+    mode_bytes = solved_points * _MODE_BYTES * branches
+    memory = _DENSITY_BYTES + table_bytes + mode_bytes + matrix_bytes
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
     units = _written_numbers(solved_points * numbers_of_point)
     description = f"density of states on {' x '.join(map(str, mesh))} wave vectors"
@@ -521,26 +525,28 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
 def band_edges(
     states: int, points: int, branches: int, of_all: bool, *, of_network: bool = False
 ) -> Cost:
-    """Return the estimated cost of the edges of bands in so many ``states``: of the edges of all
-    ``branches`` (``of_all``), or of those beside gaps.
+    """Return the estimated cost of the edges of bands in so many ``states``, on a mesh of so many
+    ``points``: of the edges of all ``branches`` with ``of_all``, else of the edges beside gaps.
 
-    The frequencies are found at half of the ``points`` of a mesh, as those of q and -q are equal.
+    The memory is that of the frequencies on the mesh; those of one state are held at a time, and
+    given back. The frequencies are found at half of the points, as those of q and -q are equal.
     Then the edges beside each gap are followed from the best points, which takes
     :data:`_EDGE_SOLVES` wave vectors for a gap. One in ten branches is taken to be below a gap, as
-    measured on lattices and on samples of 4 to 36 balls; of a packing in files (``of_network``)
-    every second branch, as measured on 29 balls of three sizes. A wave vector takes as long as one
-    of a density of states. In large cells a matrix is timed, too.
+    measured on lattices and on samples of 4 to 36 balls. With ``of_network``, for the packing of a
+    file and for the network of a design, it is every second branch, as measured on 29 balls of
+    three sizes. A wave vector takes as long as one of a density of states. In large cells a matrix
+    is timed, too.
     """
     fraction_below = _PART_BELOW_GAPS_OF_NETWORKS if of_network else _PART_BELOW_GAPS
-    gaps = branches if of_all else math.ceil(fraction_below * branches)
-    solves = states * (0.5 * points + _EDGE_SOLVES * gaps)
+    n_gaps = branches if of_all else math.ceil(fraction_below * branches)
+    n_solves = states * (0.5 * points + _EDGE_SOLVES * n_gaps)
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
-    units = [_written_numbers(solves * numbers_of_point)]
+    units = [_written_numbers(n_solves * numbers_of_point)]
     if branches > _FEW_MATRIX_ROWS:
-        units.append(Units(solves * float(branches) ** 3, partial(_measure_matrix, True)))
-    kept = _FREQUENCY_BYTES * points * branches
+        units.append(Units(n_solves * float(branches) ** 3, partial(_measure_matrix, True)))
+    working = _FREQUENCY_BYTES * points * branches
     description = f"edges of {branches:,} bands"
-    return Cost(kept, units=tuple(units), parts=(description,))
+    return Cost(working, units=tuple(units), parts=(description,))
 
 
 def force_constants(dim: tuple[int, ...], balls: int) -> Cost:

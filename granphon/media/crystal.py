@@ -149,10 +149,11 @@ class Faces:
 
 
 class Side(NamedTuple):
-    """One face of a cut: the axis, the side (-1 lower, 1 upper), how the face is held, and its
-    balls.
+    """One face of a cut across the ``axis``.
 
-    ``wall`` is the number of the wall that a load moves; -1 of a face that no load moves.
+    ``sign`` is -1 of the lower face and 1 of the upper face, ``edge`` says how the face is held,
+    and ``balls`` are the numbers of its balls. ``wall`` is the number of the wall that a load
+    moves; -1 of a face that no load moves.
     """
 
     axis: int
@@ -176,9 +177,13 @@ class Side(NamedTuple):
 class _Bodies(NamedTuple):
     """What moves in the statics: balls, and walls on faces.
 
-    ``ball_number`` (n,) is the number of each ball among those that move by themselves, -1 of a
-    ball that a wall carries or holds; ``walls`` are the faces whose upper wall moves, and
-    ``wall_of_ball`` (n,) is the number of the wall that carries each ball, -1 of a ball on no wall.
+    Attributes
+    ----------
+    ball_number : (n,) the number of each ball among those that move by themselves; -1 of a ball of
+        a clamped layer.
+    walls : the faces whose upper wall moves.
+    wall_of_ball : (n,) the number of the moving wall that carries each ball; -1 of a ball that none
+        carries.
     """
 
     ball_number: Index
@@ -454,8 +459,8 @@ class Crystal(Result):
 
     @classmethod
     def on(cls, lattice: str | Lattice, balls: Sequence[Ball], **options: Any) -> Self:
-        """Make a crystal of kinds of balls on the sites of a lattice, in turn, so that neighbours
-        touch.
+        """Make a crystal on a lattice: kinds of balls follow each other on its sites, and
+        neighbours touch.
 
         Parameters
         ----------
@@ -754,20 +759,20 @@ class Crystal(Result):
         or a list of numbers.
 
         Raises :class:`~granphon.base.errors.InputError` for a number that no ball has, and if no
-        ball is left, a face has no ball left, or the others do not hang together.
+        ball is left, a face has no ball left, or the balls that are left do not hang together.
         """
-        removed = index_array("index", index, self.n_balls)
-        remains = np.ones(self.n_balls, bool)
-        remains[removed] = False
-        if not np.any(remains):
+        is_remaining = np.ones(self.n_balls, bool)
+        is_remaining[index_array("index", index, self.n_balls)] = False
+        if not np.any(is_remaining):
             raise InputError("no ball is left", mend="Remove fewer")
-        new_numbers = np.cumsum(remains) - 1  # of the balls that remain
+        new_numbers = np.cumsum(is_remaining) - 1  # of the balls that remain
         table = self.contacts
-        rows = np.flatnonzero(remains[table.i] & remains[table.j])
+        rows = np.flatnonzero(is_remaining[table.i] & is_remaining[table.j])
         i = new_numbers[table.i[rows]]
         j = new_numbers[table.j[rows]]
         contacts = table.take(rows, i, j, table.shift[rows])
-        crystal = self._take(np.flatnonzero(remains), contacts, self.positions[remains])
+        origin = np.flatnonzero(is_remaining)
+        crystal = self._take(origin, contacts, self.positions[origin])
         crystal._require_joined()
         return crystal
 
@@ -1044,17 +1049,17 @@ class Crystal(Result):
         """The law of each contact."""
         pairs, pair_of_contact = self._pairs
         laws: list[PairLaw] = []
-        checked: set[int] = set()
+        checked_laws: set[int] = set()  # by their identity
         for first, second, first_name, second_name in pairs:
             law = law_of_pair(self.law, first, second, first_name, second_name)
-            if id(law) not in checked:  # a user's law of many pairs is checked once
+            if id(law) not in checked_laws:  # a user's law of many pairs is checked once
                 check_law(law, ContactConstants.of(first, second).radius)
-                checked.add(id(law))
+                checked_laws.add(id(law))
             laws.append(law)
         # the numbers of the contacts of each pair: contacts are sorted by pairs, and split there
         order = np.argsort(pair_of_contact, kind="stable")
         starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
-        contacts_of_pairs = np.split(order, starts)[: len(pairs)]
+        contacts_of_pairs = np.split(order, starts)[: len(pairs)]  # one part also of no pairs
         groups = list(zip(laws, contacts_of_pairs, strict=True))
         return ContactLaws(groups, len(pair_of_contact), self._constants["modulus"])
 
@@ -1067,7 +1072,9 @@ class Crystal(Result):
         return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
 
     def _find_kind_name(self, number: int) -> str:
-        """Return the name of the kind of a ball, or of a wall; see :meth:`law_of`."""
+        """Return the name of the kind of the body with a ``number`` of :meth:`law_of`: a ball, a
+        wall or a rigid floor.
+        """
         if number < self.n_balls:
             return self.names[int(self.kind[number])]
         bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
@@ -1149,8 +1156,8 @@ class Crystal(Result):
         ball (n_s,), the axis (n_s,) and the stiffness (n_s,), N/m, of each of the n_s springs.
         """
         if self.on_site is None:
-            nothing = np.zeros(0, np.intp)
-            return nothing, nothing, np.zeros(0)
+            no_numbers = np.zeros(0, np.intp)
+            return no_numbers, no_numbers, np.zeros(0)
         axes = np.array(self.named_motions.translations)
         # balls come to rest in d dimensions: displacements out of the plane are not among them
         columns_of_axes = np.flatnonzero(axes < self.dimension)
@@ -1425,8 +1432,8 @@ class Crystal(Result):
         def describe(tensor: Array) -> str:
             """Return a stress (p, p) in words."""
             # digits of rounding are not shown, unless the stress is as small as they are
-            rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
-            return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
+            shown_tensor = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
+            return f"the stress {brief(shown_tensor.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), accelerations, strict=True)
         applied = (
@@ -1474,11 +1481,12 @@ class Crystal(Result):
 
     def _read_tensor(self, name: str, tensor: ArrayLike, shear_factor: float) -> Array:
         """Return symmetric tensors (..., p, p) from a ``tensor`` of that shape, or from its
-        components in Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by
-        ``shear_factor``: 1 of a stress, 1/2 of a strain. With one period a number is a tensor too.
-        Raises InputError for other shapes, and for tensors that are not symmetric.
+        components in Voigt's order, (..., p (p + 1)/2). With one period a number is a tensor too.
 
-        ``name`` is what messages call the tensor.
+        Shears among the components are multiplied by ``shear_factor``: 1 of a stress, 1/2 of a
+        strain. ``name`` is what messages call the tensor. Raises InputError for other shapes, for
+        numbers that are not finite, for tensors that are not symmetric, and for a crystal without
+        periods.
         """
         p = self.periods
         if not p:
@@ -1543,8 +1551,8 @@ class Crystal(Result):
         """
         d = self.dimension
         largest_component = np.max(np.abs(field), axis=-1, keepdims=True)
-        acts = np.abs(field) > _ROUNDED * largest_component
-        acting_axes = np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist()
+        is_acting = np.abs(field) > _ROUNDED * largest_component
+        acting_axes = np.flatnonzero(np.any(is_acting.reshape(-1, d), axis=0)).tolist()
         wall_axes = {side.axis for side in self._sides if side.edge != "free"}
         anchored_axes = self._find_anchored_axes()
         has_clamp = any("clamped" in face.edges for face in self.faces)
@@ -1569,14 +1577,16 @@ class Crystal(Result):
         strain: Array | None = None,
         pressure: float = 0.0,
     ) -> AppliedLoad:
-        """Return the load that consists of gravity, an ``acceleration`` (d,), m/s^2, or None; of a
-        ``stress`` or a ``strain`` (p, p) of the periods, exactly one of which is given; and of a
-        ``pressure`` on the faces. Messages call the load by ``words``.
+        """Return the load of gravity, of the periods, and of a ``pressure`` on the faces.
+
+        Gravity is an ``acceleration`` (d,), m/s^2, or None. The periods have a ``stress`` or a
+        ``strain`` (p, p), exactly one of which is given. The units are those of
+        :meth:`at_pressure` and :meth:`at_strain`. Messages call the load by ``words``.
 
         Raises FloatingPointError if the forces are not finite.
         """
-        pressing = self._press_faces(pressure)
-        force = pressing.copy()
+        pressing_force = self._press_faces(pressure)
+        force = pressing_force.copy()
         lift: tuple[str, str] | None = None  # why gravity lifts balls, and what mends that
         if acceleration is not None:
             masses = self.masses[self._bodies.ball_number >= 0]
@@ -1585,7 +1595,7 @@ class Crystal(Result):
         if not np.all(np.isfinite(force)):
             raise FloatingPointError(f"the forces of {words} are not finite")
         strain_of_cell = np.zeros((self.periods,) * 2) if strain is None else strain
-        return AppliedLoad(force, words, stress, strain_of_cell, pressing, lift)
+        return AppliedLoad(force, words, stress, strain_of_cell, pressing_force, lift)
 
     def _press_faces(self, pressure: float) -> Array:
         """Return the forces, N, of a pressure: the d components of each ball that moves by itself,
@@ -1603,9 +1613,10 @@ class Crystal(Result):
                 on_walls[side.wall] -= face_force
             elif side.edge == "free":
                 numbers = ball_number[side.balls]
-                numbers = numbers[numbers >= 0]
-                ball_force = side.sign * face_force / max(len(numbers), 1)
-                on_balls[numbers, side.axis] -= ball_force
+                moving_numbers = numbers[numbers >= 0]
+                # all balls of the face may belong to a clamped layer: none takes a force then
+                ball_force = side.sign * face_force / max(len(moving_numbers), 1)
+                on_balls[moving_numbers, side.axis] -= ball_force
         return np.concatenate([on_balls.ravel(), on_walls])
 
     def _explain_lift(self, acceleration: Array, pressure: float) -> tuple[str, str] | None:
@@ -1648,9 +1659,11 @@ class Crystal(Result):
     def _load_hydrostatic(
         self, pressure: float, acceleration: Array | None, words: str
     ) -> AppliedLoad:
-        """Return the load of a pressure on periods and faces; with gravity, an ``acceleration``
-        (d,), m/s^2, the periods keep their length. Messages call the load by ``words``, which end
-        with the pressure and to which its unit is added.
+        """Return the load of a ``pressure`` on periods and faces. With gravity, an
+        ``acceleration`` (d,), m/s^2, the periods keep their length.
+
+        ``words`` say in messages what the load is. They end with the pressure without its unit;
+        the unit is added here.
         """
         words += f" {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
         if acceleration is not None:
@@ -1670,9 +1683,11 @@ class Crystal(Result):
         finite_overlap: bool | None,
         boundary: Boundary,
     ) -> CrystalState:
-        """Return the state at which contacts have a mean force (N) or overlap (m), ``values`` of
-        the ``kind`` "force" or "overlap", by a search for the pressure; the other arguments and
-        errors are those of :meth:`at_pressure`.
+        """Return the state at which the mean force (``kind`` "force") or the mean overlap
+        ("overlap") of contacts has each of the ``values``, N or m.
+
+        The pressure is searched for. The other arguments and the errors are those of
+        :meth:`at_force`.
         """
         goals, accelerations = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
@@ -1859,11 +1874,11 @@ class Crystal(Result):
             "strain": strain,
             "ways": wall_motions,
         }
-        shaped: dict[str, Any] = {
+        attributes: dict[str, Any] = {
             name: read_only(array.reshape(*load_shape, *array.shape[1:]))
             for name, array in arrays.items()
         }
-        return CrystalState(self, **shaped, finite_overlap=is_exact)
+        return CrystalState(self, **attributes, finite_overlap=is_exact)
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
@@ -1879,8 +1894,8 @@ class Crystal(Result):
         wall_motions = np.array([state.wall_motion for state in states])
         for side in self._sides:
             if side.wall >= 0:
-                riders = bodies.wall_of_ball == side.wall
-                displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
+                is_carried = bodies.wall_of_ball == side.wall
+                displacements[:, is_carried, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
             _, anchored_axes, _ = self._springs
@@ -2028,15 +2043,16 @@ class CrystalState(Result):
         for index in np.ndindex(self.shape):
             force = self.normal_force[index]
             k = self.normal_stiffness[index]
-            loaded = k > 0.0
-            if not np.any(loaded):
+            is_closed = k > 0.0
+            if not np.any(is_closed):
                 raise InputError(
                     f"no contact of crystal {self.crystal.name!r} is closed",
                     "Without contacts there is no sound whose velocity could grow",
                     "Press the crystal",
                 )
             slope = self.crystal._laws.stiffness_slope(self.overlap[index])
-            contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
+            closed_k = k[is_closed]
+            contact_exponents = 0.5 * (force[is_closed] / closed_k) * (slope[is_closed] / closed_k)
             if np.ptp(contact_exponents) > _SAME_EXPONENT:
                 raise InputError(
                     f"the exponents of contacts differ, from {np.min(contact_exponents):.6g} to"
@@ -2059,10 +2075,11 @@ class CrystalState(Result):
     def limits(self) -> tuple[Check, ...]:
         """The conditions within which the state holds.
 
-        Three conditions limit the largest, over the contacts, of a ratio: the contact radius over
-        the radius of the ball; the overlap over the last overlap of the law, if a law has one; and
-        the mean pressure of the contact over the yield strength, if one is known. Further
-        conditions stand for each diameter and material constant that no solid ball has.
+        Up to three conditions limit the largest value that a ratio has over the contacts. The
+        ratios are the contact radius over the radius of the ball; the overlap over the last overlap
+        of the law, if a law has one; and the mean pressure of the contact over the yield strength,
+        if one is known. Further conditions stand for each diameter and material constant that no
+        solid ball has.
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)

@@ -136,8 +136,8 @@ def _restore(state: CrystalState, problem: Problem) -> Rest:
 
 
 def _find_counted(rest: Rest, crystal: Crystal) -> Flags:
-    """Return (n_c + n_s,) whether means are over each contact; they are not over the n_s springs to
-    the ground, which come last.
+    """Return (n_c + n_s,) whether each of the n_c contacts counts in the mean force and overlap.
+    The n_s springs to the ground, which come last, do not.
     """
     is_counted = np.zeros(len(rest.overlap), bool)
     contacts = MeanContacts.of(rest, crystal._laws, rest.assembly.differs)

@@ -18,7 +18,7 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.validation import real_array
 
-#: least length, area or volume of a cell, over the power of the mean radius
+#: least length, area or volume of a cell, over the mean radius, its square or its cube
 _LEAST_CELL = 1e-3
 
 
@@ -70,8 +70,8 @@ def _count_in_letters() -> Iterator[str]:
 def name_kinds(
     kinds: Sequence[Ball], known_names: Mapping[Ball, str] | None = None
 ) -> tuple[str, ...]:
-    """Return the name of each kind: the one of its ball in ``known_names``, or else the name that
-    the ball itself has, or else the next unused one of A, B, C, ...
+    """Return the name of each kind: the name of its ball in ``known_names``; if there is none, the
+    name that the ball itself has; and if there is none, the next unused of A, B, C, ...
 
     Raises :class:`~granphon.base.errors.InputError` if two kinds have the same name, or a kind is
     called "floor".

@@ -82,8 +82,8 @@ def estimate_reduced_force(packing: Packing, load: Load) -> Array:
         return force_of_equal_balls
     spacings, forces = _CURVES[packing.structure.periods]
     log_spacing = np.log(np.maximum(reduced_load, spacings[0]))
-    interpolated = np.exp(np.interp(log_spacing, np.log(spacings), np.log(forces)))
-    return np.where(reduced_load > spacings[-1], force_of_equal_balls, interpolated)
+    interpolated_force = np.exp(np.interp(log_spacing, np.log(spacings), np.log(forces)))
+    return np.where(reduced_load > spacings[-1], force_of_equal_balls, interpolated_force)
 
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:

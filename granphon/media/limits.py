@@ -102,12 +102,12 @@ _LIMITS = {
 }
 
 
-def _write_force(force: float, written: str = "") -> str:
-    """Return the text of a force, N, with four digits: in the unit ``written``, which the user has
-    chosen, or, if that is empty, in N, if need be with a prefix.
+def _write_force(force: float, chosen_unit: str = "") -> str:
+    """Return the text of a ``force``, N, with four digits, in the ``chosen_unit`` of the user. If
+    that is empty, the unit is N, if need be with a prefix.
     """
-    if written:
-        return write_in(force, "N", written, 4)
+    if chosen_unit:
+        return write_in(force, "N", chosen_unit, 4)
     if force == 0.0 or 0.01 <= force < 1e4:
         return f"{force:.4g} N"
     size, unit = prefixed(force, "N")
@@ -151,8 +151,8 @@ class Check(Result):
         load.
         """
         value = np.asarray(self.value)
-        holds = value >= self.limit if self.at_least else value <= self.limit
-        return holds if np.ndim(holds) else bool(holds)
+        is_met = value >= self.limit if self.at_least else value <= self.limit
+        return is_met if np.ndim(is_met) else bool(is_met)
 
     @property
     def failing(self) -> int:
@@ -191,8 +191,8 @@ class Check(Result):
     def tell(self, where: str = "", force_unit: str = "") -> str | None:
         """Return the :attr:`warning`. The words ``where`` say at which loads the condition fails;
         they stand in brackets behind the number of these loads, or at the end of the warning of a
-        medium, and are left out where the warning counts no loads. Forces of contacts are in the
-        ``force_unit``; in N, if need be with a prefix, if that is empty.
+        medium, and are left out where the warning counts no loads. ``force_unit`` is the unit of
+        contact forces; if it is empty, the unit is N, if need be with a prefix.
         """
         failing = self.failing
         loads = np.size(self.value)

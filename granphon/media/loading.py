@@ -250,7 +250,7 @@ class LoadedSample:
         history, state = self._begin()
         self._require_above(history, state, path)
         states = history.path(path, state)
-        frictionless = self._make_stencils()  # all equilibria of the path share these stencils
+        frictionless_stencils = self._make_stencils()  # shared by all equilibria of the path
         for index in range(len(path)):
             try:
                 state = next(states)
@@ -260,8 +260,8 @@ class LoadedSample:
             equilibrium = PressedEquilibrium.of(
                 state, self.deviations, history.stencils, self.ratio
             )
-            yield equilibrium.share(self.deviations, frictionless)
-        frictionless.forget()
+            yield equilibrium.share(self.deviations, frictionless_stencils)
+        frictionless_stencils.forget()
 
     def _press_equal(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
         """Yield the equilibrium at each load of the path, of equal balls. Their contacts never
@@ -269,7 +269,7 @@ class LoadedSample:
         as energy.
         """
         stencils = self._make_stencils(self.packing.mindlin_ratio)
-        frictionless = self._make_stencils()
+        frictionless_stencils = self._make_stencils()
         start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
         mu = self.history.friction_coefficient
         assert mu is not None
@@ -282,11 +282,11 @@ class LoadedSample:
                 start_overlap = max(start.overlap, 0.0)
             start_energy = float(energy_of(force_of(start_overlap), start_overlap))
         for load in path:
-            at_rest = bring_to_rest(self.deviations, load, frictionless)
-            pressed = LoadingHistory(self.deviations, stencils, mu, start=at_rest).begin()
-            pressed = replace(pressed, work=pressed.stored - start_energy)
-            equilibrium = PressedEquilibrium.of(pressed, self.deviations, stencils, 0.0)
-            yield equilibrium.share(self.deviations, frictionless)
+            rest = bring_to_rest(self.deviations, load, frictionless_stencils)
+            array = LoadingHistory(self.deviations, stencils, mu, start=rest).begin()
+            loaded_array = replace(array, work=array.stored - start_energy)
+            equilibrium = PressedEquilibrium.of(loaded_array, self.deviations, stencils, 0.0)
+            yield equilibrium.share(self.deviations, frictionless_stencils)
 
 
 def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: bool = False) -> None:

@@ -53,12 +53,12 @@ class PressureSearch:
         ``rounding`` if the mean is no nearer to the goal than that of the trial before.
         """
         error = abs(self.find_excess(mean))
-        comes_no_nearer = error <= rounding and error >= self.last_error
-        return error <= self.tolerance or comes_no_nearer
+        is_rounded = error <= rounding and error >= self.last_error
+        return error <= self.tolerance or is_rounded
 
     def is_stuck(self, mean: float, rounding: float) -> bool:
-        """Return whether a ``mean`` is above the goal by as much as that of the trial before, to
-        the relative error ``rounding``: less pressure changes nothing.
+        """Return whether a ``mean`` is above the goal, and as far from the goal as the mean of the
+        trial before, to the relative error ``rounding``: less pressure changes nothing.
         """
         excess = self.find_excess(mean)
         return excess > 0.0 and abs(excess - self.last_error) <= rounding * excess
@@ -129,8 +129,8 @@ class MeanContacts(NamedTuple):
 
     @property
     def power(self) -> float:
-        """Exponent with which overlaps grow with the pressure: the mean of f over the mean of
-        k delta. For f as delta^a this is 1/a.
+        """Exponent with which overlaps grow with the pressure: the mean force over the mean of
+        stiffness times overlap. It is 1/a for a force that goes as the power a of the overlap.
         """
         work = np.mean((self.stiffness * self.overlap)[self.is_counted])
         return float(np.mean(self.force[self.is_counted]) / work)

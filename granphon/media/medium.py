@@ -112,7 +112,7 @@ class Medium(ABC, Generic[StateT]):
     @property
     def local_field(self) -> LocalField | None:
         """The local field: how far the lattice around a ball gives way; None for a medium that does
-        not need to know.
+        not use it.
         """
         return None
 
@@ -402,7 +402,7 @@ class LawMedium(Medium[ContactState]):
         The search begins at the larger ``overlap`` of a boundary that does not shrink. As the
         overlap rises, the force of the law rises and is convex, and the force that the boundary
         asks for falls, in space along a parabola that is far flatter than the law. So Newton's
-        method descends from there.
+        method descends from there. An overlap that is not finite stays so: :meth:`at` refuses it.
         """
         law = self.law
         for _ in range(_MOST_STEPS):

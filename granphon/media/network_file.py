@@ -51,6 +51,7 @@ TABLES = ("balls.csv", "contacts.csv")
 _BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 #: settings that are no options of a reader
 _OF_FILES = ("format", "files")
+#: all words for the motions of balls, of any dimension
 _MOTIONS = tuple(
     dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
@@ -91,7 +92,9 @@ def _read_twisting(value: Any, context: Any) -> float | str:
 
 
 def _read_rolling(value: Any, context: Any) -> float | str:
-    """Return a stiffness against rolling, N/m, or "epsd2", the word for that of LIGGGHTS."""
+    """Return a stiffness against rolling, N/m, from a ``value``, whose unit is as the ``context``
+    says, or "epsd2", the word for that of LIGGGHTS.
+    """
     if value == "epsd2":
         return "epsd2"
     stiffness: float = _STIFFNESS.read(value, context)
@@ -123,6 +126,7 @@ def _read_file(value: Any, context: Any) -> Path:
     return Path(context.folder / (value if isinstance(value, Path) else text(value)))
 
 
+#: kinds of settings: a file, words, and a stiffness in N/m
 _FILE = Kind(_read_file, lambda path, _: str(path.resolve()))
 
 
@@ -315,9 +319,9 @@ class NetworkFiles(Block, kw_only=True):
         )
         unknown_options = [name for name in options if name not in parameters]
         if unknown_options and not takes_any_option:
-            allowed = [name for name in self._settings if name in parameters]
+            known_options = [name for name in self._settings if name in parameters]
             fault = f"the reader of {self.format} has no option {unknown_options[0]!r}"
-            raise InputError(fault, f"It has {list_names(allowed)}", "Leave it out")
+            raise InputError(fault, f"It has {list_names(known_options)}", "Leave it out")
         return ContactNetwork.read(self.format, *files, **options)
 
     def _require_file_count(
@@ -415,8 +419,10 @@ class NetworkFiles(Block, kw_only=True):
         common.
         """
         ratios = self.network.shear_stiffness / self.network.normal_stiffness
-        have_one_ratio = ratios.size and np.ptp(ratios) <= 1e-9 * np.max(ratios)  # to rounding
-        return float(ratios[0]) if have_one_ratio else None
+        if not ratios.size:
+            return None
+        has_one_ratio = np.ptp(ratios) <= 1e-9 * np.max(ratios)  # to rounding
+        return float(ratios[0]) if has_one_ratio else None
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return the rows of the table of the packing: name, value and SI unit of each quantity."""
@@ -540,8 +546,8 @@ class NetworkMedium(Medium[Any]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether the sound of the packing takes little time: that of up to 500 balls counts as
-        quick.
+        """Whether the sound of the packing takes little time: that of up to :data:`QUICK_BALLS`
+        balls does.
         """
         return bool(self.packing.network.n_balls <= QUICK_BALLS)
 

@@ -77,22 +77,22 @@ def estimate_memory(simulation: Samples, load: Load) -> float:
     """Return the memory, bytes, that the samples of a ``simulation`` need for their states and
     moduli at all values of a ``load``.
 
-    In exact directions contacts are a list. In the directions of the lattice they are a grid, of
-    which no contact is spelled out, whether the cell shears or not; its moduli take a list up to
-    the number of balls whose matrix is factorised. Equal balls need no factors to come to rest, and
-    keep nothing of a path.
+    In exact directions contacts are a list. In the directions of the lattice contacts are a grid,
+    of which no contact is spelled out, whether the cell shears or not. The moduli of a grid take a
+    list up to the number of balls whose matrix is factorised. Equal balls need no factors to come
+    to rest, and keep nothing of a path.
     """
     packing = simulation.packing
     balls = simulation.balls
     samples = simulation.samples
     structure = packing.structure
     rotate = packing.ball_motions.rotate
-    states = load.size * samples
+    n_states = load.size * samples
     periods = structure.periods
     motions = packing.ball_motions.count if rotate else periods
     # the following are bytes for each ball
     green_bytes = _GREEN_BYTES * structure.n_balls * motions**2
-    kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
+    kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (n_states - 1)
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
     response_bytes = solved_bytes + green_bytes
     if simulation.ratio or balls <= ResponseOptions().most_balls[periods]:
@@ -100,12 +100,12 @@ def estimate_memory(simulation: Samples, load: Load) -> float:
     memory = balls * (response_bytes + kept_bytes)
     if not packing.width:
         return memory
-    force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
+    reduced_force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
     can_be_factorised = periods > 1 and balls <= RestOptions().most_balls[periods]
-    if can_be_factorised and np.any(force < _FACTOR_FORCE):
+    if can_be_factorised and np.any(reduced_force < _FACTOR_FORCE):
         memory += balls * (_ROTATING_FACTOR_BYTES if rotate else _FACTOR_BYTES)
     if simulation.history.is_loaded:
-        memory += balls * (_HISTORY_BYTES[periods] + states * _HISTORY_STATE_BYTES[periods])
+        memory += balls * (_HISTORY_BYTES[periods] + n_states * _HISTORY_STATE_BYTES[periods])
     return memory
 
 
@@ -114,7 +114,7 @@ def _estimate_list(packing: Packing, motions: int) -> float:
     strains of the cell is solved. Each ball has so many ``motions``.
     """
     structure = packing.structure
-    contacts = len(structure.contacts) / structure.n_balls
+    n_contacts = len(structure.contacts) / structure.n_balls  # of one ball
     n_strains = structure.periods * (structure.periods + 1) // 2
     contact_bytes = _LISTED_CONTACT_BYTES + _BLOCK_ENTRY_BYTES * motions**2
-    return contacts * contact_bytes + _STRAINED_MOTION_BYTES * motions * n_strains
+    return n_contacts * contact_bytes + _STRAINED_MOTION_BYTES * motions * n_strains

@@ -57,13 +57,15 @@ class SampleOnGrid:
 
     def restore(self, rest: Rest) -> Rest:
         """Return a state at rest in the order of the grid, sorted into that of the crystal."""
-        turned = rest.turned_normal
+        turned_normal = rest.turned_normal
         return replace(
             rest,
             displacement=_scatter(rest.displacement, self.balls),
             overlap=_scatter(rest.overlap, self.contacts),
             assembly=self.by_cell,
-            turned_normal=None if turned is None else _scatter(turned, self.contacts),
+            turned_normal=(
+                None if turned_normal is None else _scatter(turned_normal, self.contacts)
+            ),
         )
 
 

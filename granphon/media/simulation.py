@@ -2,10 +2,11 @@
 under load.
 
 Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
-L1 x L2 balls is simulated. The mechanical equilibrium of the sample is found without friction
-(:mod:`granphon.array.equilibrium`); the linear response (:mod:`granphon.statics.response`) then
-has shear springs at every contact that carries load. A state is a mean over samples; its
-attributes, elastic tensor, sound waves and local exponent have standard errors.
+L1 x ... x Lp cells is simulated, on a lattice with p periods. The mechanical equilibrium of the
+sample is found without friction (:mod:`granphon.array.equilibrium`); the linear response
+(:mod:`granphon.statics.response`) then has shear springs at every contact that carries load. A
+state is a mean over samples; its attributes, elastic tensor, sound waves and local exponent have
+standard errors.
 """
 
 from __future__ import annotations
@@ -1188,16 +1189,16 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.diameters is None:
             return max(0.0, largest_of_spread)
         # diameters that are given may be larger than the largest of the packing's spread
-        largest_given = packing.width_units.width * float(np.max(self.deviations(0)))
-        return max(largest_given, largest_of_spread)
+        largest_of_given = packing.width_units.width * float(np.max(self.deviations(0)))
+        return max(largest_of_given, largest_of_spread)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of the sample number ``index``, from 0; None if diameters are given."""
         return None if self.diameters is not None else self.seed + index
 
     def deviations(self, index: int) -> Array:
-        """Return the reduced deviations x = Delta/W, without a unit and with mean zero, of the
-        diameters of the sample number ``index``, from 0.
+        """Return the reduced deviations x = Delta/W of the diameters of a sample, without a unit.
+        Their mean is zero. ``index`` is the number of the sample, from 0.
 
         The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """
@@ -1533,7 +1534,9 @@ class DirectSimulation(Medium[SimulatedState]):
         stiffness and its slope.
         """
         equilibrium: Any = sample.equilibrium
-        arrays = {name: getattr(equilibrium, name) for name in _list_kept(type(equilibrium))}
+        arrays = {
+            name: getattr(equilibrium, name) for name in _list_names_of_arrays(type(equilibrium))
+        }
         balls = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
         if not self.history.is_loaded:  # a history's derivatives follow from the elastic tensors
             balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
@@ -1545,7 +1548,9 @@ class DirectSimulation(Medium[SimulatedState]):
         kind: type[Equilibrium] = TrueEquilibrium if self.ratio else Equilibrium
         if self.history.is_loaded:
             kind = PressedEquilibrium
-        arrays: dict[str, Any] = {name: balls[name] for name in _list_kept(kind) if name in balls}
+        arrays: dict[str, Any] = {
+            name: balls[name] for name in _list_names_of_arrays(kind) if name in balls
+        }
         deviations = read_only(self.deviations(0))
         structure = self.packing.structure
         equilibrium: Any = kind(deviations=deviations, lattice=structure, **arrays)
@@ -1602,7 +1607,7 @@ class DirectSimulation(Medium[SimulatedState]):
         if start is None:
             return 0.0
         starts_at_force = start.overlap is None
-        are_forces = [reduced.overlap is None for reduced in self.prescribed(load)]
+        are_forces = [reduced_load.overlap is None for reduced_load in self.prescribed(load)]
         if all(is_force == starts_at_force for is_force in are_forces):
             return 0.0  # loads of the kind of the start are compared with it unsolved
         # a start at a low force takes longer, and so does one in the exact geometry
@@ -1613,7 +1618,7 @@ class DirectSimulation(Medium[SimulatedState]):
         return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
 
 
-def _list_kept(kind: type[Equilibrium]) -> list[str]:
+def _list_names_of_arrays(kind: type[Equilibrium]) -> list[str]:
     """Return the names of the arrays of an equilibrium that are kept of a sample: not the
     deviations, which are drawn again, nor the lattice, which is that of the packing.
     """
@@ -1659,14 +1664,14 @@ def _explain_soft_waves(structure: Lattice, motions: Motions) -> str | None:
     The waves are probed on a grid of :data:`_PROBED` wave vectors along each axis of the zone,
     without its centre, where every lattice moves as a whole.
     """
-    frictionless = ContactLattice.of(structure, 0.0, motions=motions)
-    if frictionless.mechanism:
-        return frictionless.mechanism
+    lattice = ContactLattice.of(structure, 0.0, motions=motions)
+    if lattice.mechanism:
+        return lattice.mechanism
     periods = structure.periods
     coordinates = np.arange(_PROBED) / _PROBED  # fractions of a reciprocal vector
     grids = np.meshgrid(*[coordinates for _ in range(periods)], indexing="ij")
     fractions = np.stack(grids, axis=-1).reshape(-1, periods)
-    wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
-    lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
+    wavevectors = lattice.wavevectors(fractions[1:])  # without q = 0
+    lowest_frequencies = lattice.frequencies(wavevectors)[:, 0]
     is_stable = bool(np.all(lowest_frequencies > _SOFT))
     return None if is_stable else "Some of its waves cost no energy"

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-#: greatest relative difference, put down to rounding, also that of another machine, between a
-#: number of a state that was read and the number that follows from the law and the samples
+#: greatest relative difference that is put down to rounding, maybe of another machine: between a
+#: number of a state that was read, and the same number as the law and the samples give it
 _READ_TOLERANCE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
@@ -194,8 +194,8 @@ class State(ABC):
 
     @abstractmethod
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return the velocities of :meth:`long_waves` along ``direction``, and the unit
-        displacements of these waves.
+        """Return the velocities of :meth:`long_waves` along ``direction``, m/s, and the unit
+        displacements of these n_u waves.
 
         The displacements are the columns of an array (..., n_u, n_u), or (..., n, n_u, n_u) for
         directions (n, p).
@@ -248,7 +248,8 @@ class State(ABC):
         return self.reference_lattice.wave_names
 
     def long_waves(self, direction: ArrayLike) -> Array:
-        """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
+        """Return the velocities of the n_u long waves in the order of :attr:`wave_names`, m/s,
+        (..., n_u).
 
         ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n,
         n_u). In the plane the waves are the longitudinal and the transverse one.
@@ -339,27 +340,28 @@ class ContactState(State, Result):
                 f"The mean diameter is {diameter:g} m",
                 "Make the state again",
             )
-        expected = self._find_again()
+        expected_numbers = self._find_again()
         for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
-            if name in expected:
-                self._require_equal(name, unit, np.asarray(expected[name]))
+            if name in expected_numbers:
+                self._require_equal(name, unit, np.asarray(expected_numbers[name]))
 
-    def _require_equal(self, name: str, unit: str, expected: Array) -> None:
-        """Raise :class:`InputError` unless the attribute of a ``name``, in its ``unit``, is as
-        ``expected`` (of the shape of the load), to rounding.
+    def _require_equal(self, name: str, unit: str, expected_numbers: Array) -> None:
+        """Raise :class:`InputError` unless the numbers of the attribute ``name``, in its ``unit``,
+        are the ``expected_numbers`` (of the shape of the load), to rounding.
         """
-        stored = np.asarray(getattr(self, name))
+        numbers = np.asarray(getattr(self, name))
         # an overlap may be near zero, and is the difference of lengths of the size of the width
         least_size = self.packing.width if name == "overlap" else 0.0
-        size = np.maximum(np.abs(stored), least_size)
-        is_wrong = ~(np.abs(expected - stored) <= _READ_TOLERANCE * size)
+        size = np.maximum(np.abs(numbers), least_size)
+        # nan, which compares with nothing, is wrong too
+        is_wrong = ~(np.abs(expected_numbers - numbers) <= _READ_TOLERANCE * size)
         if np.any(is_wrong):
-            first_stored = float(stored[is_wrong].flat[0])
-            first_expected = float(expected[is_wrong].flat[0])
+            first_number = float(numbers[is_wrong].flat[0])
+            first_expected_number = float(expected_numbers[is_wrong].flat[0])
             raise InputError(
-                f"{name} of the {type(self).__name__} is {first_stored:.6g} {unit}",
+                f"{name} of the {type(self).__name__} is {first_number:.6g} {unit}",
                 f"What the overlap, the law and the samples of the state make of it is"
-                f" {first_expected:.6g} {unit}",
+                f" {first_expected_number:.6g} {unit}",
                 "Make the state again",
             )
 
@@ -415,8 +417,8 @@ class ContactState(State, Result):
 
     @property
     def pressure(self) -> Values:
-        """Pressure P: in the plane force per length of boundary, N/m; in space per area, Pa; on a
-        line the force, N.
+        """Pressure P: the force on a line, N; the force per length of the boundary in the plane,
+        N/m; the force per area in space, Pa.
 
         P is sqrt(3) f / d on the triangular lattice (equation 20), 2 sqrt(2) f / d^2 in fcc and
         hcp, f on a chain. With finite overlap the spacing a stands in place of d. Raises
@@ -652,11 +654,10 @@ class ContactState(State, Result):
 
     @property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane, (...,
-        6, 6) in space.
+        """Elastic tensor of the lattice of contacts in Voigt order.
 
-        The tensor is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain,
-        (..., 1, 1), in N.
+        The tensor is (..., 1, 1), N, on a line; (..., 3, 3), Pa, xx, yy, xy, in the plane, for a
+        layer one diameter thick; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy, in space.
 
         With finite overlap the entries are the coefficients between Cauchy stress and strain under
         the static pressure. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs
@@ -810,8 +811,8 @@ class ContactState(State, Result):
         """
         if not self.reference_lattice.runs_twist:
             return None
-        # with I = M (GYRATION d)^2, d cancels: it is also the distance of the balls, as there is no
-        # finite overlap here: with finite overlap a straight chain buckles
+        # with I = M (GYRATION d)^2, d cancels. The balls are at the distance d: there is no finite
+        # overlap here, as a straight chain with finite overlap buckles
         frequency = np.sqrt(self.torsion_stiffness / self.packing.mass)
         return np.asarray(frequency / GYRATION)
 

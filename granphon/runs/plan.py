@@ -978,7 +978,7 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
     n_directions = structure.periods if packing.friction else 1  # in which a contact deforms
     spectrum = settings.spectrum
     pulse = settings.pulse
-    for force in costs.find_typical_force(packing, load).tolist():
+    for force in costs.estimate_contact_force(packing, load).tolist():
         ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         # Hz, a bound for differing balls too
         top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency

@@ -50,7 +50,7 @@ from granphon.base.tables import Heading, table_text
 from granphon.base.text import counted
 from granphon.base.validation import index_array
 from granphon.media.choice import ServingMedium
-from granphon.media.cost import find_typical_force
+from granphon.media.cost import estimate_contact_force
 from granphon.media.crystal import CrystalState
 from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, NetworkState, ideal_lattice
@@ -154,7 +154,7 @@ def require_waves(
         if medium.balls <= most
     ]
     for medium, load in arrays:
-        forces = find_typical_force(medium.packing, load)  # N, at each load
+        forces = estimate_contact_force(medium.packing, load)  # N, at each load
         extremes = dict.fromkeys((float(np.min(forces)), float(np.max(forces))))
         networks = list[ContactNetwork]()
         for force in extremes:
@@ -266,7 +266,7 @@ def find_typical_state(serving: ServingMedium) -> Any:
     if serving.packing.kind_names:
         is_at_hand = serving.is_quick or serving.packing.is_network
         return serving.at(serving.load[0]) if is_at_hand else None
-    force = float(np.ravel(find_typical_force(serving.packing, serving.load))[0])
+    force = float(np.ravel(estimate_contact_force(serving.packing, serving.load))[0])
     return AveragedLattice(serving.packing).at(Load.only(force=force))[0]
 
 

@@ -228,9 +228,8 @@ class PosedDesign:
             libraries=costs.NUMBA_BYTES,
         )
         if hasattr(goal, "estimate_certificate"):
-            certificates = goal.estimate_certificate(network).times(2.0)
-            # a certificate keeps none of the frequencies from which it is found
-            cost += replace(certificates, kept=0.0, working=certificates.kept, parts=())
+            # of the given and of the best network; the text names the search alone
+            cost += replace(goal.estimate_certificate(network).times(2.0), parts=())
         return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:

@@ -408,4 +408,4 @@ class GridDescent(Descent[GridPlace]):
 
 def _sum_products(first: Values, second: Values) -> float:
     """Return the sum of the products of the entries of two arrays of one shape."""
-    return grid_loops.multiply(first.reshape(-1), second.reshape(-1))
+    return grid_loops.find_scalar_product(first.reshape(-1), second.reshape(-1))

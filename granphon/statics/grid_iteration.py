@@ -31,10 +31,10 @@ from granphon.base.compiled import compiled
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid_product import (
     GridProduct,
-    add_across,
-    add_alone,
+    add_block_products,
+    add_neighbour_products,
+    find_residual,
     invert_blocks,
-    leave,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.statics.green import list_phases, load_transforms, multiply_waves
@@ -240,8 +240,8 @@ class TangentIteration(GridIteration):
     def multiply(self, motions: Array, forces: Array) -> None:
         """Set ``forces`` to the tangent times the ``motions``, both (f, k, cells)."""
         forces[:] = 0.0
-        add_alone(self._product.diagonal, motions, forces)
-        add_across(self._product, motions, forces)
+        add_block_products(self._product.diagonal, motions, forces)
+        add_neighbour_products(self._product, motions, forces)
 
     def find_way_down(self, search: Array | None) -> Array:
         """Return the ``search`` (f, cells) as a motion (n, m); without one, of all motions of a
@@ -272,11 +272,11 @@ class TangentIteration(GridIteration):
         single = forces.astype(np.float32)
         motions = np.zeros(single.shape, np.float32)
         remaining = np.empty_like(single)
-        add_alone(self._alone, single, motions)
-        leave(self._coarse, single, motions, remaining)
+        add_block_products(self._alone, single, motions)
+        find_residual(self._coarse, single, motions, remaining)
         motions += self._apply_green(remaining)
-        leave(self._coarse, single, motions, remaining)
-        add_alone(self._alone, remaining, motions)
+        find_residual(self._coarse, single, motions, remaining)
+        add_block_products(self._alone, remaining, motions)
         return motions
 
     def _apply_green(self, forces: Values) -> Values:

@@ -105,11 +105,11 @@ class GridProblem:
 
     def needs_more_load(self, options: RestOptions) -> bool:
         """Return whether the search is to begin at rest under a larger load: where balls differ and
-        the mean force of the load is below those of ``options.interior_forces``.
+        the mean force of the load is below ``options.least_interior_force``.
         """
         if self.has_given_strain or not self.spread:
             return False
-        return bool(self.load_force < options.interior_forces[0])
+        return bool(self.load_force < options.least_interior_force)
 
     def begins_inside(self, strains: Array, options: RestOptions) -> bool:
         """Return whether the interior-point method is to come before Newton's, which then begins
@@ -124,7 +124,8 @@ class GridProblem:
             closed_part = np.mean(common[:, None] + self.offset > 0.0)
             return bool(closed_part < options.closed_part)
         force = float(np.mean(hertz.force_of(common)))
-        least, most = options.interior_forces
+        least = options.least_interior_force
+        most = options.largest_interior_force
         return bool(least <= force <= most)
 
     def needs_fine_start(self, options: RestOptions) -> bool:

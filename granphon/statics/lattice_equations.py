@@ -85,11 +85,11 @@ class LatticeEquations:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
             motion = np.zeros(force.shape, force.dtype)
             remaining = np.empty_like(force)
-            grid_loops.add_alone(alone, force, motion)
-            grid_loops.leave(runs, stiffness, force, motion, remaining)
+            grid_loops.add_block_products(alone, force, motion)
+            grid_loops.find_residual(runs, stiffness, force, motion, remaining)
             motion += green.apply(remaining, softness)
-            grid_loops.leave(runs, stiffness, force, motion, remaining)
-            grid_loops.add_alone(alone, remaining, motion)
+            grid_loops.find_residual(runs, stiffness, force, motion, remaining)
+            grid_loops.add_block_products(alone, remaining, motion)
             return motion
 
         return apply
@@ -123,7 +123,7 @@ class LatticeEquations:
         way = np.zeros_like(remaining)
         change = np.empty_like(remaining)
         preconditioned = np.empty_like(remaining)
-        square = grid_loops.multiply(remaining, remaining)
+        square = grid_loops.find_scalar_product(remaining, remaining)
         largest_square = reduction**2 * square
         product = 0.0
         count = 0
@@ -131,7 +131,7 @@ class LatticeEquations:
             preconditioned[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)
             if len(inverse_of_strains):
                 preconditioned[n:] = inverse_of_strains @ remaining[n:]
-            product, curvature, square = grid_loops.go_on(
+            product, curvature, square = grid_loops.take_conjugate_step(
                 runs,
                 stiffness,
                 strained,

@@ -82,7 +82,7 @@ class LatticeWay:
     fall : fall of the energy per length at the start, J.
     longest : the greatest length. It is infinite where no contact adheres. Otherwise it is the
         part ``options.tear_part`` of the length at which the first contact would be torn, but at
-        least ``options.shortest_step``.
+        least :data:`~granphon.contacts.assembly.ROUNDING`.
     """
 
     def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
@@ -97,7 +97,8 @@ class LatticeWay:
             is_parting = self._loss > 0.0
             lengths_to_tear = (start.overlap - laws.least)[is_parting] / self._loss[is_parting]
             longest = options.tear_part * float(np.min(lengths_to_tear, initial=math.inf))
-            self.longest = max(longest, options.shortest_step)
+            # a contact that is about to be torn does not end the search at once
+            self.longest = max(longest, ROUNDING)
 
     def go(self, length: float) -> Configuration:
         """Return the configuration at a length."""

@@ -397,23 +397,19 @@ class GridEquations:
         assembly = self.problem.assembly
         forces = _draw_forces(configuration)
         right = forces.reshape(assembly.n_balls, assembly.dimension, 1)
-        # each of n motions has about the part 1/n of the energy, and the part 1/n^(1/2) of its
-        # norm: an error of 1/n leaves no motion out. In a small array that error alone would be so
-        # large that iterations end before they meet a curvature that is hardly below zero
-        reduction = min(options.reduction, 1.0 / len(forces))
         n_iterations = 0
         solution = None
         if self._last is not None:
             stiffness, iteration = self._last
             if has_hardly_changed(configuration, stiffness, options):
-                solution = iteration.solve(right, reduction, most, 0.0)
+                solution = iteration.solve(right, options.probe_reduction, most, 0.0)
                 n_iterations = solution.iterations
         if solution is None or solution.way_down is not None:
             blocks = self._fill_blocks(configuration, configuration.stiffness, 1.0)
             axes = np.arange(assembly.dimension)
             blocks.diagonal[axes, axes] += options.curvature * find_strongest_push(configuration)
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
-            solution = iteration.solve(right, reduction, most, 0.0)
+            solution = iteration.solve(right, options.probe_reduction, most, 0.0)
             n_iterations += solution.iterations
         return GridProbe(self._extend(solution.way_down), solution.has_arrived, n_iterations)
 

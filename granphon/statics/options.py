@@ -44,6 +44,8 @@ class GridOptions:
     margin : part of what an accurate solution may leave that iterations aim at: the largest force
         left, and the residual, fall otherwise than the error of motions in the norm of the energy,
         which conjugate gradients lower.
+    patience : iterations with Green's function after which a grid that is small enough for factors
+        is factorised.
     rigidity : deformations that contacts resist over motions of balls, from which conjugate
         gradients take less time than factors, in a plane and in space, with slips and without.
         Balls are rigid from about one (Maxwell's count), near which iterations are many.
@@ -56,6 +58,7 @@ class GridOptions:
     green_balls: int = 2**17
     batch: int = 2**14
     margin: float = 0.1
+    patience: int = 60
     rigidity: float = 1.3
 
 
@@ -126,11 +129,12 @@ class RestOptions:
         open contacts have none.
     spring : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
     reduction : relative residual at which iterations end near rest.
+    probe_reduction : part of the error of a response to random forces that is left when the
+        curvature has been probed, less than the part of one ball among 10^6.
     rough_reduction : relative residual at which iterations end far from rest, over the root of the
         residual of rest: a step from there need not be exact.
     tear_part : part of the step at which the first contact that adheres would be torn, to which a
         step goes at most.
-    shortest_step : length of a step that is tried even where a contact is about to be torn.
     most_balls : balls, at most, whose matrices are factorised: factors then take about 1 GB.
     fewest_balls : balls from which iterations are tried before factors in the directions of the
         lattice. Where most contacts are closed, 20 to 50 iterations do: of 8^3 balls of fcc they
@@ -142,7 +146,6 @@ class RestOptions:
         enough.
     most_iterations : iterations in a step, at most, where matrices are not factorised: the search
         goes on from what they have found.
-    patience_of_grid : iterations with Green's function of an array, after which factors are found.
     largest_error : relative error of a step of an array, at most: with more of it soft motions are
         hardly solved for, and come to rest over many steps more.
     near_residual : residual below which an array is near rest: the tangent of a step may be that at
@@ -201,7 +204,7 @@ class RestOptions:
         this rounding times the mean stiffness.
     closed_part : part of contacts closed on the sites, below which interior points come before
         Newton's method where the strain is given.
-    interior_forces : least and largest mean force, in the unit of
+    least_interior_force, largest_interior_force : mean forces, in the unit of
         :class:`~granphon.statics.grid_problem.GridProblem`, for which interior points come before
         Newton's method where a load is given. Below, the search begins at rest under the last of
         the ``detours`` times the load.
@@ -243,15 +246,14 @@ class RestOptions:
     added_stiffness: float = 1e-2
     spring: float = 1e-11
     reduction: float = 1e-4
+    probe_reduction: float = 1e-4
     rough_reduction: float = 0.1
     tear_part: float = 0.9
-    shortest_step: float = 1e-9
     most_balls: Mapping[int, int] = _by_axes(2**21, 2**18, 2**12)
     fewest_balls: Mapping[int, int] = _by_axes(2**62, 500, 100)
     patience_of_iterations: Mapping[int, int] = _by_axes(0, 50, 150)
     patience_of_factors: int = 8
     most_iterations: int = 4000
-    patience_of_grid: int = 200
     largest_error: float = 1e-2
     near_residual: float = 1e-5
     stiffness_change: float = 1e-3
@@ -282,7 +284,8 @@ class RestOptions:
     least_difference: float = 1e-4
     move_rounding: float = 16.0
     closed_part: float = 0.45
-    interior_forces: tuple[float, float] = (1e-4, 1.5e-2)
+    least_interior_force: float = 1e-4
+    largest_interior_force: float = 1.5e-2
     start_tolerance: float = 1e-3
     uncertain_load: float = 0.05
     interior: InteriorOptions = InteriorOptions()
@@ -326,7 +329,6 @@ class ResponseOptions:
         most its square: twelve digits are to be right. Each digit takes a twentieth of the
         iterations.
     reduction_of_motions : error of an iteration where motions are asked for.
-    patience : iterations after which a grid that is small enough is factorised.
     most_iterations : iterations, at most, of a grid that is too large for factors.
     most_balls : balls on a line, in a plane, in space, at most, whose matrix is factorised: the
         memory of factors grows faster than it, to about 1 GB.
@@ -345,7 +347,6 @@ class ResponseOptions:
     remainder: float = 1e-6
     reduction: float = 3e-7
     reduction_of_motions: float = 1e-9
-    patience: int = 60
     most_iterations: int = 60_000
     most_balls: Mapping[int, int] = _by_axes(2**20, 2**16, 2**12)
     residual: float = 1e-10

@@ -330,7 +330,7 @@ class ListResponse(LinearResponse):
         None if conjugate gradients do not arrive and another way is left; ConvergenceError if no
         other way is left.
         """
-        most = self._options.patience if self._may_factorise else self._options.most_iterations
+        most = self._options.grid.patience if self._may_factorise else self._options.most_iterations
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
         solution = self._iteration.solve(forces, reduction, most, self._options.noise)
         if solution.has_arrived:

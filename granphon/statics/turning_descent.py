@@ -231,7 +231,7 @@ class TurningDescent(ListDescent):
         if not self.problem.assembly.differs:
             return None
         if self.problem.assembly.grid and self._is_well_held(place):
-            solution = self.grid_equations.probe(place, self._patience_of_grid)
+            solution = self.grid_equations.probe(place, self._most_iterations)
             self.iterations += solution.iterations
             if solution.way_down is not None:
                 return go_down(place, solution.way_down, self.options)
@@ -375,14 +375,14 @@ class TurningDescent(ListDescent):
         return closed >= self.options.grid.rigidity * motions or not self.is_factored
 
     @property
-    def _patience_of_grid(self) -> int:
+    def _most_iterations(self) -> int:
         """Number of iterations, at most, for a step of a grid; then factors find the step, unless
         there are too many balls for factors.
         """
         options = self.options
         if not self.is_factored:
             return options.most_iterations
-        return options.patience_of_grid
+        return options.grid.patience
 
     def _find_grid_step(self, configuration: Configuration, turnings: tuple[float, ...]) -> Array:
         """Return a step (size,) of an array by iterations, with -f/r times the first of
@@ -407,7 +407,7 @@ class TurningDescent(ListDescent):
                 configuration.pull,
                 turning,
                 reduction,
-                self._patience_of_grid,
+                self._most_iterations,
                 load_slope,
             )
             self.iterations += solution.iterations

@@ -887,7 +887,8 @@ def _extend_basis(basis: Array, vectors: Array) -> Array:
     from scipy.linalg import qr
 
     m = basis.shape[1]
-    joint_vectors = np.empty((len(basis), m + vectors.shape[1]), order="F")  # as LAPACK overwrites
+    # in the order of columns, so that LAPACK can overwrite the array
+    joint_vectors = np.empty((len(basis), m + vectors.shape[1]), order="F")
     joint_vectors[:, :m] = basis
     joint_vectors[:, m:] = vectors
     joint_basis, _ = qr(joint_vectors, overwrite_a=True, mode="economic", check_finite=False)
@@ -1045,7 +1046,7 @@ class NetworkModes(Result):
         square_motions = self.vectors[:, moving] ** 2
 
         def average(values: Array) -> Array:
-            """Return values (m, ...) of modes, each replaced by the mean over the modes of its
+            """Return values (m, ...) of modes, each replaced by the mean over the modes of the same
             frequency.
             """
             return np.moveaxis(average_equal(np.moveaxis(values, 0, -1), groups, groups), -1, 0)

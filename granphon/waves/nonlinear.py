@@ -386,7 +386,8 @@ class NonlinearWaves:
             """Return the means of the coefficient over the root of the radius and of kappa/(2 E* a)
             over the contacts of a ``pair`` of kinds, and 1 in place of E*.
 
-            Raises :class:`~granphon.base.errors.InputError` if the coefficients differ.
+            Raises :class:`~granphon.base.errors.InputError` if the coefficients over the root
+            differ by more than :data:`_SAME_MATERIAL` times their mean.
             """
             contacts = pairs.get(pair, slice(None))
             coefficients = coefficient_per_root[contacts]
@@ -1151,7 +1152,8 @@ class _System:
         less the overlap of its balls by radii and positions; zero without contacts of two balls.
         """
         network = self.network
-        contacts = np.flatnonzero(np.isfinite(network.distance))  # those with a flat wall are not
+        # the distance of a ball from a flat wall is infinite
+        contacts = np.flatnonzero(np.isfinite(network.distance))
         i = network.i[contacts]
         j = network.j[contacts]
         gaps = network.distance[contacts] - network.radii[i] - network.radii[j]
@@ -1369,9 +1371,9 @@ class _System:
         self._speeds = np.zeros_like(self.current.motions)
 
     def _set_accelerations(self, speeds: Array) -> None:
-        """Set the accelerations with which a step begins, those of the step before, which are taken
-        to be the same, and the forces that resist drives, from the present state and the ``speeds``
-        of drives, m/s.
+        """Set what a step begins with from the present state and the ``speeds`` of drives, m/s: the
+        accelerations, which are also taken as those of the step before, and the forces that resist
+        drives.
         """
         self._spread(self.v, speeds, self._speeds)
         self.contacts.act(self.current, self._speeds)

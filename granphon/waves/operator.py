@@ -537,7 +537,7 @@ class WaveOperator(LinearOperator):
         gyration_j = gyration[network.j]
         pairs: list[tuple[Row, Row]] = []
         torque = network.contact_torque
-        # torques along a line, or about the axis across a plane, are not turned by motions within
+        # motions within a line or a plane do not turn torques along the line or across the plane
         leaves_network = max(self.motions.translations) >= network.dimension
         turns_torques = network.dimension == 3 or leaves_network
         if torque is not None and np.any(torque) and turns_torques:

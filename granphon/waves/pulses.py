@@ -309,7 +309,7 @@ class Course:
         see :data:`~granphon.waves.settings.ENDS`.
 
         Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
-        along the direction.
+        along the direction, and what :meth:`_hold_walls` and :func:`drop_falling` raise.
         """
         if ends == "periodic":
             return self

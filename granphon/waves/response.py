@@ -590,7 +590,8 @@ class Places:
         ``value`` is the argument of ``Waves.response`` with this ``name``, one item or a list; all
         of its bodies must be ``held``, or all must move. Raises
         :class:`~granphon.base.errors.InputError` if there is no ball, for balls that are not there,
-        directions in which balls do not move, and bodies that move or are held against ``held``.
+        directions in which balls do not move, and bodies that move where all must be held, or the
+        reverse.
         """
         items = _list_items(value)
         balls = [np.zeros(0, int)]
@@ -676,10 +677,11 @@ class Places:
         """Return the balls (n,) of a plane across the direction.
 
         The plane of a source (``name`` "source") is the first one. That of a receiver is at the
-        given distance from the first one, or without a distance the last one. If ``held``, it is
-        the first plane of held bodies. Raises :class:`~granphon.base.errors.InputError` for a
-        receiver without a distance in a network that repeats along the direction, and if there is
-        no such plane or body.
+        given distance from the first one, or without a distance the last one. If ``held``, the
+        plane is the first one of held bodies.
+
+        Raises :class:`~granphon.base.errors.InputError` for a receiver without a distance in a
+        network that repeats along the direction, and if there is no such plane or body.
         """
         course = Course.along(self.network, self.along)
         if held:
@@ -831,9 +833,7 @@ class ResponseWork:
         if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
-            return (
-                "Static tangential forces act, or levers of slip exceed arms: without a potential"
-            )
+            return "Static tangential forces, or levers of slip that exceed arms, have no potential"
         loses_none = np.sum(self.row_losses, axis=0) == 0.0
         has_lossless_motions = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
@@ -1539,13 +1539,12 @@ class _Problem:
         energy.
         """
         matrix, drive = equations.at(w)
-        right = np.column_stack([drive, receiver_vectors / equations.top_square]).astype(
-            matrix.dtype
-        )
+        right_sides = np.column_stack([drive, receiver_vectors / equations.top_square])
+        right_sides = right_sides.astype(matrix.dtype)
         try:
             factors = equations.elimination.factorise(matrix)
-            motions = factors.solve(right)
-            change = factors.solve(right - matrix @ motions)
+            motions = factors.solve(right_sides)
+            change = factors.solve(right_sides - matrix @ motions)
         except RuntimeError:  # exactly singular
             raise _explain_resonance(w) from None
         if not np.linalg.norm(change) <= _LARGEST_CHANGE * np.linalg.norm(motions):

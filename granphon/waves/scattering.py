@@ -88,7 +88,8 @@ class Transmission(Result, array="transmitted"):
     amplitudes : (n_f, m, m) amplitude of each wave that runs out behind the strip (middle axis) for
         each wave that runs in (last axis); their squared sizes are parts of the energy.
     wavenumbers : (n_f, m) wave numbers of the waves that run in, across the layers, 1/m.
-    length : length of the strip, m: the number of its layers times their height in the first lead.
+    length : length of the strip, m: the height of a layer of the first lead, times the number of
+        balls of the strip that move over that of the layer.
     warnings : one sentence if contacts of the strip are more viscous than stiff, which suggests
         that the damping, a time, was meant in another unit.
     """
@@ -453,9 +454,9 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     (samples,).
 
     The squared size less the variance of the mean has the mean E = E_0 exp(-rate L), whatever the
-    number n of samples. It is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with
-    the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of the parts of
-    amplitudes along and across the mean, and a is the variance along the mean.
+    number n of samples. This difference is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293
+    (1948)), with the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of the
+    parts of amplitudes along and across the mean, and a is the variance along the mean.
 
     The weights of the fit take C from all lengths together, the same in all directions; the error
     takes C at each length. Both take E from the fit, which is repeated until it does not change
@@ -475,21 +476,21 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     level, rate = _fit_line(lengths, offsets, squares, counts)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
-        fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
-        derivatives = np.stack([fitted, -fitted * offsets / span])  # (2, lengths)
-        weights = 1.0 / (fitted / counts + common_variance / n_pairs)
+        fitted_energies = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
+        derivatives = np.stack([fitted_energies, -fitted_energies * offsets / span])  # (2, lengths)
+        weights = 1.0 / (fitted_energies / counts + common_variance / n_pairs)
         matrix = derivatives * weights @ derivatives.T
         if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
             break
         shares = np.linalg.solve(matrix, derivatives * weights)
-        change = shares @ (energies - fitted)
+        change = shares @ (energies - fitted_energies)
         change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
         level = level + float(change[0])
         rate = rate + float(change[1]) / span
         if np.max(np.abs(change)) < _SETTLED:
             variances_along_mean = covariances[:, 0, 0]
             covariance_squares = np.sum(covariances**2, axis=(1, 2))
-            variances = 4.0 * variances_along_mean * fitted / counts
+            variances = 4.0 * variances_along_mean * fitted_energies / counts
             variances += 2.0 * covariance_squares / n_pairs
             return rate, math.sqrt(float(shares[1] ** 2 @ variances)) / span
     return rate, math.inf

@@ -428,6 +428,7 @@ class LossSettings(Block, kw_only=True):
             if name in values:
                 first = values[name]
                 second = first
+            # a loss that is never a pair has no second parameter
             second = values.get(SECOND_LOSSES.get(name, ""), second)
             changed[name] = first if second == first else (first, second)
         return replace(self, **changed)
@@ -697,8 +698,8 @@ class NetworkSettings(EdgeSettings, kw_only=True):
         return replace(self, cut=tuple((axis, layers, pair) for (axis, layers, _), pair in cuts))
 
     def count_balls(self, number: int) -> int:
-        """Return the number of balls of a network after it is repeated and cut from the ``number``
-        before, or in the same way the number of cells.
+        """Return the number of balls of a network after it is repeated and cut, from the ``number``
+        before; cells are counted in the same way.
         """
         n_layers = math.prod(layers for _, layers, _ in self.cut)
         return number * math.prod(self.repeat) * n_layers

@@ -29,10 +29,12 @@ from tests.array.test_equilibrium import balls
 
 HERE = pathlib.Path(__file__).parent
 PATHS = json.loads((HERE / "friction_digits.json").read_text(encoding="utf-8"))
+#: balance as near as rounding allows
+EXACT = LoadingOptions(tolerance=1e-13)
 LATTICES = {"triangular": TRIANGULAR, "fcc": FCC}
 
 
-def begin(path):
+def begin(path, options=EXACT):
     """The loading of the balls of a path, and the state at its start."""
     lattice = LATTICES[path["lattice"]]
     shape = tuple(path["shape"])
@@ -44,14 +46,14 @@ def begin(path):
         friction_coefficient=0.1,
         tolerance=math.inf,
         geometry=PressedGeometry(stencils, deviations, path["ratio"]),
-        options=LoadingOptions(tolerance=1e-13),
+        options=options,
     )
     start = path["start"]
     displacements = np.reshape(start["displacements"], (-1, *shape))
     return loading, loading.stepper.place(displacements, start["overlap"])
 
 
-def assert_digits(loading, state, digits):
+def assert_digits(loading, state, digits, tolerance=1e-10):
     """Displacements, rotations and tangential forces of a state, ball by ball and contact by
     contact, have the ``digits``.
     """
@@ -69,7 +71,9 @@ def assert_digits(loading, state, digits):
         unit = state.force if name == "tangential_forces" else 1.0
         expected = np.array(digits[name]) / unit
         assert np.max(np.abs(expected)) > 1e-2
-        np.testing.assert_allclose(np.ravel(values), expected, rtol=0.0, atol=1e-10, err_msg=name)
+        np.testing.assert_allclose(
+            np.ravel(values), expected, rtol=0.0, atol=tolerance, err_msg=name
+        )
 
 
 def resume(loading, digits):
@@ -109,3 +113,13 @@ def test_each_step_from_the_state_of_another_program_has_its_digits(path):
         load = ReducedLoad(overlap=after["overlap"])
         end = loading.stepper.step([resume(loading, before)], load)
         assert_digits(loading, end, after)
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: f"{path['lattice']}-{path['ratio']}")
+def test_steps_have_the_digits_to_a_billionth_by_default(path):
+    loading, _ = begin(path, LoadingOptions())
+    states = path["states"]
+    for before, after in itertools.pairwise(states):
+        load = ReducedLoad(overlap=after["overlap"])
+        end = loading.stepper.step([resume(loading, before)], load)
+        assert_digits(loading, end, after, 1e-9)

@@ -32,7 +32,8 @@ from tests.array.test_stencils import ETA, Explicit
 def by_newton(x, load, **more):
     """The equilibrium by Newton's method alone, with Green's function."""
     with pytest.MonkeyPatch.context() as patch:
-        options = partial(RestOptions, closed_part=0.0, interior_forces=(0.0, 0.0))
+        forces = {"least_interior_force": 0.0, "largest_interior_force": 0.0}
+        options = partial(RestOptions, closed_part=0.0, **forces)
         patch.setattr("granphon.array.rest.RestOptions", options)
         return bring_to_rest(x, load, **more)
 

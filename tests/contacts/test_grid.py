@@ -118,7 +118,7 @@ def test_each_ball_alone_moves_by_its_block(name, shape):
     np.testing.assert_allclose(np.moveaxis(inverses, -1, 0), wanted, rtol=1e-10, atol=1e-12)
     forces = rng.normal(size=(grid.n_balls * d, grid.n_cells))
     motions = np.zeros_like(forces)
-    grid_loops.add_alone(inverses, forces, motions)
+    grid_loops.add_block_products(inverses, forces, motions)
     by_ball = forces.reshape(grid.n_balls, d, -1).swapaxes(1, 2).reshape(balls, d)
     moved = np.einsum("bij,bj->bi", wanted, by_ball).reshape(grid.n_balls, -1, d).swapaxes(1, 2)
     np.testing.assert_allclose(motions, moved.reshape(motions.shape), rtol=1e-9, atol=1e-11)
@@ -127,7 +127,9 @@ def test_each_ball_alone_moves_by_its_block(name, shape):
 @pytest.mark.parametrize("count", [0, 1, 15, 16, 17, 100])
 def test_sums_of_products(count):
     first, second = np.random.default_rng(3).normal(size=(2, count))
-    assert grid_loops.multiply(first, second) == pytest.approx(float(first @ second), abs=1e-13)
+    assert grid_loops.find_scalar_product(first, second) == pytest.approx(
+        float(first @ second), abs=1e-13
+    )
 
 
 @every_shape

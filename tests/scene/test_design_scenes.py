@@ -17,6 +17,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.cli.main import main
 from granphon.inverse.search import Problem
+from granphon.media import cost as costs
 from granphon.scene.report import read_report
 
 BALLS = """\
@@ -272,7 +273,13 @@ def test_a_run_takes_the_memory_that_check_tells(tmp_path, case):
 
 
 def test_the_certificate_of_a_gap_is_in_the_cost():
-    search, *certificates = gp.Scene.from_text(MASSES).posed_design.cost.units
+    design = gp.Scene.from_text(MASSES).posed_design
+    search, *certificates = design.cost.units
     # q and -q of a mesh four times finer, and the edges of a gap, at both ends of the search
     assert certificates[0].number > 2 * 0.5 * 4 * 48
     assert search.number == 3 * 200
+    # the frequencies of six branches, on a mesh finer than that of the search
+    space = design.problem.space
+    network = space.make_network(space.start)
+    certificate = design.problem.goals[0].estimate_certificate(network)
+    assert design.cost.memory >= costs.NUMBA_BYTES + certificate.working > costs.NUMBA_BYTES

@@ -20,7 +20,8 @@ TABLES = [
 ROOMS = ("array", "contacts", "statics")
 PACKAGE = pathlib.Path(granphon.__path__[0])
 MODULES = sorted(path for room in ROOMS for path in (PACKAGE / room).glob("*.py"))
-#: what a caller asks for, and no number of a method
+#: what a caller asks for, and no number of a method: threads change only the time of the computer,
+#: and a flag names the mean force that the caller's tolerance refers to
 ASKED = ("workers", "of_all")
 #: numbers of modules of these rooms that are no options of a method, by what they are
 OUTSIDE = {
