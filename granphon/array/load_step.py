@@ -449,7 +449,7 @@ class LoadStep:
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
         torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
-        part = self._choose_reduction(max(trial.left, trial.missed))
+        part = self._choose_reduction(max(trial.imbalance, trial.load_error))
         if not dot(torque, torque) > (part * trial.size) ** 2:
             return trial
         around, arms = self._list_around(loose, turning)
