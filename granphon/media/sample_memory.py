@@ -24,7 +24,7 @@ _BALL_BYTES = {1: 650.0, 2: 380.0, 3: 450.0}
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 1400.0}
 #: bytes for each contact of a list, and for each entry of its block of the tangent, (m, m) with m
 #: motions of a ball, in double and in single precision, while the list responds to strains
-_LISTED_CONTACT_BYTES = 220.0
+_LISTED_CONTACT_BYTES = 250.0
 _BLOCK_ENTRY_BYTES = 12.0
 #: bytes for each motion of a ball under each strain while the list responds: the force that is
 #: left, the direction of the search and the like
