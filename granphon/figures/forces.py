@@ -137,9 +137,10 @@ def plot_forces(
         normal force of the contacts of each ball, "contacts" their number, and "overlap" their mean
         overlap, found from the places of balls; the overlap with a flat wall, which places do not
         show, does not count. "nonaffine" is the length of :func:`~granphon.find_nonaffine` under a
-        shear of one, and "spin" the rotation about z under this shear. Or (n,) numbers of your own
-        for the n balls, as those of a mode. A bar says what colours mean. Balls and contacts with
-        large numbers are dark.
+        shear of one, and "spin" the rotation about z under this shear. Or (n,) numbers of your own,
+        one for each ball and wall, as those of a mode. A bar says what colours mean: large numbers
+        are dark, as large forces of contacts are; if numbers have both signs, those below zero are
+        blue and those above zero red.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
     :class:`~granphon.base.errors.InputError` for another word of ``show`` or ``color``, a color of

@@ -205,8 +205,8 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
     """Draw the balls at one of the frames, coloured by their speed; an array in space is seen along
     z.
 
-    ``frame`` is counted from 0, or from the end below 0, and ``most`` is the speed, m/s, of the
-    darkest colour, by default the greatest speed of the frame. Raises
+    ``frame`` is counted from 0; below 0 it is counted from the end, -1 for the last frame. ``most``
+    is the speed, m/s, of the darkest colour, by default the greatest speed of the frame. Raises
     :class:`~granphon.base.errors.InputError` if the motion has no such frame, and for a ``most``
     that is not above zero.
     """
