@@ -348,13 +348,15 @@ def measure_slopes(
     distance: Array,
     force: Array,
     stiffness: Array,
+    load: Array,
     steps: Array,
     group: NDArray[np.int64],
     work: Array,
     rise: Array,
 ) -> None:
-    """Add to ``work`` (groups,) the work of the forces of contacts per unit of the length of each
-    group's step, and to ``rise`` (groups,) the rate at which ``work`` falls with the length.
+    """Set ``work`` (groups,) to the work of the forces ``load`` (n, d) on balls and of the forces of
+    contacts per unit of the length of each group's step, and ``rise`` (groups,) to the rate at
+    which ``work`` falls with the length.
 
     The step of a ball is its length times ``steps`` (n, d). Contacts (n_c,) have the numbers ``i``
     and ``j`` of their bodies, the ``current`` vectors (n_c, 3) from body to body of the length
@@ -363,6 +365,11 @@ def measure_slopes(
     of directions are left out of ``rise``.
     """
     n, d = steps.shape
+    work[:] = 0.0
+    rise[:] = 0.0
+    for ball in range(n):
+        for axis in range(d):
+            work[group[ball]] += load[ball, axis] * steps[ball, axis]
     for contact in range(len(i)):
         if force[contact] == 0.0 and stiffness[contact] == 0.0:
             continue

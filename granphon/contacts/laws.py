@@ -60,10 +60,12 @@ class ContactLaws:
     ) -> None:
         self.groups = groups
         self.count = count
-        #: the law of all contacts, where they have one
-        self._law: object = None
-        if len(groups) == 1 and np.array_equal(groups[0][1], np.arange(count)):
-            self._law = groups[0][0]
+        #: the law of all contacts, where they have one, of granphon
+        self._law: EnergyLaw | None = None
+        if len(groups) == 1:
+            law, contacts = groups[0]
+            if isinstance(law, EnergyLaw) and np.array_equal(contacts, np.arange(count)):
+                self._law = law
         self.modulus = np.ones(count) if modulus is None else modulus
         #: the limits of the law of each group
         self._limits = [_Limits.of(law) for law, _ in groups] if limits is None else limits
@@ -156,6 +158,12 @@ class ContactLaws:
         """Return the stiffness of each contact, N/m, at overlaps (n_c,), m."""
         return self._evaluate(overlap, STIFFNESS)
 
+    def press(self, overlap: Array) -> tuple[Array, Array]:
+        """Return the force, N, and the stiffness, N/m, of each contact at overlaps (n_c,), m."""
+        if self._law is not None:
+            return self._law._press(overlap)
+        return self.force(overlap), self.stiffness(overlap)
+
     def stiffness_slope(self, overlap: Array) -> Array:
         """Return the slope of the stiffness of each contact, N/m^2, at overlaps (n_c,), m."""
         return self._evaluate(overlap, SLOPE)
@@ -171,7 +179,7 @@ class ContactLaws:
         Trials of a solver may leave the floating range, which the solver notices: laws of granphon
         are evaluated without checks.
         """
-        if isinstance(self._law, EnergyLaw):
+        if self._law is not None:
             return np.asarray(self._law._evaluate(overlap, order))
         values = np.zeros(self.count)
         for law, contacts in self.groups:

@@ -133,8 +133,7 @@ class _Cages:
         self.displacement = displacement
         self.turned = turn_contacts(assembly, displacement, np.zeros((3, 3)))
         self.overlap = assembly.offset - self.turned.loss
-        self.force = assembly.laws.force(self.overlap)
-        self.stiffness = assembly.laws.stiffness(self.overlap)
+        self.force, self.stiffness = assembly.laws.press(self.overlap)
 
     @cached_property
     def pull(self) -> Array:
@@ -199,30 +198,24 @@ class _Cages:
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
         count = join_balls(*ends, touches, group)
 
-        def sum_work(forces: Array) -> Array:
-            """Return the work (count,), J, of forces (n, d), N, on the balls of each group along
-            the whole step.
-            """
-            work = np.einsum("na,na->n", forces, steps)
-            return np.asarray(np.bincount(group, work, count), float)
-
-        first_work = sum_work(self.pull)
-        work_of_load = sum_work(self.load)
+        # the work of all forces per unit of length where the step begins
+        first_work = np.bincount(group, np.einsum("na,na->n", self.pull, steps), count)
         is_at_rest = self.find_largest_pulls(group, count) <= force_at_rest
         is_done = is_at_rest | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
         low = np.zeros(count)
         high = np.full(count, np.inf)
+        work = np.empty(count)
+        rise = np.empty(count)
         for trial in range(options.loose_slopes):
             # the first lengths are whole steps: these have been taken already if all groups go
             if trial or np.any(is_done):
                 ahead = self._go(length[group, None] * steps)
-            # the loop adds to these, and changes the lengths and their brackets in place
-            work = work_of_load.copy()
-            rise = np.zeros(count)
             vectors = (ahead.turned.current, ahead.turned.distance)
-            measure_slopes(*ends, *vectors, ahead.force, ahead.stiffness, steps, group, work, rise)
+            forces = (ahead.force, ahead.stiffness, self.load)
+            measure_slopes(*ends, *vectors, *forces, steps, group, work, rise)
             slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
+            # the lengths and their brackets are changed in place
             if choose_lengths(*slopes, length, low, high, is_done):
                 break
         return ahead
