@@ -139,6 +139,10 @@ class EnergyLaw(ABC):
         ``overlap``, m, unchecked; zero where the bodies are apart.
         """
 
+    def _press(self, overlap: Array) -> tuple[Array, Array]:
+        """Return the force, N, and the stiffness, N/m, at each ``overlap``, m, unchecked."""
+        return self._evaluate(overlap, FORCE), self._evaluate(overlap, STIFFNESS)
+
     def _find(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
         ``overlap``, m; raise :class:`InputError` for what is no real number, for nan, and where the
@@ -275,6 +279,14 @@ class HertzLaw(EnergyLaw):
         slope = np.zeros_like(root)
         np.divide(0.75 * self.coefficient, root, out=slope, where=root > 0.0)
         return slope[()]
+
+    def _press(self, overlap: Array) -> tuple[Array, Array]:
+        """Return the force c delta_+^(3/2), N, and the stiffness (3/2) c delta_+^(1/2), N/m, at
+        each ``overlap`` delta, m, with one root for both.
+        """
+        delta = np.maximum(overlap, 0.0)
+        root = np.sqrt(delta)
+        return self.coefficient * delta * root, 1.5 * self.coefficient * root
 
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).

@@ -353,13 +353,15 @@ def measure_slopes(
     distance: Array,
     force: Array,
     stiffness: Array,
+    load: Array,
     steps: Array,
     group: NDArray[np.int64],
     work: Array,
     rise: Array,
 ) -> None:
-    """Add to ``work`` (groups,) the work of the forces of contacts per unit of the length of each
-    group's step, and to ``rise`` (groups,) the rate at which ``work`` falls with the length.
+    """Set ``work`` (groups,) to the work of the forces ``load`` (n, d) on balls and of the forces of
+    contacts per unit of the length of each group's step, and ``rise`` (groups,) to the rate at
+    which ``work`` falls with the length.
 
     A ball moves by the length of its group's step times ``steps`` (n, d); ``group`` (n,) is the
     number of the group of each ball. Contacts have the bodies ``i`` and ``j``, the ``current``
@@ -369,6 +371,11 @@ def measure_slopes(
     out that directions change.
     """
     n, d = steps.shape
+    work[:] = 0.0
+    rise[:] = 0.0
+    for ball in range(n):
+        for axis in range(d):
+            work[group[ball]] += load[ball, axis] * steps[ball, axis]
     for contact in range(len(i)):
         if force[contact] == 0.0 and stiffness[contact] == 0.0:
             continue

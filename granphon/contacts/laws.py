@@ -49,13 +49,6 @@ class ContactLaws:
     count : the number of contacts, n_c.
     modulus : (n_c,) E* of the two bodies, Pa; only :meth:`punch` reads it. Ones by default.
     limits : the limits of the law of each group, if they are known.
-
-    Attributes
-    ----------
-    least : (n_c,) overlap below which contacts are open, m; -inf of a bond.
-    touch : (n_c,) overlap at which bodies that come together touch, m; -inf of a bond.
-    most : (n_c,) overlap up to which the law is known, m.
-    tension : (n_c,) pull that a contact bears before it opens, N; inf of a bond.
     """
 
     def __init__(
@@ -67,22 +60,44 @@ class ContactLaws:
     ) -> None:
         self.groups = groups
         self.count = count
-        #: the law of all contacts, where they have one
-        self._law: object = None
-        if len(groups) == 1 and np.array_equal(groups[0][1], np.arange(count)):
-            self._law = groups[0][0]
+        #: the law of all contacts, where they have one, of granphon
+        self._law: EnergyLaw | None = None
+        if len(groups) == 1:
+            law, contacts = groups[0]
+            if isinstance(law, EnergyLaw) and np.array_equal(contacts, np.arange(count)):
+                self._law = law
         self.modulus = np.ones(count) if modulus is None else modulus
         #: the limits of the law of each group
         self._limits = [_Limits.of(law) for law, _ in groups] if limits is None else limits
-        self.least = np.zeros(count)
-        self.touch = np.zeros(count)
-        self.most = np.full(count, np.inf)
-        self.tension = np.zeros(count)
-        for (_, contacts), limit in zip(groups, self._limits, strict=True):
-            self.least[contacts] = limit.least
-            self.touch[contacts] = limit.touch
-            self.most[contacts] = limit.most
-            self.tension[contacts] = limit.tension
+
+    @cached_property
+    def least(self) -> Array:
+        """(n_c,) overlap below which contacts are open, m; -inf of a bond."""
+        return self._spread(0.0, [limit.least for limit in self._limits])
+
+    @cached_property
+    def touch(self) -> Array:
+        """(n_c,) overlap at which bodies that come together touch, m; -inf of a bond."""
+        return self._spread(0.0, [limit.touch for limit in self._limits])
+
+    @cached_property
+    def most(self) -> Array:
+        """(n_c,) overlap up to which the law is known, m."""
+        return self._spread(math.inf, [limit.most for limit in self._limits])
+
+    @cached_property
+    def tension(self) -> Array:
+        """(n_c,) pull that a contact bears before it opens, N; inf of a bond."""
+        return self._spread(0.0, [limit.tension for limit in self._limits])
+
+    def _spread(self, of_others: float, of_groups: list[float]) -> Array:
+        """Return the value (n_c,) of each contact: that of its group, among ``of_groups``, or the
+        value ``of_others`` of contacts of no group.
+        """
+        values = np.full(self.count, of_others)
+        for (_, contacts), value in zip(self.groups, of_groups, strict=True):
+            values[contacts] = value
+        return values
 
     @property
     def adhesion(self) -> Array:
@@ -146,6 +161,12 @@ class ContactLaws:
         """Return the stiffness of each contact, N/m, at overlaps (n_c,), m."""
         return self._evaluate(overlap, STIFFNESS)
 
+    def press(self, overlap: Array) -> tuple[Array, Array]:
+        """Return the force, N, and the stiffness, N/m, of each contact at overlaps (n_c,), m."""
+        if self._law is not None:
+            return self._law._press(overlap)
+        return self.force(overlap), self.stiffness(overlap)
+
     def stiffness_slope(self, overlap: Array) -> Array:
         """Return the slope of the stiffness of each contact, N/m^2, at overlaps (n_c,), m."""
         return self._evaluate(overlap, SLOPE)
@@ -161,7 +182,7 @@ class ContactLaws:
         Laws of granphon are evaluated without checks of the overlaps: trials of a solver may leave
         the range of floating numbers, and the solver notices that itself.
         """
-        if isinstance(self._law, EnergyLaw):
+        if self._law is not None:
             return np.asarray(self._law._evaluate(overlap, order))
         values = np.zeros(self.count)
         for law, contacts in self.groups:

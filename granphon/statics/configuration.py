@@ -195,6 +195,15 @@ class Problem:
         work = np.zeros(len(self.unit_strains)) if stress is None else self.find_work(stress)
         return np.concatenate([self.load.force, work])
 
+    @cached_property
+    def load_changes(self) -> bool:
+        """Whether forces of the load change as the cell deforms: in exact directions, those of a
+        stress and of a pressure.
+        """
+        load = self.load
+        is_pressed = load.stress is not None or bool(np.any(load.pressure_force))
+        return self.turns and self.assembly.periods > 0 and is_pressed
+
     def find_work(self, stress: Array) -> Array:
         """Return the forces (s,), N, of a ``stress`` (p, p), in N, N/m or Pa with one, two or three
         periods, on the s unknown strains: its work on the cell as it is at touch, over each
@@ -433,7 +442,7 @@ class Configuration:
         """
         problem = self.problem
         load = problem.load
-        if not problem.turns or not len(self.strain):
+        if not problem.load_changes:
             return problem.force
         force = load.force + (self.growth - 1.0) * load.pressure_force
         work = np.zeros(len(problem.unit_strains))

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,57 +50,67 @@ def lead_loose_balls(
     largest = float(np.max(configuration.force_on_balls[loose], initial=0.0))
     if largest <= tolerance * configuration.force_size:
         return configuration
-    moving = loose
+    problem = configuration.problem
+    d = problem.assembly.dimension
+    # the unknowns that are displacements of loose balls
+    of_loose = np.flatnonzero(np.repeat(loose, d))
+    load = configuration.load_force[of_loose].reshape(-1, d)
+    loose_assembly = problem.assembly.cut_out(loose, configuration.current, configuration.overlap)
+    cages = _Cages(loose_assembly, load, np.zeros((loose_assembly.n_bodies, 3)))
+    sizes = _Sizes(
+        force=configuration.force_size,
+        stiffness=float(np.mean(configuration.stiffness)),
+        force_at_rest=tolerance * configuration.force_size,
+    )
+    x = configuration.x.copy()
     for _ in range(options.steps):
+        cages, moving = _lead_clusters(cages, sizes, options)
+        x[of_loose] += cages.displacement[:-1, :d].ravel()
         if not np.any(moving):
             break
-        configuration, moving = _lead_clusters(configuration, moving, tolerance, options)
-    return configuration
+        cages = cages.cut_out(moving)
+        of_loose = of_loose[np.repeat(moving, d)]
+    return configuration.move(x)
 
 
-def _lead_clusters(
-    configuration: Configuration, loose: Flags, tolerance: float, options: RestOptions
-) -> tuple[Configuration, Flags]:
-    """Return the configuration in which more than three quarters of the ``loose`` balls (n,) have
-    come to rest, and which balls (n,) have not: the caller goes on with them, in smaller clusters.
-    After ``options.inner_steps`` the clusters that are left are given up, and none of their balls
-    counts as moving.
+class _Sizes(NamedTuple):
+    """The sizes by which what is done with loose balls is measured.
 
-    The other balls are held. A ball is at rest if no more force than ``tolerance`` times the size
-    of the forces of contacts is left on any ball of its cluster. Springs to the ground, weaker as
-    forces fall, shorten the steps.
+    Attributes
+    ----------
+    force : size of the forces of all contacts, N.
+    stiffness : mean stiffness of all contacts, N/m.
+    force_at_rest : largest force that may be left on a loose ball, N.
     """
-    problem = configuration.problem
-    assembly = problem.assembly
-    d = assembly.dimension
-    loose_assembly = assembly.cut_out(loose, configuration.current, configuration.overlap)
-    # the unknowns that are displacements of loose balls
-    of_loose = np.zeros(problem.size, bool)
-    of_loose[: problem.n_ball_unknowns] = np.repeat(loose, d)
-    n = loose_assembly.n_balls
+
+    force: float
+    stiffness: float
+    force_at_rest: float
+
+
+def _lead_clusters(cages: _Cages, sizes: _Sizes, options: RestOptions) -> tuple[_Cages, Flags]:
+    """Return the cages in which more than three quarters of the balls have come to rest, and which
+    balls (n,) have not: the caller goes on with them, in smaller clusters. After
+    ``options.inner_steps`` the clusters that are left are given up, and none of their balls counts
+    as moving.
+
+    A ball is at rest if no more force than ``sizes.force_at_rest`` is left on any ball of its
+    cluster. Springs to the ground, weaker as forces fall, shorten the steps.
+    """
+    assembly = cages.assembly
+    n = assembly.n_balls
     cluster = np.empty(n, np.int64)
-    all_contacts = np.ones(loose_assembly.n_contacts, bool)
-    n_clusters = join_balls(loose_assembly.i, loose_assembly.j, all_contacts, cluster)
-    load = configuration.load_force[of_loose].reshape(-1, d)
-    cages = _Cages(loose_assembly, load, np.zeros((loose_assembly.n_bodies, 3)))
-    force_at_rest = tolerance * configuration.force_size
-    mean_stiffness = float(np.mean(configuration.stiffness))
-    moves = np.ones(n, bool)
+    all_contacts = np.ones(assembly.n_contacts, bool)
+    n_clusters = join_balls(assembly.i, assembly.j, all_contacts, cluster)
     for _ in range(options.inner_steps):
         largest = cages.find_largest_pulls(cluster, n_clusters)
-        moves = (largest > force_at_rest)[cluster]
+        moves = (largest > sizes.force_at_rest)[cluster]
         if 4 * int(np.count_nonzero(moves)) < n:
-            break
-        relative_force = np.minimum(1.0, largest[cluster] / configuration.force_size)
+            return cages, moves
+        relative_force = np.minimum(1.0, largest[cluster] / sizes.force)
         springs = options.loose_spring + options.added_stiffness * relative_force
-        cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
-    else:
-        moves = np.zeros(n, bool)
-    x = configuration.x.copy()
-    x[of_loose] += cages.displacement[:-1, :d].ravel()
-    moving = loose.copy()
-    moving[loose] = moves
-    return configuration.move(x), moving
+        cages = cages.advance(sizes.stiffness * springs, moves, sizes.force_at_rest, options)
+    return cages, np.zeros(n, bool)
 
 
 class _Cages:
@@ -112,6 +122,7 @@ class _Cages:
     assembly, load, displacement : those that are given; ``load`` (n, d) are forces on the balls, N,
         that do not change.
     turned : the contacts at the displacement.
+    overlap : (n_c,) overlaps of the contacts, m.
     force : (n_c,) forces of the contacts, N.
     stiffness : (n_c,) stiffnesses of the contacts along their normals, N/m.
     """
@@ -121,9 +132,8 @@ class _Cages:
         self.load = load
         self.displacement = displacement
         self.turned = turn_contacts(assembly, displacement, np.zeros((3, 3)))
-        overlap = assembly.offset - self.turned.loss
-        self.force = assembly.laws.force(overlap)
-        self.stiffness = assembly.laws.stiffness(overlap)
+        self.overlap = assembly.offset - self.turned.loss
+        self.force, self.stiffness = assembly.laws.press(self.overlap)
 
     @cached_property
     def pull(self) -> Array:
@@ -163,6 +173,13 @@ class _Cages:
         displacement[:n, :d] += steps
         return _Cages(self.assembly, self.load, displacement)
 
+    def cut_out(self, balls: Flags) -> _Cages:
+        """Return the cages of the chosen ``balls`` (n,) alone, which begin where the balls are; all
+        other balls are held.
+        """
+        assembly = self.assembly.cut_out(balls, self.turned.current, self.overlap)
+        return _Cages(assembly, self.load[balls], np.zeros((assembly.n_bodies, 3)))
+
     def advance(
         self, springs: Array, moves: Flags, force_at_rest: float, options: RestOptions
     ) -> _Cages:
@@ -181,30 +198,24 @@ class _Cages:
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
         count = join_balls(*ends, touches, group)
 
-        def sum_work(forces: Array) -> Array:
-            """Return the work (count,), J, of forces (n, d), N, on the balls of each group along
-            the whole step.
-            """
-            work = np.einsum("na,na->n", forces, steps)
-            return np.asarray(np.bincount(group, work, count), float)
-
-        first_work = sum_work(self.pull)
-        work_of_load = sum_work(self.load)
+        # the work of all forces per unit of length where the step begins
+        first_work = np.bincount(group, np.einsum("na,na->n", self.pull, steps), count)
         is_at_rest = self.find_largest_pulls(group, count) <= force_at_rest
         is_done = is_at_rest | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
         low = np.zeros(count)
         high = np.full(count, np.inf)
+        work = np.empty(count)
+        rise = np.empty(count)
         for trial in range(options.loose_slopes):
             # the first lengths are whole steps: these have been taken already if all groups go
             if trial or np.any(is_done):
                 ahead = self._go(length[group, None] * steps)
-            # the loop adds to these, and changes the lengths and their brackets in place
-            work = work_of_load.copy()
-            rise = np.zeros(count)
             vectors = (ahead.turned.current, ahead.turned.distance)
-            measure_slopes(*ends, *vectors, ahead.force, ahead.stiffness, steps, group, work, rise)
+            forces = (ahead.force, ahead.stiffness, self.load)
+            measure_slopes(*ends, *vectors, *forces, steps, group, work, rise)
             slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
+            # the lengths and their brackets are changed in place
             if choose_lengths(*slopes, length, low, high, is_done):
                 break
         return ahead
