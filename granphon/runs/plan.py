@@ -479,7 +479,7 @@ class Plan:
         if has_only_dos:  # any array has a density of states
             return
         # imported here: not all scenes need waves
-        from granphon.runs.wave_records import require_network, require_waves
+        from granphon.runs.wave_records import require_friction, require_network, require_waves
 
         for planned in self.checked_cases:
             named = partial(self._name_case, planned.case)
@@ -491,6 +491,11 @@ class Plan:
                 require_waves(planned.serving_media, replace(waves, pulse=None), most)
             with self.places.at("pulse"), named():
                 require_waves(planned.serving_media, replace(waves, spectrum=None), most)
+        cases = [planned.serving_media for planned in self.checked_cases]
+        for settings in waves.of_networks:
+            if isinstance(settings, MotionSettings):
+                with self.places.at(settings.block, "friction_coefficient"):
+                    require_friction(cases, settings, most)
 
     @contextmanager
     def _name_case(self, case: Case) -> Iterator[None]:

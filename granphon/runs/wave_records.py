@@ -1,8 +1,8 @@
 """The numbers that a run keeps of the waves in each sample or network, and their means over samples
 with standard errors.
 
-:func:`require_waves` and :func:`require_network` refuse what can be known to be impossible before
-anything is simulated.
+:func:`require_waves`, :func:`require_network` and :func:`require_friction` refuse what can be known
+to be impossible before anything is simulated.
 
 The record of a sample holds arrays by name, which :func:`record_waves` finds. From the records of
 all samples at one load :func:`average_waves` finds the observables that the catalogue lists under
@@ -221,6 +221,35 @@ def _require_spectrum(
         find_polarisations(operator, points.q[0], polarisation, None)
 
 
+def require_friction(
+    cases: Sequence[Sequence[ServingMedium]], settings: MotionSettings, most: float = np.inf
+) -> None:
+    """Raise InputError if the ``settings`` have a coefficient of friction, and no contact of any of
+    the ``cases``, each of which has its media, resists slip.
+
+    Some of the cases may have no friction, as where a sweep compares balls with and without. As
+    :func:`require_network` does, this one looks at no network of more than ``most`` balls, and at
+    no crystal whose states take long; there the friction of the balls counts.
+    """
+    # imported here: other settings do not need nonlinear waves
+    from granphon.waves.nonlinear import require_slip
+
+    has_slip = any(_has_slip(serving, settings, most) for media in cases for serving in media)
+    require_slip(_find_friction(settings), has_slip=has_slip)
+
+
+def _has_slip(serving: ServingMedium, settings: MotionSettings, most: float) -> bool:
+    """Whether a contact of the networks of a medium resists slip, as :func:`require_friction` finds
+    it.
+    """
+    from granphon.waves.nonlinear import resists_slip
+
+    sample = _find_typical_sample(serving, settings, most)
+    if sample is not None:
+        return resists_slip(settings.shape(given_network(sample)))
+    return serving.packing.is_network or bool(serving.packing.friction)
+
+
 def require_network(
     serving_media: Sequence[ServingMedium],
     settings: NetworkSettings,
@@ -236,24 +265,14 @@ def require_network(
     # the key "repeat" is judged without the cut, whose errors belong to the key "cut"
     settings = replace(settings, cut=()) if key == "repeat" else settings
     for serving in serving_media:
-        array = next(iter(serving.arrays), None)
-        is_too_large = array is not None and array.balls > most
-        state = None if is_too_large else find_typical_state(serving)
-        if state is None:
+        sample = _find_typical_sample(serving, settings, most)
+        if sample is None:
             continue
-        n_balls = state.network.n_balls if array is None else array.balls
-        if settings.count_balls(n_balls) > most:
-            continue
-        network = state.network if array is None else state.network.repeat(array.cells)
         if isinstance(settings, MotionSettings) and key == "drive":
             # prepared for its errors alone; a state, unlike its network, knows the law of a crystal
-            PreparedMotion(state if array is None else network, settings)
+            PreparedMotion(sample, settings)
             continue
-        shaped_network = settings.shape(network)
-        if isinstance(settings, MotionSettings) and key == "friction_coefficient":
-            from granphon.waves.nonlinear import require_slip  # other settings do not need it
-
-            require_slip(shaped_network, _find_friction(settings))
+        shaped_network = settings.shape(given_network(sample))
         if isinstance(settings, ModesSettings) and key == "count":
             motions = shaped_network.ball_motions.count
             require_motions(settings.count, motions * int(np.sum(shaped_network.moving)))
@@ -261,6 +280,25 @@ def require_network(
             places = [find_place(words) for words in getattr(settings, key)]
             options = _choose_plane(settings)
             require_places(shaped_network, key, places, settings.quantity, **options)
+
+
+def _find_typical_sample(serving: ServingMedium, settings: NetworkSettings, most: float) -> Any:
+    """Return what stands for the samples of a medium: of one that simulates arrays the network of
+    an array of equal balls, of others the state of :func:`find_typical_state`.
+
+    None for a crystal whose state takes long, and if the balls are more than ``most``, also after
+    they are repeated and cut as the ``settings`` say.
+    """
+    array = next(iter(serving.arrays), None)
+    if array is not None and array.balls > most:
+        return None
+    state = find_typical_state(serving)
+    if state is None:
+        return None
+    n_balls = state.network.n_balls if array is None else array.balls
+    if settings.count_balls(n_balls) > most:
+        return None
+    return state if array is None else state.network.repeat(array.cells)
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
@@ -517,19 +555,25 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
     """Return the nonlinear waves in a ``network``, which was made of the state, sample or network
     ``x``. The contacts of a crystal keep their law, and other contacts have Hertz's. Without a
     coefficient of friction in the ``settings`` contacts do not slide.
+
+    Where no contact resists slip, as in those states of a sweep that have no friction, Coulomb's
+    limit in the ``settings`` has no use.
     """
     # imported here: other tasks do not need nonlinear waves
-    from granphon.waves.nonlinear import NonlinearWaves
+    from granphon.waves.nonlinear import NonlinearWaves, resists_slip
 
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
+    limit_of_slip = dict[str, Any]()
+    if resists_slip(network):
+        limit_of_slip["friction_coefficient"] = _find_friction(settings)
+        limit_of_slip["coulomb"] = settings.coulomb
     return NonlinearWaves(
         network,
         law,
-        friction_coefficient=_find_friction(settings),
         geometry=settings.geometry,
         viscous_pull=settings.viscous_pull,
-        coulomb=settings.coulomb,
+        **limit_of_slip,
         **settings.losses,
     )
 

@@ -243,7 +243,7 @@ class NonlinearWaves:
         )
         given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         self.losses = Losses.of(network, given)
-        require_slip(network, self.mu)
+        require_slip(self.mu, has_slip=resists_slip(network))
         if coulomb == "total" and self.mu == math.inf:
             why = "Without a friction_coefficient contacts do not slide"
             mend = "Give a friction_coefficient, or leave coulomb out"
@@ -677,13 +677,18 @@ def require_steps(count: float) -> None:
         )
 
 
-def require_slip(network: ContactNetwork, mu: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a coefficient of friction ``mu`` above
-    zero and not infinite, if no contact of the ``network`` resists slip, or if balls move along a
-    line, so that contacts do not slip.
+def resists_slip(network: ContactNetwork) -> bool:
+    """Whether a contact of the ``network`` resists slip; none does where balls have no friction, or
+    move along a line, so that contacts do not slip.
     """
-    slips = network.ball_motions.count > 1 and bool(np.any(network.shear_stiffness))
-    if slips or mu == 0.0 or mu == math.inf:
+    return network.ball_motions.count > 1 and bool(np.any(network.shear_stiffness))
+
+
+def require_slip(mu: float, *, has_slip: bool) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a coefficient of friction ``mu`` above
+    zero and not infinite, unless a contact resists slip, ``has_slip``.
+    """
+    if has_slip or mu == 0.0 or mu == math.inf:
         return
     raise InputError(
         f"friction_coefficient is {mu:g}, and no contact resists slip",

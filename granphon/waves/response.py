@@ -77,6 +77,7 @@ from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 from granphon.waves.sensors import (
+    DEFAULT_POLARISATION,
     FLOOR,
     Sensor,
     SensorPlaces,
@@ -523,7 +524,7 @@ class Places:
         if direction is None:
             direction = find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
-        self.polarisation = "longitudinal" if polarisation is None else polarisation
+        self.polarisation = DEFAULT_POLARISATION if polarisation is None else polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
         self._sensor_places = SensorPlaces.of(network)
 

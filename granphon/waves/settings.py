@@ -1040,7 +1040,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`."""
 
     block = "motion"
-    of_network = ("repeat", "cut", "friction_coefficient", "drive")
+    of_network = ("repeat", "cut", "drive")
 
     duration: float = setting(
         with_unit(TIME), "how long the balls move", title="duration of the motion"

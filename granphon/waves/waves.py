@@ -449,9 +449,9 @@ class Waves:
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there; a
             ball of the source that is held, unless a wall is displaced; no receiver; a sensor
-            without a contact; a direction or polarisation where no plane is driven or heard, or a
-            distance where none is heard; a loss below zero, a restitution of zero or above 1; a
-            mode without losses at one of the frequencies.
+            without a contact; a direction, or a polarisation other than "longitudinal", where no
+            plane is driven or heard, or a distance where none is heard; a loss below zero, a
+            restitution of zero or above 1; a mode without losses at one of the frequencies.
         ConvergenceError : a network that is too large to be factorised, and damped too little or
             unevenly; or, unless a ``method`` is given, a response that would take more than an
             hour.
