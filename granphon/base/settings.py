@@ -411,7 +411,9 @@ def list_settings(block_class: type[Block]) -> Mapping[str, Setting]:
 
 
 def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rule]:
-    """Return the rule that reads each setting of a block from where ``context`` says, by name."""
+    """Return for each setting of a block, by name, the rule that reads the value of the setting
+    from a file or from Python, as ``context`` says.
+    """
     settings = list_settings(block_class)
     return {name: declared.kind.rule(context) for name, declared in settings.items()}
 

@@ -172,7 +172,9 @@ def choice(value: Any, options: Collection[str]) -> str:
 
 
 def text(value: Any) -> str:
-    """Return a text, as it is; a blank one and one with a null character are refused."""
+    """Return a text, as it is. Refused are a blank text, a text with a null character, and any
+    value that is no text.
+    """
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
     raise Refused(show(value), "a name")

@@ -717,7 +717,9 @@ class SceneSource(Places):
 
     @property
     def folder(self) -> Path:
-        """Folder to which the names of files in the scene are relative."""
+        """Folder to which the names of files in the scene are relative: that of the scene's file,
+        or the working folder for a scene that is not from a file.
+        """
         return self.path.parent if self.path else Path()
 
     @property

@@ -533,9 +533,10 @@ class ErrorPropagation:
         return dataset.assign(added)
 
     def _leave_out_changed(self, errors: Array, dataset: Dataset, name: str) -> Array:
-        """Return the ``errors`` of the variable ``name`` of the ``dataset``, nan for peaks and for
-        waves of an edge that are not the same in all scenes: ``name`` is added to ``lacking`` if
-        one of these has a number. Errors of other variables are returned unchanged.
+        """Return the ``errors`` of the variable ``name`` of the ``dataset``. Those of peaks and of
+        waves of an edge are nan where :meth:`_find_same` does not find the same peak or wave in all
+        shifted scenes; ``name`` is added to ``lacking`` if a value loses its error so. Errors of
+        other variables are returned unchanged.
         """
         variable = dataset[name]
         name_of_frequencies = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
@@ -564,6 +565,7 @@ class ErrorPropagation:
                 is_same &= np.sum(is_number, axis=-1, keepdims=True) == count
             lower, upper = (_pad_ranks(results[name].values, base.shape[-1]) for results in pair)
             second_difference = np.abs(upper + lower - 2.0 * base)
+            # nan of ranks without a peak or wave is no jump
             is_same &= ~(second_difference > _JUMP * np.abs(base))
         return is_same
 
@@ -637,9 +639,12 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
 
 
 def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:
-    """Return a result of a shifted scene as :func:`_as_numbers` does; a variable whose numbers
-    stand by rank has the last length of ``shape``: it is cut there, or goes on with nan. So the
-    result can be compared with one of another number of ranks;
+    """Return the ``value`` of a result of a shifted scene as an array of floats, None where
+    :func:`_as_numbers` has none.
+
+    A variable of a data set whose numbers stand by rank, as those of peaks do, is cut, or goes on
+    with nan, to the last length of ``shape``, the shape of the result of the scene itself. So the
+    two can be compared though they have different numbers of ranks.
     :meth:`ErrorPropagation._find_same` says which ranks are those of the same peak or wave.
     """
     numbers = _as_numbers(value)
