@@ -76,15 +76,12 @@ class WaveEstimate:
     def __init__(self, operator: WaveOperator) -> None:
         self.operator = operator
 
-    def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
-        """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
+    @property
+    def finders(self) -> dict[str, Callable[..., Cost]]:
+        """The function that estimates each result, by its name; it takes the arguments of the
         method.
-
-        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, for
-        arguments that the method does not have, or of which some are missing, and for values that
-        the method refuses.
         """
-        finders: dict[str, Callable[..., Cost]] = {
+        return {
             "dos": self._find_density,
             "spectral_function": self._find_spectra,
             "modes": self._find_modes,
@@ -95,7 +92,16 @@ class WaveEstimate:
             "transmission": self._find_transmission,
             "moduli": self._find_moduli,
         }
-        find_cost = finders[one_of("the result", name, finders)]
+
+    def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
+        """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
+        method.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, for
+        arguments that the method does not have, or of which some are missing, and for values that
+        the method refuses.
+        """
+        find_cost = self.finders[one_of("the result", name, self.finders)]
         try:
             signature(find_cost).bind(*arguments, **options)
         except TypeError as error:
@@ -245,8 +251,8 @@ class WaveEstimate:
     def _find_response(
         self,
         frequencies: Any,
-        _source: Any = None,
-        _receiver: Any = None,
+        source: Any = None,
+        receiver: Any = None,
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
         *,
@@ -260,8 +266,8 @@ class WaveEstimate:
         method: str | None = None,
         tolerance: float = TOLERANCE,
     ) -> Cost:
-        """Return the cost of a response; arguments are those of ``Waves.response``, of which source
-        and receiver do not matter.
+        """Return the cost of a response; arguments are those of ``Waves.response``. ``source`` and
+        ``receiver`` are not used, as the cost does not depend on them.
         """
         operator = self.operator
         hertz = frequency_array("frequencies", frequencies)

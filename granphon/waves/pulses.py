@@ -896,7 +896,7 @@ class Pulse(Result):
         zero, does not come after the burst or is not over at the end of the record, and for all
         receivers if an echo may come before the pulse is at its height.
 
-        ``method`` and ``threshold`` are those of :meth:`arrival`.
+        ``method`` and ``threshold`` are those of :meth:`arrival`, and so is what is raised.
         """
         flights, _ = self._find_arrivals(self.signals, method, threshold)
         return np.full(flights.shape, math.nan) if self._explain_echo() else flights

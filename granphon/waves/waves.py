@@ -134,7 +134,8 @@ class Waves:
             "count_modes", "response" or "transmit"; or "moduli", of :func:`gp.moduli
             <granphon.moduli>` and of sound; or "transmission", of :func:`granphon.transmission`
             through this network.
-        arguments, options : those of the method. Moduli have none. A transmission has the two
+        arguments, options : those of the method. The source and the receiver of a response do not
+            change its cost, and may be left out. Moduli have none. A transmission has the two
             leads, the frequencies, ``axis``, ``q`` and the losses.
 
         :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
@@ -142,8 +143,9 @@ class Waves:
         estimate D is made, and one product with it is timed. For modes that are filtered out of
         random vectors the density of states is computed too, a small part of the search.
 
-        Raises :class:`~granphon.base.errors.InputError` for another name, and for numbers that the
-        method refuses.
+        Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
+        method does not have or that are missing, and for values that the method refuses; but the
+        source and the receiver of a response are not looked at.
         """
         from granphon.waves.estimates import WaveEstimate
 
