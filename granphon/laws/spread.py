@@ -86,8 +86,8 @@ class Series(NamedTuple):
     weights: Array
 
     def ratio(self, y: Array, order: int) -> Array:
-        """Return the derivative of ``order`` 0 to 3 of the reduced energy at each overlap ``y`` (any
-        shape), divided by the same derivative for equal balls.
+        """Return the derivative of ``order`` 0 to 3 of the reduced energy at each overlap ``y``
+        (any shape), divided by the same derivative for equal balls.
         """
         coefficients = self.mean * _compute_factors(order) / _HERTZ[order]
         return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, coefficients))

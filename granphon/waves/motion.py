@@ -333,9 +333,10 @@ class Motion(Result):
         A time is nan in three cases: the force changes by less than a thousandth of the greatest
         change of all forces, or by rounding alone; it has no such maximum, as when it still rises
         at the end; or a frame beside the maximum has less than half of its height, so that frames
-        are too few to tell when the pulse passes. Raises :class:`~granphon.base.errors.InputError` for another word than
-        "peak" and "front", and for a ``share`` of a front below 1e-9 or above 1; for a peak the
-        share is not used.
+        are too few to tell when the pulse passes.
+
+        Raises :class:`~granphon.base.errors.InputError` for another word than "peak" and "front",
+        and for a ``share`` of a front below 1e-9 or above 1; for a peak the share is not used.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
@@ -432,7 +433,7 @@ class Motion(Result):
         n_missed = missed_contacts.size
         if n_missed:
             fault = f"the pulse does not pass contact {missed_contacts[0]}"
-            others = f", nor {n_missed - 1} others" if n_missed > 1 else ""
+            others = f", nor {counted(n_missed - 1, 'other')}" if n_missed > 1 else ""
             why = "Its force does not change much, or still rises at the end"
             mend = "Run for longer, keep more frames, or give contacts that it has passed"
             raise InputError(fault + others, why, mend)

@@ -723,7 +723,7 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
 
 def _make_gate(times: Array, reach: float) -> Array:
     """Return factors (n_t,) at ``times`` (n_t,), s, that are 1 around the time zero, fall over the
-    last third of the ``reach``, s, to either side, and are 0 beyond.
+    last third of the ``reach``, above zero, s, to either side, and are 0 beyond.
     """
     return np.clip(3.0 * (1.0 - np.abs(times) / reach), 0.0, 1.0)
 

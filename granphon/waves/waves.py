@@ -493,9 +493,10 @@ class Waves:
         complex plane. Modes that creep fast are far away there, though their real part is zero, and
         may then be missing.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for a frequency
-        above the top, for more modes than there are, or than can be found in a large network, and
-        if losses differ and there are more motions than are factorised;
+        Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
+        zero, for losses that :meth:`response` refuses, for a frequency above the top, for more
+        modes than there are, or than can be found in a large network, and if losses differ and
+        there are more motions than are factorised;
         :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
         than springs;
         :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
