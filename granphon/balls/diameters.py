@@ -504,8 +504,8 @@ def subtract_mean(values: Array) -> Array:
 
 
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Return the different ``places`` with weight above zero, ascending, and the sums of the
-    ``weights`` of equal places.
+    """Return the places (m,) that have a weight above zero, each once and ascending, and the sums
+    (m,) of the weights at each of them, from ``places`` (n,) and their ``weights`` (n,).
     """
     has_weight = weights > 0.0
     different_places, index = np.unique(places[has_weight], return_inverse=True)

@@ -387,7 +387,7 @@ class HalfSpace:
                 mend=f"Give ({n_along},) fractions, along the layers",
             )
         if not np.all(np.isfinite(fractions)):
-            raise InputError("q is not finite")
+            raise InputError("q is not finite", mend="Give finite numbers")
         return fractions if fractions.size else np.zeros(n_along)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:

@@ -247,7 +247,8 @@ class SimulatedState(ContactState):
             force = load.array
         else:
             force = np.mean(np.reshape([sample.force for sample in samples], shape), axis=-1)
-        is_exact = any(medium.is_exact for medium, _ in simulation.by_geometry(load))
+        # at some loads of the state static forces act on small motions
+        has_exact_geometry = any(medium.is_exact for medium, _ in simulation.by_geometry(load))
         return cls(
             packing=simulation.packing,
             medium=simulation.name,
@@ -257,7 +258,7 @@ class SimulatedState(ContactState):
             normal_stiffness=np.asarray(stiffness)[()],
             samples=tuple(samples),
             fixed_overlap=fixed_overlap,
-            finite_overlap=is_exact,
+            finite_overlap=has_exact_geometry,
         )
 
     def __post_init__(self) -> None:
@@ -691,8 +692,8 @@ class SimulatedState(ContactState):
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of ``exponent`` over the samples; nan (not known) of one sample, 0 of
-        equal balls, on a line.
+        """Standard error of ``exponent`` over the samples: 0 for equal balls and on a line, where
+        the exponent is exact; else nan, not known, if there is one sample.
         """
         if not self.packing.spread_matters:
             return super().exponent_error

@@ -75,6 +75,23 @@ class WaveEstimate:
     def __init__(self, operator: WaveOperator) -> None:
         self.operator = operator
 
+    @property
+    def finders(self) -> dict[str, Callable[..., Cost]]:
+        """The function that estimates each result, by its name; it takes the arguments of the
+        method.
+        """
+        return {
+            "dos": self._find_density,
+            "spectral_function": self._find_spectra,
+            "modes": self._find_modes,
+            "branches": self._find_branches,
+            "count_modes": self._find_counts,
+            "response": self._find_response,
+            "transmit": self._find_sent_pulse,
+            "transmission": self._find_transmission,
+            "moduli": self._find_moduli,
+        }
+
     def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
         """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
         method.
@@ -91,18 +108,7 @@ class WaveEstimate:
         Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
         TypeError for arguments that the method does not have, and if some are missing.
         """
-        finders: dict[str, Callable[..., Cost]] = {
-            "dos": self._find_density,
-            "spectral_function": self._find_spectra,
-            "modes": self._find_modes,
-            "branches": self._find_branches,
-            "count_modes": self._find_counts,
-            "response": self._find_response,
-            "transmit": self._find_sent_pulse,
-            "transmission": self._find_transmission,
-            "moduli": self._find_moduli,
-        }
-        find_cost = finders[one_of("the result", name, finders)]
+        find_cost = self.finders[one_of("the result", name, self.finders)]
         signature(find_cost).bind(*arguments, **options)
         return partial(find_cost, *arguments, **options)
 
@@ -246,8 +252,8 @@ class WaveEstimate:
     def _find_response(
         self,
         frequencies: Any,
-        _source: Any = None,
-        _receiver: Any = None,
+        source: Any = None,
+        receiver: Any = None,
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
         *,
@@ -261,8 +267,8 @@ class WaveEstimate:
         method: str | None = None,
         tolerance: float = TOLERANCE,
     ) -> Cost:
-        """Return the cost of a response; arguments are those of ``Waves.response``, of which source
-        and receiver do not matter.
+        """Return the cost of a response; arguments are those of ``Waves.response``. ``source`` and
+        ``receiver`` are not used, as the cost does not depend on them.
         """
         operator = self.operator
         hertz = frequency_array("frequencies", frequencies)

@@ -270,8 +270,8 @@ class WaveOperator(LinearOperator):
         return self._make_full_root()
 
     def _make_full_root(self, phase: Any = 1.0) -> csr_array[Any]:
-        """Return :attr:`full_root` of waves in which balls j of contacts move with a ``phase``
-        (n_c,).
+        """Return :attr:`full_root` of waves, whose motions of balls j of contacts are multiplied by
+        the complex factors ``phase`` (n_c,) of size one; 1 for the network as it is.
         """
         return self._add_anchors(self._make_matrix(*self._rows_and_factors, phase))
 
@@ -361,8 +361,8 @@ class WaveOperator(LinearOperator):
         """Return R^H W R, (size, size), (rad/s)^2, with R of :attr:`full_root` and W of
         :meth:`row_weights` for ``weights`` (2, n_c); without weights this is D without G.
 
-        With a ``phase`` (n_c,) the matrix is that of waves in which balls j of contacts move with
-        that phase.
+        With complex factors ``phase`` (n_c,), of size one, the matrix is that of waves, whose
+        motions of balls j of contacts are multiplied by these factors.
         """
         root = self.full_root if phase is None else self._make_full_root(phase)
         weighed = root.multiply(self.row_weights(weights)[:, None]).tocsr()

@@ -135,7 +135,8 @@ class Waves:
             "count_modes", "response" or "transmit"; or "moduli", of :func:`gp.moduli
             <granphon.moduli>` and of sound; or "transmission", of :func:`granphon.transmission`
             through this network.
-        arguments, options : those of the method. Moduli have none. A transmission has the two
+        arguments, options : those of the method. The source and the receiver of a response do not
+            change its cost, and may be left out. Moduli have none. A transmission has the two
             leads, the frequencies, ``axis``, ``q`` and the losses.
 
         :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
@@ -144,7 +145,8 @@ class Waves:
         random vectors the density of states is computed too, a small part of the search.
 
         Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
-        method does not have, if some are missing, and for numbers that the method refuses.
+        method does not have or that are missing, and for values that the method refuses; but the
+        source and the receiver of a response are not looked at.
         """
         from granphon.waves.estimates import WaveEstimate
 
@@ -498,9 +500,10 @@ class Waves:
         complex plane. Modes that creep fast are far away there, though their real part is zero, and
         may then be missing.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for a frequency
-        above the top, for more modes than there are, or than can be found in a large network, and
-        if losses differ and there are more motions than are factorised;
+        Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
+        zero, for losses that :meth:`response` refuses, for a frequency above the top, for more
+        modes than there are, or than can be found in a large network, and if losses differ and
+        there are more motions than are factorised;
         :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
         than springs;
         :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
