@@ -1099,8 +1099,10 @@ class MotionSettings(NetworkSettings, LossSettings):
         :attr:`DriveSettings.extremes`.
         """
         extremes_of_drives = [drive.extremes for drive in self.drive]
-        names = extremes_of_drives[0]
-        return {name: max(extremes[name] for extremes in extremes_of_drives) for name in names}
+        return {
+            name: max(extremes[name] for extremes in extremes_of_drives)
+            for name in extremes_of_drives[0]
+        }
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
