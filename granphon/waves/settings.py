@@ -1052,7 +1052,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     )
     friction_coefficient: float | None = setting(
         Kind.plain(zero_or_above),
-        "Coulomb's limit of slip",
+        "Coulomb's limit of slip; states of a sweep without friction do not use it",
         default=None,
         absent="contacts do not slide",
         title="friction coefficient of the motion",
