@@ -659,9 +659,10 @@ class Plan:
         """Compute every state as one data set; arguments and errors are those of
         :func:`granphon.runs.sweep.sweep`.
 
-        A load that cannot be carried raises :class:`~granphon.base.errors.SceneError` if a scene
-        was read from a file, and one that a computation does not reach
-        :class:`~granphon.base.errors.ConvergenceError`.
+        Raises :class:`~granphon.base.errors.InputError` for a load that cannot be carried, as a
+        :class:`~granphon.base.errors.SceneError` if a scene was read from a file; and
+        :class:`~granphon.base.errors.ConvergenceError` for a load that a computation does not
+        reach.
         """
         require_executor(executor)
         require_progress(progress)

@@ -62,7 +62,7 @@ from granphon.base.quantities import (
     load_quantities,
     tensor_quantities,
 )
-from granphon.base.registry import list_added
+from granphon.base.registry import describe_failures, list_added
 from granphon.base.settings import (
     NEEDED,
     Kind,
@@ -254,7 +254,9 @@ def _read_spread(value: Any, context: Context) -> Any:
 
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
-    """Return the block of a spread of diameters, whose key names the distribution."""
+    """Return a block whose only key is the name of the distribution of a ``spread`` of diameters,
+    with the plain data of the spread under that key.
+    """
     return {spread.kind: _SPREADS[spread.kind].write(spread, context)}
 
 
@@ -699,7 +701,7 @@ def _read_observables(value: Any) -> tuple[str, ...]:
             choice(name, observables)
         except Refused as refused:
             # a plugin that is missing, or failed to load, may be why a name is not known
-            mend = refused.mend or CATALOGUE.failures or "Install the plug-in that adds the name"
+            mend = refused.mend or describe_failures() or "Install the plug-in that adds the name"
             raise Refused(refused.found, refused.allowed, mend) from None
     names = list(value)
     for name in names:
@@ -991,7 +993,7 @@ def _read_law(value: Any) -> Any:
     is_block = isinstance(value, dict) and bool(value)
     if not is_block or not all(isinstance(key, str) and len(key.split()) == 2 for key in value):
         allowed = f"{_describe_laws()}, or a block of pairs of kinds, as {{A B: hertz}}"
-        raise Refused(show(value), allowed, LAWS.failures)
+        raise Refused(show(value), allowed, describe_failures())
     return tuple(
         (tuple(pair.split()), read_inside(pair, _read_law_of_pair, law_of_pair))
         for pair, law_of_pair in value.items()
@@ -1004,7 +1006,7 @@ def _read_law_of_pair(value: Any) -> Any:
     """
     law = _read_single_law(value)
     if law is None:
-        raise Refused(show(value), _describe_laws(), LAWS.failures)
+        raise Refused(show(value), _describe_laws(), describe_failures())
     return law
 
 
@@ -1014,9 +1016,9 @@ def _describe_laws() -> str:
 
 
 def _read_single_law(value: Any) -> Any:
-    """Return the law that a ``value`` names, alone or with the block of the numbers of the law;
-    None if the value names no law. Refused for numbers that the law does not have, or does not
-    accept.
+    """Return the law that a ``value`` names: the name alone, for a law without numbers, or the name
+    with the block of all its numbers; None if the value names no law. Refused for a number that is
+    missing, that the law does not have, or that it does not accept.
     """
     name = value
     numbers: Any = None
@@ -1029,6 +1031,7 @@ def _read_single_law(value: Any) -> Any:
     arguments = read_inside(name, read_numbers, {} if numbers is None else numbers)
     with refusing(numbers or name, f"numbers of the law {name}", name):
         law = LAWS[name].law
+        # an entry is a class of laws, made with its numbers, or a law itself, which has none
         return law(**arguments) if isinstance(law, type) else law
 
 

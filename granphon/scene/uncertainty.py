@@ -429,10 +429,11 @@ class ErrorPropagation:
         ``value``, and the name of the parameter that gives most of them.
 
         None if no parameter has an effect, and for a value that is not numbers. None too if a
-        shifted scene has no numbers of the shape of the value: ``name`` is then added to
-        ``lacking``. The standard errors of ``sampling``, of the same shape, add up with those that
-        the parameters cause. A value in the ``unit`` rad is an angle, which a full turn does not
-        change.
+        shifted scene has no numbers of the shape of the value, or none where the value has one:
+        ``name`` is then added to ``lacking``. An error is nan where a shifted scene has no number.
+        The standard errors of ``sampling``, of the same shape, add up with those that the
+        parameters cause; a nan among them adds nothing. A value in the ``unit`` rad is an angle,
+        which a full turn does not change.
         """
         base = _as_numbers(value)
         if base is None:
@@ -450,6 +451,9 @@ class ErrorPropagation:
         # rounding may leave a sum of zero below zero
         variances = np.maximum(np.sum(contributions, axis=0), 0.0)
         if not np.any(variances > 0.0):
+            is_unknown = np.isnan(variances) & np.isfinite(base)
+            if np.any(is_unknown):
+                self.lacking[name] = None
             return None
         if sampling is not None:
             variances = variances + np.square(np.nan_to_num(np.asarray(sampling, float)))

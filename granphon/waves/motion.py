@@ -697,7 +697,9 @@ class Frames:
             self._file.close()
             earlier_arrays, _ = read_records(path, _ABOUT)
         with put_beside(path) as beside:
-            self._file = _begin_file(beside, self._network, self.step, self._met, frame)
+            self._file = _begin_file(
+                beside, self._network, self.step, self._balls_of_columns, frame
+            )
             for number in range(self._count):
                 earlier_frame = {
                     name: _pad(earlier_arrays[name][number], shapes[name]) for name in frame
@@ -707,7 +709,7 @@ class Frames:
             del earlier_arrays  # the earlier file is not read any more as another takes its place
 
     @property
-    def _met(self) -> Index:
+    def _balls_of_columns(self) -> Index:
         """(n_m, 2) balls of the contacts that came about beside those of the network, one pair for
         each further column.
         """
@@ -724,7 +726,7 @@ class Frames:
         for name, values in last_frame.items():
             shape = np.shape(values)
             arrays[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
-        return Motion(**arrays, network=self._network, met=self._met, step=self.step)
+        return Motion(**arrays, network=self._network, met=self._balls_of_columns, step=self.step)
 
 
 def _require_writable(path: Any) -> None:

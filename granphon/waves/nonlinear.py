@@ -1155,8 +1155,9 @@ class _System:
 
     @property
     def _extra_overlap(self) -> float:
-        """Mean over contacts, m, of the overlap that a contact has at rest by its force and law,
-        less the overlap of its balls by radii and positions; zero without contacts of two balls.
+        """Mean over the contacts without a flat wall, m, of the overlap that a contact has at rest
+        by its force and law, less the overlap of its balls by radii and positions; zero if there
+        are no such contacts.
         """
         network = self.network
         # the distance of a ball from a flat wall is infinite
@@ -1407,8 +1408,8 @@ class _System:
         return np.array(resistances)
 
     def _refresh(self) -> None:
-        """Set the elongations, normal forces and stiffnesses of the present contacts, if compiled
-        loops know the law: such steps do not set them.
+        """Set the elongations, normal forces and stiffnesses of the present contacts if compiled
+        loops know the law: the steps of such a run leave them unset, and other steps set them.
         """
         if self._knows_law:
             self.contacts.measure(self.current)

@@ -832,10 +832,10 @@ class ArrayOperator(WaveOperator):
         return ContactOperator(self.cells, shifts, head, tail)
 
     def _spread_over_cells(self, weights: NDArray[Any]) -> NDArray[Any]:
-        """Return the stiffnesses of contacts times ``weights`` (rows, n_c) over the mass of a ball,
-        (rad/s)^2, as an array (rows, kinds, *cells), where "rows" are kinds of deformation and
-        "kinds" kinds of contact. Each contact stands at the cell of its ball i; the numbers are
-        zero where two balls have no contact.
+        """Return each stiffness of the contacts, times its weight among ``weights`` (rows, n_c),
+        over the mass of a ball, (rad/s)^2, as an array (rows, kinds, *cells), where "rows" are
+        kinds of deformation and "kinds" kinds of contact. Each contact stands at the cell of its
+        ball i; the numbers are zero where two balls have no contact.
         """
         shape = (len(self.rows), len(self._contacts_of_kind), *self.cells)
         springs = np.zeros(shape, weights.dtype)

@@ -827,7 +827,7 @@ class Pulse(Result):
 
     @cached_property
     def speckle(self) -> Array:
-        """(n_r, n_t) signal of each ball minus the coherent signal, m/s."""
+        """(n_r, n_t) signal of each receiver minus the coherent signal, m/s."""
         return read_only(self.signals - self.coherent)
 
     @cached_property

@@ -1057,7 +1057,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     )
     friction_coefficient: float | None = setting(
         Kind.plain(zero_or_above),
-        "Coulomb's limit of slip",
+        "Coulomb's limit of slip; states of a sweep without friction do not use it",
         default=None,
         absent="contacts do not slide",
         title="friction coefficient of the motion",
@@ -1104,8 +1104,10 @@ class MotionSettings(NetworkSettings, LossSettings):
         :attr:`DriveSettings.extremes`.
         """
         extremes_of_drives = [drive.extremes for drive in self.drive]
-        names = extremes_of_drives[0]
-        return {name: max(extremes[name] for extremes in extremes_of_drives) for name in names}
+        return {
+            name: max(extremes[name] for extremes in extremes_of_drives)
+            for name in extremes_of_drives[0]
+        }
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
