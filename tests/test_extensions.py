@@ -222,6 +222,7 @@ def test_a_reader_that_fails_is_named():
         (lambda: gp.register_law("mine", object()), "is no contact law"),
         (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),
         (lambda: gp.register_law("mine", Soft, part="furlong"), "cannot have 'furlong'"),
+        (lambda: gp.register_law("mine", Soft, part=1), "cannot have 1"),
         (lambda: gp.register_law("mine", Soft), "'mine' .*missing"),
         (lambda: gp.register_law("mine", Soft, other=""), "'mine' .*other"),
         (

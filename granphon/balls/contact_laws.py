@@ -919,9 +919,9 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         attribute of the same name.
 
     Returns ``law``. A crystal that takes the law compares it with its derivatives. Raises
-    :class:`InputError` for an object that is no law, for units that are not those of the numbers of
-    a class (numbers with a default may be left out) or that are not of SI, and for a name that is
-    no text, is taken or has a space.
+    :class:`InputError` for an object that is no law, for units of a law that is no class, for units
+    that are not those of the numbers of a class (numbers with a default may be left out) or that
+    are no text of SI, and for a name that is no text, is taken or has a space.
     """
     has_methods = all(callable(getattr(law, method, None)) for method in _METHODS)
     if not has_methods and not callable(getattr(law, "between", None)):
@@ -932,7 +932,9 @@ def register_law(name: str, law: Any, **units: str) -> Any:
             f"the contact law {name!r} is made already", mend="Give its class, or no units"
         )
     require("the name of a contact law", label, name)
-    wrong_texts = [unit for unit in units.values() if unit and not is_si(unit)]
+    wrong_texts: list[Any] = [
+        unit for unit in units.values() if not isinstance(unit, str) or (unit and not is_si(unit))
+    ]
     if " " in name:
         wrong_texts.insert(0, name)
     if wrong_texts:

@@ -739,7 +739,9 @@ class Uniform(Spread):
         object.__setattr__(self, "width", not_negative("width", self.width, "m"))
 
     def with_width(self, width: float) -> Self:
-        """Return the distribution with another width, m."""
+        """Return the distribution with another ``width``, m; InputError if it is negative or not
+        finite.
+        """
         return type(self)(width)
 
     @property
@@ -784,7 +786,9 @@ class Normal(Spread):
             raise InputError(f"cutoff is {self.cutoff:g}", mend=f"Give {allowed}")
 
     def with_width(self, width: float) -> Self:
-        """Return the distribution of the same cutoff whose width is W = ``width``, m."""
+        """Return the distribution of the same cutoff whose width is W = ``width``, m; InputError if
+        it is negative or not finite.
+        """
         width_over_std = type(self)(1.0, self.cutoff).width
         return type(self)(not_negative("width", width, "m") / width_over_std, self.cutoff)
 

@@ -63,17 +63,21 @@ def mindlin_reduction(
     1 - (T / mu N)^(1/3) instead: see the errata.
 
     ``tangential_load`` T and ``normal_load`` N are in the same unit, of any shapes that broadcast;
-    the sign of T does not matter. ``friction_coefficient`` is mu, a pure number. Raises
-    :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
+    the sign of T does not matter. ``friction_coefficient`` is mu, a pure number.
+
+    Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under
+    compression; for loads that are not finite, or whose shapes do not broadcast; and for a
+    coefficient that is not finite and above zero.
     """
     mu = positive("friction_coefficient", friction_coefficient)
-    tangential = np.abs(real_array("tangential_load", tangential_load))
-    normal = real_array("normal_load", normal_load)
+    signed_load, normal = read_broadcast(tangential_load=tangential_load, normal_load=normal_load)
+    tangential = np.abs(signed_load)
     is_finite = bool(np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)))
     is_compressive = bool(np.all(normal > 0.0))
     if not (is_finite and is_compressive):
         raise InputError(
-            "a load on the contact is not finite, or its normal part is not compressive"
+            "a load on the contact is not finite, or its normal part is not compressive",
+            mend="Give finite loads, and a normal_load above zero",
         )
     # mantissas and exponents apart: products of loads may leave the floating range where their
     # quotient does not
@@ -86,6 +90,7 @@ def mindlin_reduction(
         raise InputError(
             f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
             "At 1 the contact slides, and has no shear stiffness",
+            "Lower the tangential_load, or raise the normal_load",
         )
     return reduce_by_slip(mobilised)[()]
 
@@ -95,6 +100,23 @@ def reduce_by_slip(mobilised: ArrayLike) -> Any:
     contacts whose ``mobilised`` part of the friction is T/mu N, from 0 to 1.
     """
     return np.cbrt(1.0 - np.asarray(mobilised))
+
+
+def read_broadcast(**arguments: ArrayLike) -> list[Array]:
+    """Return the ``arguments``, real numbers or arrays of such, as arrays of the one shape to which
+    all broadcast.
+
+    Raises :class:`InputError` for what is no number, and for shapes that do not broadcast.
+    """
+    arrays = {name: real_array(name, value) for name, value in arguments.items()}
+    try:
+        return list(np.broadcast_arrays(*arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise InputError(
+            f"these shapes do not fit together: {shapes}",
+            mend="Give arrays of one shape, or single numbers",
+        ) from None
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:

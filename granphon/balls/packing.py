@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform, given_spread
-from granphon.balls.hertz import HertzLaw, contact_radius_ratio
+from granphon.balls.hertz import HertzLaw, contact_radius_ratio, read_broadcast
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, find_motions, select_motions
@@ -31,7 +31,6 @@ from granphon.base.validation import (
     is_one_of,
     not_negative,
     positive,
-    real_array,
     real_list,
     require,
     truth,
@@ -216,10 +215,10 @@ class Packing:
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - sigma)/3 times the overlap over
         the diameter, with the Poisson ratio sigma. The result is zero where k is zero. Raises
-        :class:`InputError` for what is no number, and for a negative force if the torsion depends
-        on the load.
+        :class:`InputError` for what is no number, for shapes that do not broadcast, and for a
+        negative force if the torsion depends on the load.
         """
-        f, k = np.broadcast_arrays(real_array("force", force), real_array("stiffness", stiffness))
+        f, k = read_broadcast(force=force, stiffness=stiffness)
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
         d = self.diameter

@@ -10,6 +10,7 @@ whose inertia is the mass of the ball.
 
 from __future__ import annotations
 
+from dataclasses import fields as list_fields
 from functools import cached_property
 from typing import Any
 
@@ -92,8 +93,10 @@ def require_digits(components: Array) -> None:
 
     ``components``, an array of any shape, are their components in reciprocal vectors.
     """
-    farthest = float(np.max(np.abs(components), initial=0.0))
-    if not farthest <= _FARTHEST:  # also nan, the difference of two components that overflow
+    # nan is the difference of two components that overflow
+    sizes = np.nan_to_num(np.abs(components), nan=np.inf, posinf=np.inf)
+    farthest = float(np.max(sizes, initial=0.0))
+    if farthest > _FARTHEST:
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
             f"Beyond {_FARTHEST:.0e} no digit is left for its place between two reciprocal vectors",
@@ -1059,8 +1062,8 @@ class Compatibility:
         Raises
         ------
         InputError : balls touch bodies that do not move, or springs to the ground hold balls, as
-            the network would lack these bodies and springs; a wrong shape; and what the network
-            refuses.
+            the network would lack these bodies and springs; a wrong shape; a field that the network
+            does not have, or that follows from the lattice; and what the network refuses.
         """
         require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
         table = self.contacts
@@ -1090,25 +1093,31 @@ class Compatibility:
             defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
             if np.any(self.contact_torque):
                 defaults["contact_torque"] = units.force * units.length * self.contact_torque
-        return ContactNetwork(
-            cell=cell,
-            radii=d * _repeat("radii", radii, (self.n_balls,)),
-            masses=masses,
-            inertias=masses * (d * self.gyration) ** 2,
-            i=table.i,
-            j=table.j,
-            shift=shift,
-            normal=put_in_space(table.normal),
-            normal_force=units.force * _repeat("normal_force", normal_force, (count,)),
-            normal_stiffness=normal_stiffness,
-            shear_stiffness=self.mindlin_ratio * normal_stiffness,
-            torsion_stiffness=self.torsion * d * d * normal_stiffness,
-            bending_stiffness=self.bending * d * d * normal_stiffness,
-            arm_i=d * table.arm_i,
-            arm_j=d * table.arm_j,
-            dimension=self.dimension,
-            **(defaults | fields),
-        )
+        of_lattice: dict[str, Any] = {
+            "cell": cell,
+            "radii": d * _repeat("radii", radii, (self.n_balls,)),
+            "masses": masses,
+            "inertias": masses * (d * self.gyration) ** 2,
+            "i": table.i,
+            "j": table.j,
+            "shift": shift,
+            "normal": put_in_space(table.normal),
+            "normal_force": units.force * _repeat("normal_force", normal_force, (count,)),
+            "normal_stiffness": normal_stiffness,
+            "shear_stiffness": self.mindlin_ratio * normal_stiffness,
+            "torsion_stiffness": self.torsion * d * d * normal_stiffness,
+            "bending_stiffness": self.bending * d * d * normal_stiffness,
+            "arm_i": d * table.arm_i,
+            "arm_j": d * table.arm_j,
+            "dimension": self.dimension,
+        }
+        further_names = {entry.name for entry in list_fields(ContactNetwork)} - of_lattice.keys()
+        for name in fields:
+            if name not in further_names:
+                why = "The lattice gives this field, or no network has it"
+                mend = f"Give one of {', '.join(sorted(further_names))}"
+                raise InputError(f"{name} is no further field of the network", why, mend)
+        return ContactNetwork(**of_lattice, **(defaults | fields))
 
 
 def _split_lengths(vectors: Array) -> tuple[Array, Array]:

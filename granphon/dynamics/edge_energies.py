@@ -89,9 +89,10 @@ class EdgeEnergies:
         #: (n,) the number of each ball of the cut among those that move; -1 of other balls
         self.ball_number: Index = np.full(cut.n_balls, -1)
         self.ball_number[moving_balls] = np.arange(moving_balls.size)
-        per_block = half_space.reach * half_space.per_layer
-        # a body that does not move belongs to no block
-        block = np.where(self.ball_number < 0, moving_balls.size, self.ball_number // per_block)
+        # a body that does not move belongs to no block: its number is above that of all blocks
+        block = np.where(
+            self.ball_number < 0, moving_balls.size, self.ball_number // self._per_block
+        )
         #: (n_c,) the number, from the edge, of the outermost block that each contact of the cut
         #: joins
         self.outer_block: Index = np.minimum(block[cut.i], block[cut.j])

@@ -448,7 +448,8 @@ class HalfSpace:
         (n, m, m).
 
         Each turn eliminates every other block, with g = (w - E)^-1 of the blocks in between. B is
-        the coupling back, the adjoint of A at first.
+        the coupling back, the adjoint of A at first. The turns end where no coupling is left, or
+        after :data:`_MOST_DOUBLINGS` turns, with the coupling of so many blocks left out.
         """
         size = outer.shape[1]
         top = outer.copy()

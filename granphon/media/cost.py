@@ -395,15 +395,15 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, n_parameter
     )
 
 
-def relaxation_memory(balls: int, motions: int, dimension: int) -> float:
+def relaxation_memory(n_balls: int, n_motions: int, dimension: int) -> float:
     """Return the memory, bytes, that the moduli and sound velocities of a crystal take, and their
     derivatives: that of the factors of its matrices.
 
-    The crystal has so many ``balls`` with so many ``motions`` each. ``dimension`` is 1, 2 or 3 for
-    balls on a line, in a plane or in space.
+    The crystal has ``n_balls`` balls with ``n_motions`` motions each. ``dimension`` is 1, 2 or 3
+    for balls on a line, in a plane or in space.
     """
-    growth = math.pow(max(balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
-    return _RELAXED_BYTES[dimension] * balls * motions * growth
+    growth = math.pow(max(n_balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
+    return _RELAXED_BYTES[dimension] * n_balls * n_motions * growth
 
 
 def estimate_contact_force(packing: Packing, load: Load) -> Array:

@@ -583,9 +583,11 @@ class Crystal(Result):
         directions of the sites. With ``boundary="isotropic"``, and ``finite_overlap`` as it is in
         the other state, the states are those of :class:`~granphon.DirectSimulation` of these balls.
 
-        Raises :class:`~granphon.base.errors.InputError` for diameters of another shape, or with a
-        ``shape``; for numbers that are not finite and above zero, also after the shift; and for
-        crystals without a spread of which no diameters are given.
+        Raises :class:`~granphon.base.errors.InputError` for a ``shape`` that is not p whole numbers
+        from 1 on, a ``seed`` that is no whole number from 0 on, and more balls than memory holds;
+        for diameters of another shape, or with a ``shape``; for diameters that are not finite and
+        above zero, also after the shift; and for crystals without a spread of which no diameters
+        are given.
         """
         p = self.periods
         given_diameters = None
@@ -2163,6 +2165,7 @@ class CrystalState(Result):
         Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have
         an infinite mass. The ``kinds`` of the network are the names of the kinds and the walls of
         the crystal, and "floor".
+
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:

@@ -81,7 +81,9 @@ class Kernel:
             return cls(top, whole_number("moments", count, 2, _MOST_MOMENTS))
         if moments is not None:
             raise InputError(
-                "a resolution and a number of moments are given", "Each follows from the other"
+                "a resolution and a number of moments are given",
+                "Each follows from the other",
+                "Leave one of them out",
             )
         # the resolution of M moments is pi top / 2M
         least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))

@@ -1190,7 +1190,9 @@ def read_request(operator: WaveOperator, count: int, nearest: float | None) -> t
 
 
 def _read_target(nearest: float | None) -> float:
-    """Return the angular frequency, rad/s, of the frequency ``nearest``, Hz; zero for None."""
+    """Return the angular frequency, rad/s, of the frequency ``nearest``, Hz; zero for None.
+    InputError for a frequency below zero or not finite.
+    """
     return 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
 
 

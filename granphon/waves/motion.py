@@ -159,7 +159,8 @@ class Motion(Result):
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
         """Write the motion into a netCDF file at ``path``, or into an open binary file that can
-        seek, for :meth:`read`. The file of an earlier motion at the path is replaced.
+        seek, for :meth:`read`. The file of an earlier motion at the path is replaced; the folder
+        of the path is made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` if ``path`` is no path, and
         :class:`~granphon.base.errors.OutputError` if another kind of file is there, or the file

@@ -1048,7 +1048,8 @@ class Pulse(Result):
 
     @property
     def velocity_error(self) -> float:
-        """How far the velocity may be from the group velocity at the frequency of the burst, m/s.
+        """How far the velocity may be from the group velocity at the frequency of the burst, m/s;
+        nan if the velocity is not known.
 
         The error has two parts, whose squares add up. The first arises because the pulse changes
         its shape: it is the difference from the velocity by the group delay, -d phase / d omega of

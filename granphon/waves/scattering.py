@@ -342,8 +342,9 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     whose scatter is small by chance, and make errors too small. Errors are standard errors, from
     the scatter over the samples of each length.
 
-    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a
-    length; for other frequencies or numbers of waves; and where nothing is transmitted.
+    Raises :class:`~granphon.base.errors.InputError` for what are no transmissions; for fewer than
+    two lengths, and fewer than two samples of a length; for runs that differ in their frequencies
+    or numbers of waves; and where nothing is transmitted.
     """
     _require_alike(runs)
     first = runs[0]

@@ -182,8 +182,10 @@ class Waves:
 
         The memory is that of D, of about six vectors, of vectors that are kept for more moments, up
         to 256 MiB, and of the densities of all random vectors, about 400 bytes for each moment of
-        each vector. Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and
-        for more than 2^26 moments of all random vectors;
+        each vector.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, for a resolution
+        together with moments, and for more than 2^26 moments of all random vectors;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         kernel, vectors, seed = DensityRequest.read(
@@ -217,8 +219,8 @@ class Waves:
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not
-        move, and for numbers out of range; :class:`~granphon.base.errors.InstabilityError` if a
-        squared frequency is below zero.
+        move, for numbers out of range, and for a resolution together with moments;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         return find_local_density(self._stable_operator, ball, frequencies, resolution, moments)
 
@@ -252,7 +254,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
         message names the nearest one), for a polarisation in which balls do not move, for a
-        direction that is missing or has no use, and for numbers out of range;
+        direction that is missing or has no use, for a resolution together with moments, and for
+        numbers out of range;
         :class:`~granphon.base.errors.PrecisionError` for a q so long that its phases have no
         digits; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
         zero.
@@ -290,13 +293,13 @@ class Waves:
         is missing: these vectors are iterated or filtered as the others were, and what they have of
         the modes that were found is taken out.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, for more
-        modes than there are, for modes of more than 10,000 motions of which more than a third would
-        have to be found, and, before any filter is applied, for modes that take more than 4 GiB or
-        two million products of D with a vector; :class:`~granphon.base.errors.InstabilityError`
-        if a squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if the
-        modes turn out to take more, as when hundreds of modes have one frequency, or a gap around
-        ``nearest`` is wide.
+        Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
+        zero, for a frequency below zero or above the top, for more modes than there are, for modes
+        of more than 10,000 motions of which more than a third would have to be found, and, before
+        any filter is applied, for modes that take more than 4 GiB or two million products of D with
+        a vector; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
+        zero; :class:`~granphon.base.errors.ConvergenceError` if the modes turn out to take more, as
+        when hundreds of modes have one frequency, or a gap around ``nearest`` is wide.
         """
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_modes(self._stable_operator, count, nearest)
@@ -321,8 +324,9 @@ class Waves:
         in the plane and 12,000 in space, are factorised, and nothing proves that no mode is
         missing.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, for more
-        motions, for more modes than cost energy, and for more than a third of all modes of a large
+        Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
+        zero, for a frequency below zero or above the top, for more motions than the limit above,
+        for more modes than cost energy, and for more than a third of all modes of a large
         network; and :class:`~granphon.base.errors.InstabilityError` as :meth:`modes` does.
         """
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
@@ -343,7 +347,8 @@ class Waves:
         count : number of branches at each wave vector.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, for wave
-        vectors of another shape, for more branches than there are, and for more than about a third
+        vectors of another shape or not finite, for a count that is no whole number above zero, for
+        more branches than there are, and for more than about a third
         of them in a network of more than 600 motions;
         :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, unless
@@ -441,7 +446,8 @@ class Waves:
             network does not repeat, or x.
         polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`; by
             default "longitudinal".
-        distance : distance of the receiving plane from the first one, m.
+        distance : distance of the receiving plane from the first one, m; in a network that repeats
+            along the direction, whole periods count as zero.
         method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
             for the faster of both.
         tolerance : bound of the error, over the largest response at a frequency, at which a Krylov
@@ -449,11 +455,14 @@ class Waves:
 
         Raises
         ------
-        InputError : frequencies below zero, not real or not sorted; a ball that is not there; a
-            ball of the source that is held, unless a wall is displaced; no receiver; a sensor
-            without a contact; a direction, or a polarisation other than "longitudinal", where no
-            plane is driven or heard, or a distance where none is heard; a loss below zero, a
-            restitution of zero or above 1; a mode without losses at one of the frequencies.
+        InputError : frequencies below zero, not real, not ascending or given twice; a ball that is
+            not there; a ball of the source that is held, unless a wall is displaced; a direction
+            along which balls do not move; no receiver; a sensor without a contact; a plane without
+            a distance in a network that repeats along the direction; a direction, or a polarisation
+            other than "longitudinal", where no plane is driven or heard; a distance where no plane
+            is heard; a loss below zero, a restitution below 1e-6 or above 1; another word for the
+            quantity or the method; a tolerance that is not above zero; a mode without losses at one
+            of the frequencies.
         ConvergenceError : a network that is too large to be factorised, and damped too little or
             unevenly; or, unless a ``method`` is given, a response that would take more than an
             hour.
@@ -501,13 +510,12 @@ class Waves:
         may then be missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
-        zero, for losses that :meth:`response` refuses, for a frequency above the top, for more
-        modes than there are, or than can be found in a large network, and if losses differ and
-        there are more motions than are factorised;
+        zero, for losses that :meth:`response` refuses, for a frequency below zero or above the top,
+        for more modes than there are, or than can be found in a large network, and if losses differ
+        and there are more motions than are factorised;
         :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
-        than springs;
-        :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
-        :meth:`modes` raises.
+        than springs; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end;
+        and what :meth:`modes` raises.
         """
         given_losses = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(self.network, given_losses)

@@ -141,6 +141,14 @@ def test_reduction_is_even_in_the_load_and_one_without_it():
     assert isinstance(gp.mindlin_reduction(0.1, 2.0, 0.3), float)
 
 
+def test_shapes_that_do_not_broadcast_are_refused():
+    packing = gp.Packing(STEEL, 8e-3, lattice="fcc", friction=True, torsion="mindlin")
+    for find in (lambda *loads: gp.mindlin_reduction(*loads, 0.3), packing.find_torsion):
+        assert find([[0.1], [0.2]], [1.0, 2.0, 3.0]).shape == (2, 3)
+        with pytest.raises(InputError, match=r"\(2,\).*\(3,\)"):
+            find([0.1, 0.2], [1.0, 2.0, 3.0])
+
+
 @pytest.mark.parametrize(
     ("tangential", "normal", "mu"),
     [

@@ -422,3 +422,12 @@ def test_two_ball_supercell_folds_velocities_and_prestress():
             modes.rotational_fraction[0], singles.rotational_fraction.ravel()[order], atol=1e-12
         )
         assert_allclose(two.gradient_stiffness() / 2, one.gradient_stiffness(), atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["masses", "shift", "no_field"])
+def test_a_network_of_a_lattice_takes_further_fields_only(name):
+    lattice = gp.ContactLattice.of("square", 0.8)
+    units = gp.Units(8e-3, 1e6, 2e-3)
+    assert lattice.contact_network(units, left_out=2).left_out == 2
+    with pytest.raises(InputError, match=name):
+        lattice.contact_network(units, **{name: 1.0})
