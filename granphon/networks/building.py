@@ -813,9 +813,8 @@ class _Joined:
 
         Forces and stiffnesses that the source does not have follow from the material of the balls
         by the laws of Hertz and Mindlin. Shear stiffnesses that the source does not have are zero
-        without friction. InputError
-        if a material is needed and is not given, or if the overlaps from which forces follow have
-        large errors (:func:`_judge_errors`).
+        without friction. InputError if a material is needed and is not given, or if the overlaps
+        from which forces follow have large errors (:func:`_judge_errors`).
         """
         contacts = self.contacts
         pairs = self.pairs

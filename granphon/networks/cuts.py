@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
@@ -27,6 +27,8 @@ from granphon.networks.demands import NUMBERS_OF_BALLS
 #: difference of the radii of balls that name no kind, over their mean, below which the balls are of
 #: one kind
 _ALIKE = 0.25
+#: greatest relative difference of two stiffnesses that count as the same: a file may round numbers
+_SAME = 1e-6
 
 
 def cut_network(
@@ -94,15 +96,27 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     """Return the fields of a network that change, by name, if ``wall`` takes the place of its only
     wall of a known material. Both walls have one name. Contacts keep their forces, and get the
     stiffnesses of balls on the new wall.
+
+    InputError if the network names no kinds, and also has contacts with other flat walls.
     """
     model = network.contact_model
-    names = np.array(network.kinds or [wall.name] * network.n_balls)
-    is_wall = np.isinf(network.radii) & (names == wall.name)
+    is_wall = np.isinf(network.radii)
+    if network.kinds:
+        is_wall &= np.array(network.kinds) == wall.name
     contacts = np.flatnonzero(is_wall[network.j])
     balls = network.i[contacts]
     kinds = name_kinds(network, balls, model, f"face at {wall.name}")
-    forces = network.normal_force[contacts]
-    pressed = model.press_on_wall(kinds, network.radii[balls], forces, wall)
+    press = partial(
+        model.press_on_wall, kinds, network.radii[balls], network.normal_force[contacts]
+    )
+    if not network.kinds:
+        # without names only the stiffness tells a contact with this wall from other contacts
+        stiffness = press(network.wall)["normal_stiffness"]
+        if not np.allclose(network.normal_stiffness[contacts], stiffness, rtol=_SAME, atol=0.0):
+            fault = f"not all flat walls of the network are the wall {wall.name!r}"
+            why = "Which of them are is not known, as the network names no kinds"
+            raise InputError(fault, why, "Give the kinds of the balls before the network is cut")
+    pressed = press(wall)
     stiffnesses = {name: getattr(network, name).copy() for name in STIFFNESSES}
     for name, values in stiffnesses.items():
         values[contacts] = pressed[name]
@@ -147,7 +161,7 @@ def _require_joined_cut(
     move to each other, or to bodies that do not move.
 
     ``contacts`` are the fields of the contacts of the cut, of which ``n_periods`` periods are
-    left, and ``is_still`` (n,) says which of its balls do not move.
+    left. ``is_still`` has a flag for each ball of the cut, and is true if the ball does not move.
     """
     n_rattlers = network.rattlers.size
     why = ""
@@ -456,7 +470,7 @@ def _require_short(longest: float, height: float, count: int) -> None:
 
 def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, Any]:
     """Return the fields of the ``contacts``, by name, without contacts of two balls that do not
-    move; ``is_still`` (n,) marks such balls.
+    move. ``is_still`` has a flag for each ball, and is true if the ball does not move.
     """
     is_kept = ~(is_still[contacts["i"]] & is_still[contacts["j"]])
     return {name: values[is_kept] for name, values in contacts.items()}
@@ -465,12 +479,12 @@ def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, 
 def _require_motion(
     contacts: Mapping[str, Any], is_still: Flags, clamped_faces: Sequence[Index], count: int
 ) -> None:
-    """Raise InputError if no ball of ``count`` layers moves, or if the balls of a clamped face
-    touch none that moves.
+    """Raise InputError if no ball of a cut of ``count`` layers moves, or if the balls of a clamped
+    face touch none that moves.
 
-    ``contacts`` are fields by name, without contacts of two balls that do not move, ``is_still``
-    (n,) marks balls that do not move, and ``clamped_faces`` has the indices of the balls of each
-    clamped face.
+    ``contacts`` are the fields of the contacts of the cut, by name, without contacts of two balls
+    that do not move. ``is_still`` has a flag for each ball of the cut, and is true if the ball does
+    not move. ``clamped_faces`` are the indices of the balls of each clamped face.
     """
     if np.all(is_still):
         fault = f"no ball moves in {counted(count, 'layer')} with these edges"

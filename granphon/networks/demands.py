@@ -42,15 +42,15 @@ def list_demands(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_balls(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that places are finite, that radii, masses and moments of inertia are above
-    zero, and that these are finite for balls that move.
+    """Yield the demands that coordinates are finite and below ``LARGEST``, that radii, masses and
+    moments of inertia are above zero, and that these three are finite for balls that move.
     """
     is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
     yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
     for name in NUMBERS_OF_BALLS:
         values = getattr(network, name)
         yield name, values > 0.0, f"has {name} that are not above zero", ""
-        is_finite = (values < LARGEST) | ~network.moving
+        is_finite = np.isfinite(values) | ~network.moving
         mend = "A body that does not move has an infinite mass"
         yield name, is_finite, f"has {name} that are not finite, but moves", mend
 

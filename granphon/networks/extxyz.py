@@ -11,6 +11,7 @@ Numbers are in SI units with all digits.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import sys
@@ -24,7 +25,7 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import Quantity
-from granphon.base.tables import Heading, Table
+from granphon.base.tables import Heading, Table, plain_float
 from granphon.base.text import damage_error, decode, digest_lines, join_numbers, read_bytes
 from granphon.networks.sources import require_balls
 
@@ -41,8 +42,6 @@ _REMARK = "granphon_network"
 #: greatest difference of two cells that count as one, over the largest entry: other programs round
 _SAME = 1e-6
 _SEAL = " granphon_sha256="
-#: words for numbers that are not finite
-_NO_NUMBERS = ("nan", "inf", "infinity")
 #: vectors of contacts that viewers draw; reading takes the parts of which they are made
 _SHOWN = ("force",)
 #: letters of types of columns, by the kind of an array of NumPy
@@ -115,11 +114,12 @@ def read_frame(
     most_rows: int,
 ) -> tuple[dict[str, Any], bool, Iterator[Table]]:
     """Return the remark of a frame that :func:`frame_text` has made, whether it has a digest,
-    and its columns of known ``quantities`` as tables of ``most_rows`` rows, one below the other.
+    and its columns that ``quantities`` holds, in tables of at most ``most_rows`` rows, one below
+    the other.
 
     Raises :class:`~granphon.base.errors.InputError` for a file that cannot be read, has more than
-    ``most_bytes``, is another frame, or was changed, and as the tables are read for a row that has
-    not as many cells as there are columns.
+    ``most_bytes``, is another frame, or was changed; and, as the tables are read, for a row that
+    :func:`_read_rows` refuses.
     """
     name = str(path)
     lines = decode(name, read_bytes(path, most_bytes)).replace("\r\n", "\n").split("\n")
@@ -204,12 +204,13 @@ def _read_rows(
     quantities: Mapping[str, Quantity | None],
     most_rows: int,
 ) -> Iterator[Table]:
-    """Yield the ``rows`` of the file ``name``, the first of which is line 3, as tables of
-    ``most_rows`` rows with those of the columns ``names`` whose ``quantities`` are known; one table
-    without rows if there is no row.
+    """Yield the ``rows`` of the file ``name``, the first of which is line 3, as tables of at most
+    ``most_rows`` rows. The tables have those of the columns ``names`` that ``quantities`` holds,
+    with the units of these, none for a quantity of None. If there is no row, the one table has no
+    rows.
 
     InputError, with the line, for a row that has not as many cells as there are ``names``, and for
-    a place or a shown vector that is not finite.
+    a place or a shown vector whose numbers are not finite.
     """
     units = {key: "" if kind is None else kind.unit for key, kind in quantities.items()}
     places = [place for place, column in enumerate(names) if column in units]
@@ -225,9 +226,9 @@ def _read_rows(
                 fault = f"{name}:{line}: found {len(cells)} cells, and there are {len(names)}"
                 raise InputError(f"{fault} columns", mend="Write it again")
             for place in must_be_finite:  # also where nothing but a viewer reads the numbers
-                if cells[place].lower().lstrip("+-") in _NO_NUMBERS:
+                if not _is_finite(cells[place]):
                     fault = f"{name}:{line}: {names[place]} is {brief(cells[place])}"
-                    raise InputError(fault, "It must be finite")
+                    raise InputError(fault, "It must be a finite number")
             for place, column in zip(places, columns, strict=True):
                 column.append(cells[place])
         for heading, column in zip(headings, columns, strict=True):
@@ -235,3 +236,10 @@ def _read_rows(
                 column[:] = [sys.intern(unquote(cell)) for cell in column]
         numbers = tuple(range(first + 3, first + 3 + len(piece)))
         yield Table(name, headings, numbers, tuple(map(tuple, columns)))
+
+
+def _is_finite(cell: str) -> bool:
+    """Whether a ``cell`` is a finite number."""
+    with suppress(ValueError):
+        return math.isfinite(plain_float(cell))
+    return False

@@ -29,7 +29,7 @@ from granphon.base.text import join_numbers, list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, texts, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import OWN, Dump, Frame
-from granphon.networks.sources import Balls, Contacts, find_rounding
+from granphon.networks.sources import Balls, Contacts, find_rounding, require_readable_labels
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
@@ -593,6 +593,7 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     """
     for path in (atoms, pairs):
         require_path(path)
+    require_readable_labels(network.labels)
     box = _write_box(network)
     ids = np.arange(1, network.n_balls + 1) if network.labels is None else network.labels
     walls = _find_walls(network)

@@ -546,12 +546,13 @@ class ContactNetwork(Result):
 
     @cached_property
     def residual_forces(self) -> Array:
-        """(n, 3) sums of the static forces on each ball, N, without what gravity may bear.
+        """(n, 3) sums of the static forces on each ball, N, less the part that may be in balance
+        with gravity; zero for balls that do not move.
 
         Where some balls do not move, the others may be held against gravity, whose direction and
         size the network does not know. The uniform acceleration that leaves the least sum of
-        squares of the forces is then subtracted, times the mass of each ball. Without a ball that
-        moves all forces are zero.
+        squares of the forces is then subtracted, times the mass of each ball. Where all balls move,
+        nothing is subtracted.
         """
         forces, _torques = self.unbalanced
         if np.all(self.moving) or not np.any(self.moving):
@@ -782,7 +783,8 @@ class ContactNetwork(Result):
         the contacts among them.
 
         The network keeps the ``labels`` of the balls; without labels they are the indices in this
-        network. It has neither ``lattice`` nor ``shape``. Raises
+        network. It has neither ``lattice`` nor ``shape``, and its ``contact_model`` has no walls
+        that are left out. Raises
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given
         twice, for none, and for another number of truth values.
         """
@@ -817,6 +819,13 @@ class ContactNetwork(Result):
             fields["kinds"] = tuple(self.kinds[ball] for ball in kept_balls.tolist())
         if self.on_site is not None:
             fields["on_site"] = self.on_site[kept_balls]
+        if self.contact_model is not None:
+            kept_walls = kept_balls[np.isinf(self.radii[kept_balls])].tolist()
+            walls = self.contact_model.walls if kept_walls else ()
+            if self.kinds is not None:
+                names = {self.kinds[ball] for ball in kept_walls}
+                walls = tuple(wall for wall in walls if wall.name in names)
+            fields["contact_model"] = replace(self.contact_model, walls=walls)
         return replace(self, **fields)
 
     @cached_property
@@ -980,7 +989,8 @@ class ContactNetwork(Result):
         keep their forces, and get the stiffnesses that belong to the new material.
 
         Raises :class:`~granphon.base.errors.InputError` unless the network has one wall whose
-        material is known.
+        material is known, and for a network without ``kinds`` that also has contacts with other
+        flat walls: which contacts are those of the wall is not known there.
         """
         from granphon.networks.cuts import change_wall
 
@@ -1152,7 +1162,8 @@ class ContactNetwork(Result):
             twist, which the fix does not write.
         frozen : columns of the dump of atoms, each with a value or values there: such balls do not
             move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
-        dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
+        dimension : 1, 2 or 3; by default 2 where z is the same for all balls and no contact leads
+            up or down, else 3.
         motions, friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
             :meth:`from_table`.
 
@@ -1170,10 +1181,10 @@ class ContactNetwork(Result):
 
         Raises
         ------
-        InputError : a file is not such a dump, or ends within the frame that is read, a column is
-            missing, the two files are of different steps or units, places have too few digits for
-            overlaps, balls or contacts cannot be used (all are told at once, the worst ones with
-            their ids); and what the class itself does not allow.
+        InputError : a file is missing, is not such a dump, or ends within the frame that is read; a
+            column is missing; the two files are of different steps or units; places have too few
+            digits for overlaps; balls or contacts cannot be used (all are told at once, the worst
+            ones with their ids); and what the class itself does not allow.
         MissingPackageError : a file is packed by Zstandard, and nothing that is installed reads it.
         """
         from granphon.networks.lammps import Springs, read_dumps
@@ -1216,7 +1227,7 @@ class ContactNetwork(Result):
         ``compute wall/gran/local``.
 
         The formats are those of LIGGGHTS' documentation and source; the files may be packed by
-        gzip.
+        gzip or Zstandard.
 
         Parameters
         ----------
@@ -1278,7 +1289,7 @@ class ContactNetwork(Result):
         """Return the network in two files of MercuryDPM: contacts, and balls.
 
         The formats are those of MercuryDPM's documentation and source; the files may be packed by
-        gzip. Wall w is a body that does not move, with the label -1 - w.
+        gzip or Zstandard. Wall w is a body that does not move, with the label -1 - w.
 
         Parameters
         ----------
@@ -1297,7 +1308,8 @@ class ContactNetwork(Result):
 
         Raises
         ------
-        InputError : a file is of another format, is cut, or does not have the time; and as
+        InputError : a file is missing, of another format, or cut; a file does not have the
+            ``time``, or no ball at this time; ``frozen`` is given with a file .restart; and as
             :meth:`from_table`.
         MissingPackageError : as :meth:`from_lammps`.
         """
@@ -1420,18 +1432,20 @@ class ContactNetwork(Result):
         return self.reading.notes if self.reading else ()
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
-        """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the
-        last digit.
+        """Write the network as two CSV files, from which :meth:`from_table` reads the same network,
+        to the last digit; with ``keep_rattlers=True`` if it has balls that carry no load. Three
+        things are not written: ``lattice``, ``shape``, and the contact model of a user's own law.
 
         A file whose name ends with ``.extxyz`` or ``.xyz`` is extended XYZ instead, for OVITO and
         ASE, in SI. Balls stand at their centres, with the further columns masses, load, the sum of
         the normal forces on the ball, N, and rattler, 1 of a ball that carries no load, else 0.
         Contacts stand at their places, with the vector force, the static force with which ball i
-        acts on ball j, N. Each file has a digest of the rest. ``lattice`` and ``shape`` are not
-        written. Folders are made if need be.
+        acts on ball j, N. Each file has a digest of the rest. Folders are made if need be.
 
-        Raises :class:`~granphon.base.errors.InputError` for two names of one file, and OutputError
-        for files that granphon has not written; then neither file is written.
+        Raises :class:`~granphon.base.errors.InputError` for what is no name of a file, for two
+        names of one file, and for ``labels`` of 2^53 and above, which could not be read again; and
+        OutputError for files that granphon has not written, for folders, and if a file cannot be
+        written. Neither file is written then.
         """
         from granphon.networks.tables import write_tables
 
@@ -1458,9 +1472,10 @@ class ContactNetwork(Result):
         :meth:`write_tables` keeps all of these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
-        x or whose second one leaves the xy plane, and for two names of one file, and OutputError
-        for files that are there and are not such dumps of granphon's own, as dumps of LAMMPS; then
-        neither file is written.
+        x or whose second one leaves the xy plane, for what is no name of a file, for two names of
+        one file, and for ``labels`` of 2^53 and above, which could not be read again; and
+        OutputError for files that are there and are not such dumps of granphon's own, as dumps of
+        LAMMPS, and if a file cannot be written. Neither file is written then.
         """
         from granphon.networks.lammps import write_dumps
 

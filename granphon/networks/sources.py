@@ -37,6 +37,8 @@ _DIGITS = (6, 15)
 #: number of different values of fewer digits from which on the values are rounded, not chosen by
 #: hand
 _CHOSEN = 100
+#: least whole number that is not told from the next one as a float
+_FIRST_INEXACT = 2**53
 #: greatest relative error of a number that is read from a text and converted into SI
 _EXACT = 1e-14
 #: the unit of each field of contacts that holds numbers with one
@@ -368,8 +370,7 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     numbers = real_array(name, values)
     if numbers.dtype.kind == "i":
         return np.asarray(numbers, np.intp)
-    # from 2^53 on a float may stand for several whole numbers
-    is_exact = np.isfinite(numbers) & (np.abs(numbers) < 2.0**53)
+    is_exact = np.isfinite(numbers) & (np.abs(numbers) < _FIRST_INEXACT)
     is_whole = is_exact & (numbers == np.rint(numbers))
     if not np.all(is_whole):
         wrong = numbers[~is_whole].ravel()[0]
@@ -377,6 +378,19 @@ def read_whole_numbers(name: str, values: Any) -> Index:
             f"{name} of the network has the number {wrong!s} where a whole number is needed"
         )
     return np.asarray(numbers, np.intp)
+
+
+def require_readable_labels(labels: Index | None) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for ``labels`` (n,) of balls that files
+    cannot hold, as readers take them for floats (:func:`read_whole_numbers`). None is no labels.
+    """
+    if labels is None:
+        return
+    is_inexact = (labels >= _FIRST_INEXACT) | (labels <= -_FIRST_INEXACT)
+    if np.any(is_inexact):
+        fault = f"a ball of the network has the label {labels[is_inexact][0]}"
+        why = "Labels of 2^53 and above could not be read again from a file"
+        raise InputError(fault, why, "Give smaller ones: dataclasses.replace(network, labels=...)")
 
 
 def require_balls(name: str, headings: Collection[str], known: Collection[str]) -> None:

@@ -49,6 +49,7 @@ from granphon.networks.sources import (
     find_rounding,
     read_whole_numbers,
     require_balls,
+    require_readable_labels,
 )
 
 _PLACE = replace(LENGTH, least="any")
@@ -645,6 +646,7 @@ def write_tables(
     """Write a network as the two files ``balls`` and ``contacts``; see
     :meth:`~granphon.networks.network.ContactNetwork.write_tables`.
     """
+    require_readable_labels(network.labels)
     fields = vars(network)
     fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
     for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):

@@ -304,8 +304,9 @@ def _find_finite_overlaps(grid: Grid) -> Array:
 
 
 def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
-    """Return the attributes that every data set has; ``finite_overlaps`` (media, combinations,
-    loads) is that of :func:`_find_finite_overlaps`.
+    """Return the attributes that every data set has, by name; ``direction`` is that of a data set
+    for which no direction is requested. ``finite_overlaps`` (media, combinations, loads) is that of
+    :func:`_find_finite_overlaps`.
     """
     structure = grid.cases[0].packing.structure
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
@@ -1039,8 +1040,10 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : it is not a sweep, was damaged, was edited after granphon had written it, or has
-        another schema.
+    InputError : ``path`` is not the name of a file, or names a folder or a file that cannot be
+        read; or the file is not a sweep, was damaged, was edited after granphon had written it, or
+        has another schema.
+    MissingPackageError : h5py or xarray is not installed.
 
     Warns
     -----
@@ -1237,8 +1240,12 @@ class SweepAccessor:
         return packing
 
     def plot(self, **options: Any) -> Any:
-        """Return the figure of the sweep; ``options`` are those of :func:`~granphon.plot`, as
-        ``variable``.
+        """Return the figure of the sweep, as :func:`~granphon.plot` draws it.
+
+        ``options`` are the keywords of :func:`~granphon.figures.curves.sweep_figure`: ``x``,
+        ``variable``, ``rows``, ``columns`` and ``tell``. With ``axes``, Axes of matplotlib on which
+        the sweep is drawn, they are those of :func:`~granphon.figures.curves.plot_together`. Raises
+        :class:`~granphon.base.errors.InputError` for other keywords.
         """
         import granphon
 
@@ -1295,7 +1302,9 @@ class SweepAccessor:
         """Fit the width of the packing to measured ``velocity``, m/s (n,), over ``force``, N (n,).
 
         ``more``, ``options`` and the result are those of :func:`~granphon.fit_width` for the
-        packing of the data set.
+        packing of the data set: ``sigma``, ``frequency``, and the keywords after them. Raises what
+        :func:`~granphon.fit_width` raises, and :class:`~granphon.base.errors.InputError` for a data
+        set without a packing, see :attr:`packing`.
         """
         import granphon
 

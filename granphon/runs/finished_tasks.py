@@ -62,10 +62,13 @@ def encode(name: str, result: TaskResult) -> bytes:
     """Return the entry of the result of the task ``name``: the SHA-256 of all that follows, a line
     with the name, a line with the layout, which is JSON, and the bytes of the arrays.
 
-    Equal results give equal bytes. TypeError if an array holds Python objects.
+    Equal results give equal bytes. TypeError if an array holds Python objects, or has named fields,
+    whose names the layout would lose; ValueError if the name has a line break.
     """
+    if "\n" in name:
+        raise ValueError(f"the name {name!r} of a task has a line break")
     for key, array in result.items():
-        if array.dtype.hasobject:
+        if array.dtype.hasobject or array.dtype.names:
             raise TypeError(f"the array {key!r} of a result holds {array.dtype}")
     layout = json.dumps([(key, array.dtype.str, array.shape) for key, array in result.items()])
     arrays = [array.tobytes() for array in result.values()]
@@ -100,11 +103,12 @@ def decode(entry: bytes) -> TaskResult:
 
 
 def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult]]:
-    """Yield name and result of every sound entry of a store, in the order in which they were found.
+    """Yield name and result of every sound entry of the store in the file ``path``, in the order in
+    which the entries were kept last.
 
     The store may be growing meanwhile. The entry of a task that is done in steps has the steps that
-    were done. Raises FileNotFoundError without a file, and OutputError for a file that is no store,
-    or is damaged.
+    were done. When the first entry is asked for, FileNotFoundError is raised if there is no file,
+    and OutputError if the file cannot be read, is no store, or is damaged.
     """
     os.stat(path)  # raises FileNotFoundError, where a store would count as empty
     store = Store(Path(path))
@@ -203,7 +207,9 @@ class Store:
 
     @property
     def names(self) -> list[str]:
-        """The names of the results that are kept, in the order in which they were found."""
+        """The names of the results, in the order in which they were kept; a result that replaces
+        another of its name is then the last.
+        """
         rows = self._query(
             "SELECT name FROM task WHERE name <> ? AND piece = 0 ORDER BY rowid", _IDENTITY
         )
@@ -366,7 +372,7 @@ class Store:
             return error
         if isinstance(error, FileNotFoundError):
             problem = (
-                f"{self.path}, or its folder, has been removed or replaced while it was written"
+                f"{self.path}, or its folder, has been removed or replaced while it was in use"
             )
             mend = "Run the same command again: it starts from the beginning"
             return OutputError(problem, "The parts that were finished are not there", mend)

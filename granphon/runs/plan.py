@@ -280,6 +280,7 @@ class Plan:
     written: str = ""
 
     def __post_init__(self) -> None:
+        """Set the kind of load if it is not given."""
         if not self.written:
             object.__setattr__(self, "written", self.grid.load.kind)
 
@@ -809,12 +810,11 @@ class Plan:
         if "sensitivities" in self.observe:
             from granphon.observables.parameters import list_parameters  # other runs do not need it
 
-            works = [
-                costs.estimate_sensitivities(
-                    medium, load, len(list_parameters(medium.packing, load.flat[0]))
-                )
-                for medium, load in self._arrays
-            ]
+            works = list[Cost]()
+            for medium, load in self._arrays:
+                # of a load only the kind is a parameter, and the kind is the same at all values
+                n_parameters = len(list_parameters(medium.packing, load))
+                works.append(costs.estimate_sensitivities(medium, load, n_parameters))
             total = self._add_over_cases(works)
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
         return ("medium",), mend, _describe_once(total)
@@ -833,7 +833,7 @@ class Plan:
                 has_cutoffs="cutoffs" in self.observe,
                 surface=self.grid.request.surface,
             )
-            for serving in self._ordered_media
+            for serving in self._media_without_arrays
         ]
         if not works:
             return []
@@ -842,8 +842,10 @@ class Plan:
         return [(("observe",), mend, _describe_once(total))]
 
     @property
-    def _ordered_media(self) -> list[ServingMedium]:
-        """The media that serve the checked cases with ordered lattices, not with arrays."""
+    def _media_without_arrays(self) -> list[ServingMedium]:
+        """The media that serve the checked cases without simulated arrays: with lattices, crystals,
+        or packings in files.
+        """
         return [
             serving
             for case in self.checked_cases
@@ -979,7 +981,7 @@ class Plan:
             return []
         from granphon.runs.edge_costs import estimate_edge  # other runs do not need it
 
-        works = [estimate_edge(serving, surface) for serving in self._ordered_media]
+        works = [estimate_edge(serving, surface) for serving in self._media_without_arrays]
         if not works:
             return []
         total = self._add_over_cases(works)
@@ -1040,8 +1042,10 @@ def _find_pulse_length(
     medium: DirectSimulation, network: ContactNetwork, pulse: PulseSettings, direction: Any
 ) -> float:
     """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of the
-    simulation ``medium``, of which ``network`` is one cell; 0 for a pulse that cannot be sent. In
-    place of numbers such a pulse has a note, which takes no time.
+    simulation ``medium``, of which ``network`` is one cell.
+
+    The distance is 0 for a pulse that cannot be sent: a note stands in place of its numbers, and
+    takes no time.
     """
     # imported here: other scenes do not need it
     from granphon.waves.pulses import PulseSource

@@ -350,13 +350,13 @@ class _Quantities:
 
 
 class _EdgeWaves:
-    """The search for the waves of an edge, at the corners of the path along the edge, of states
-    that differ little from the first one.
+    """The search for the waves of an edge, at the corners of the path along the edge, of states of
+    ``balls`` that differ little from the first one. The edge is that of the ``settings``.
 
     Attributes
     ----------
-    letters : of the corners, each once, an empty text at the end of a chain; [] before the first
-        state.
+    letters : the letters that name the corners, each once; at the end of a chain, which is the one
+        corner, an empty text. An empty list before the first state.
     """
 
     def __init__(self, balls: Balls, settings: SurfaceSettings) -> None:
@@ -370,8 +370,8 @@ class _EdgeWaves:
 
     def find(self, state: Any, settings: SurfaceSettings | None = None) -> list[float]:
         """Return the frequencies, Hz, of all waves of a state, corner by corner, ascending at each;
-        nan at a corner where the first state has more waves, or fewer. ``settings`` stand in place
-        of those of the scene.
+        nan at a corner where the first state has more waves, or fewer. ``settings``, if given,
+        stand in place of those of the search.
         """
         from granphon.phonons.surfaces import Surface  # other runs do not need surfaces
 

@@ -658,14 +658,14 @@ class PreparedMotion:
             raise InputError(problem, mend="Give a shorter step")
 
     def run(self) -> Motion:
-        """Let the balls move for the duration of the settings, keep the warnings as :attr:`notes`,
-        and return the motion.
+        """Let the balls move for the duration of the settings, and return the motion; the warnings
+        that are given meanwhile become the :attr:`notes`.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if the motion ends before its time,
         and KeyboardInterrupt if Ctrl-C stops it.
         """
         settings = self.settings
-        with warnings.catch_warnings(record=True) as limit_warnings:
+        with warnings.catch_warnings(record=True) as caught_warnings:
             warnings.simplefilter("always", LimitWarning)
             # the frames of a motion that ends early would not be those of other loads and samples
             warnings.simplefilter("error", StoppedEarlyWarning)
@@ -684,7 +684,7 @@ class PreparedMotion:
                     raise KeyboardInterrupt from None
                 mend = "Give a shorter duration, or a weaker drive"
                 raise ConvergenceError(str(warning), mend=mend) from None
-        self.notes = [str(warning.message) for warning in limit_warnings]
+        self.notes = [str(warning.message) for warning in caught_warnings]
         return motion
 
 

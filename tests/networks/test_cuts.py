@@ -317,6 +317,33 @@ def test_a_network_stands_on_the_floor_of_its_crystal(name):
 
 
 @pytest.mark.claim("floor")
+def test_another_material_of_a_wall_leaves_other_flat_walls_as_they_are():
+    """A rigid floor keeps its stiffness. Without names of kinds it is not told from the wall."""
+    network = gp.Crystal.on("square", [BALL]).at_force(10.0).network
+    nameless = replace(network, kinds=None)
+    soft = gp.Material(1e9, 0.3, 1000.0)
+    edges = (gp.Wall(STEEL), "floor")
+    cut = network.cut(1, 3, edges)
+    is_floor = np.array(cut.kinds)[cut.j] == "floor"
+    changed = cut.with_wall(soft).normal_stiffness / cut.normal_stiffness != 1.0
+    is_wall = np.isinf(cut.radii[cut.j]) & ~is_floor
+    np.testing.assert_array_equal(changed, is_wall)
+    with pytest.raises(InputError, match="no kinds"):
+        nameless.cut(1, 3, edges).with_wall(soft)
+    walls = on_floor(nameless.cut(1, 3, gp.Wall(STEEL)).with_wall(soft))
+    assert_allclose(walls["normal_stiffness"], cut.with_wall(soft).normal_stiffness[is_wall][0])
+
+
+@pytest.mark.parametrize("has_kinds", [True, False])
+def test_a_selection_without_a_wall_has_no_wall(has_kinds):
+    network = gp.Crystal.on("square", [BALL]).at_force(10.0).network
+    network = network if has_kinds else replace(network, kinds=None)
+    cut = network.cut(1, 3, (gp.Wall(STEEL), "free"))
+    assert cut.select(np.arange(cut.n_balls)).wall == cut.wall
+    with pytest.raises(InputError, match="0 walls"):
+        _ = cut.select(np.isfinite(cut.radii)).wall
+
+
 def test_a_ball_on_a_floor_is_that_of_hertz_and_mindlin():
     crystal = gp.Crystal.on("chain", [BALL, ALUMINIUM], motions="all")
     found = on_floor(crystal.at_force(20.0).network.cut(0, 20, "floor"))

@@ -204,6 +204,21 @@ def test_tables_in_the_other_order_are_told(end, tmp_path):
         gp.ContactNetwork.from_table(*files[::-1])
 
 
+def test_labels_that_files_could_not_give_back_are_not_written(tmp_path):
+    """The largest labels come back; the next ones would be rounded as floats."""
+    network = gp.Crystal.on("square", [gp.Ball(GLASS, 8e-3)]).at_force(10.0).network
+    files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    largest = replace(network, labels=[2**53 - 1])
+    largest.write_tables(*files)
+    assert gp.ContactNetwork.from_table(*files) == largest
+    for label in (2**53, -(2**53), -(2**63)):
+        beyond = replace(network, labels=np.array([label]))
+        for write in (beyond.write_tables, beyond.write_dumps):
+            with pytest.raises(InputError, match=str(label)):
+                write(tmp_path / "a", tmp_path / "b")
+    assert not (tmp_path / "a").exists()
+
+
 # without the digest, which would tell the change
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 @pytest.mark.parametrize(
@@ -214,6 +229,8 @@ def test_tables_in_the_other_order_are_told(end, tmp_path):
         (0, 'pbc="T', 'pbc="T', ""),
         (0, r"(?s).*", "", "is empty"),
         (1, r"\nX \S+", "\nX nan", ":3: x is 'nan'"),
+        (1, r"\nX \S+", "\nX 1e999", ":3: x is '1e999'"),
+        (1, r"\nX \S+", "\nX 1_0", ":3: x is '1_0'"),
         (1, r"\nX", "\nX", ""),
     ],
 )

@@ -1294,6 +1294,25 @@ def test_a_reader_does_not_undo_what_is_being_written_where_there_are_no_locks(t
     assert len(dict(read_entries(path))) == 51
 
 
+def test_a_store_takes_what_it_gives_back_and_nothing_else():
+    """Named fields would come back without their names, and a name of two lines would hide the
+    layout. The order is that in which results were kept last.
+    """
+    store = Store()
+    results = {"a": np.zeros((3, 0)), "b": np.array("text"), "c": np.arange(6).reshape(2, 3).T}
+    for name in ("first", "second", "first"):
+        store.append(name, encode(name, results))
+    assert store.names == ["second", "first"]
+    back = store.read("first")
+    assert list(back) == list(results)
+    for name, array in results.items():
+        np.testing.assert_array_equal(back[name], array, strict=True)
+    with pytest.raises(TypeError, match="'a'"):
+        encode("name", {"a": np.zeros(2, [("x", float), ("y", int)])})
+    with pytest.raises(ValueError, match="line break"):
+        encode("two\nlines", results)
+
+
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_store_that_is_removed_or_replaced_meanwhile_is_named(tmp_path, replaced):
     store = Store(tmp_path / "store")
