@@ -61,46 +61,46 @@ def lead_loose_balls(
 def _lead_clusters(
     configuration: Configuration, loose: Flags, tolerance: float, options: RestOptions
 ) -> tuple[Configuration, Flags]:
-    """Return the configuration in which more than three quarters of the ``loose`` balls (n,) have
-    come to rest, and which balls (n,) have not: the caller goes on with them, in smaller clusters.
-    After ``options.inner_steps`` the clusters that are left are given up, and none of their balls
-    counts as moving.
+    """Return the configuration after steps of the balls ``loose`` (n,), and which of these balls
+    (n,) are to move on.
 
-    The other balls are held. A ball is at rest if no more force than ``tolerance`` times the size
-    of the forces of contacts is left on any ball of its cluster. Springs to the ground, weaker as
-    forces fall, shorten the steps.
+    The other balls are held. The steps end when more than three quarters of the loose balls have
+    come to rest: the caller goes on with those that have not, in smaller clusters. After
+    ``options.inner_steps`` the steps end in any case, and no ball is to move on.
+
+    A ball is at rest if no more force than ``tolerance`` times the size of the forces of contacts
+    is left on any ball of its cluster. Springs to the ground, weaker as forces fall, shorten the
+    steps.
     """
     problem = configuration.problem
-    assembly = problem.assembly
-    d = assembly.dimension
-    loose_assembly = assembly.cut_out(loose, configuration.current, configuration.overlap)
+    d = problem.assembly.dimension
+    loose_assembly = problem.assembly.cut_out(loose, configuration.current, configuration.overlap)
     # the unknowns that are displacements of loose balls
     of_loose = np.zeros(problem.size, bool)
     of_loose[: problem.n_ball_unknowns] = np.repeat(loose, d)
-    n = loose_assembly.n_balls
-    cluster = np.empty(n, np.int64)
-    all_contacts = np.ones(loose_assembly.n_contacts, bool)
-    n_clusters = join_balls(loose_assembly.i, loose_assembly.j, all_contacts, cluster)
     load = configuration.load_force[of_loose].reshape(-1, d)
     cages = _Cages(loose_assembly, load, np.zeros((loose_assembly.n_bodies, 3)))
+    all_contacts = np.ones(loose_assembly.n_contacts, bool)
+    cluster, n_clusters = cages.join(all_contacts)
     force_at_rest = tolerance * configuration.force_size
     mean_stiffness = float(np.mean(configuration.stiffness))
-    moves = np.ones(n, bool)
+    moves = np.ones(loose_assembly.n_balls, bool)
     for _ in range(options.inner_steps):
         largest = cages.find_largest_pulls(cluster, n_clusters)
         moves = (largest > force_at_rest)[cluster]
-        if 4 * int(np.count_nonzero(moves)) < n:
+        if 4 * int(np.count_nonzero(moves)) < len(moves):
             break
         relative_force = np.minimum(1.0, largest[cluster] / configuration.force_size)
         springs = options.loose_spring + options.added_stiffness * relative_force
         cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
     else:
-        moves = np.zeros(n, bool)
+        # clusters that do not come to rest in so many steps are given up
+        moves[:] = False
     x = configuration.x.copy()
     x[of_loose] += cages.displacement[:-1, :d].ravel()
-    moving = loose.copy()
-    moving[loose] = moves
-    return configuration.move(x), moving
+    moves_on = loose.copy()
+    moves_on[loose] = moves
+    return configuration.move(x), moves_on
 
 
 class _Cages:
@@ -134,11 +134,20 @@ class _Cages:
         add_forces(*ends, self.force, on_bodies, np.zeros((0, 3)))
         return np.asarray(self.load + on_bodies[:-1, : assembly.dimension])
 
-    def find_largest_pulls(self, group: NDArray[np.int64], count: int) -> Array:
-        """Return the size (count,) of the largest force left, N, on a ball of each of ``count``
-        groups; ``group`` (n,) numbers the group of each ball.
+    def join(self, joins: Flags) -> tuple[NDArray[np.int64], int]:
+        """Return the number (n,) of the group of each ball, and the number of groups. Balls are in
+        one group if contacts that ``joins`` (n_c,) marks lead from one to the other.
         """
-        largest = np.zeros(count)
+        assembly = self.assembly
+        group = np.empty(assembly.n_balls, np.int64)
+        n_groups = join_balls(assembly.i, assembly.j, joins, group)
+        return group, n_groups
+
+    def find_largest_pulls(self, group: NDArray[np.int64], n_groups: int) -> Array:
+        """Return the size (n_groups,) of the largest force left, N, on a ball of each group;
+        ``group`` (n,) is the number of the group of each ball.
+        """
+        largest = np.zeros(n_groups)
         find_largest(self.pull, group, largest)
         return largest
 
@@ -168,40 +177,58 @@ class _Cages:
     ) -> _Cages:
         """Return the cages after a step of Newton's method of the balls ``moves`` (n,).
 
-        Balls that touch now, or would after the whole step, are a group, and go the same part of
-        the step: to where the energy of the group is about least, or all of it if the energy still
-        falls there. Groups with no more force than ``force_at_rest``, N, on any ball stay.
-        ``springs`` (n,), N/m, hold the balls to the ground.
+        Balls that touch now, or would after the whole step, are a group. All balls of a group go
+        the same part of the step, to where the energy of the group is about least. They go all of
+        the step if the energy still falls there. A group stays if no more force than
+        ``force_at_rest``, N, is left on any of its balls, or if the energy does not fall along the
+        step. ``springs`` (n,), N/m, hold the balls to the ground while the step is found.
         """
-        assembly = self.assembly
-        ends = (assembly.i, assembly.j)
         steps = self._find_steps(springs, moves)
         ahead = self._go(steps)
-        group = np.empty(assembly.n_balls, np.int64)
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
-        count = join_balls(*ends, touches, group)
+        group, n_groups = self.join(touches)
+        stays = self.find_largest_pulls(group, n_groups) <= force_at_rest
+        return self._go_by_groups(steps, group, stays, ahead, options)
+
+    def _go_by_groups(
+        self,
+        steps: Array,
+        group: NDArray[np.int64],
+        stays: Flags,
+        ahead: _Cages,
+        options: RestOptions,
+    ) -> _Cages:
+        """Return the cages after the part of ``steps`` (n, d), m, at which the energy of each group
+        is about least, the whole at most.
+
+        ``group`` (n,) is the number of the group of each ball. Groups that are to stay, ``stays``
+        (groups,), and those whose energy does not fall take no part of the steps. ``ahead`` are the
+        cages after the whole steps.
+        """
+        ends = (self.assembly.i, self.assembly.j)
+        n_groups = len(stays)
 
         def sum_work(forces: Array) -> Array:
-            """Return the work (count,), J, of forces (n, d), N, on the balls of each group along
-            the whole step.
+            """Return the work (groups,), J, of ``forces`` (n, d), N, on the balls of each group
+            along the whole steps.
             """
             work = np.einsum("na,na->n", forces, steps)
-            return np.asarray(np.bincount(group, work, count), float)
+            return np.asarray(np.bincount(group, work, n_groups), float)
 
         first_work = sum_work(self.pull)
         work_of_load = sum_work(self.load)
-        is_at_rest = self.find_largest_pulls(group, count) <= force_at_rest
-        is_done = is_at_rest | (first_work <= 0.0)
+        is_done = stays | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
-        low = np.zeros(count)
-        high = np.full(count, np.inf)
+        low = np.zeros(n_groups)
+        high = np.full(n_groups, np.inf)
         for trial in range(options.loose_slopes):
-            # the first lengths are whole steps: these have been taken already if all groups go
+            # the first lengths are those of whole steps, which lead to ``ahead`` if all groups go
             if trial or np.any(is_done):
                 ahead = self._go(length[group, None] * steps)
-            # the loop adds to these, and changes the lengths and their brackets in place
+            # in place, measure_slopes adds the work of contacts, and choose_lengths changes the
+            # lengths, their brackets and ``is_done``
             work = work_of_load.copy()
-            rise = np.zeros(count)
+            rise = np.zeros(n_groups)
             vectors = (ahead.turned.current, ahead.turned.distance)
             measure_slopes(*ends, *vectors, ahead.force, ahead.stiffness, steps, group, work, rise)
             slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
