@@ -125,8 +125,7 @@ def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
         why = "sigma is too large, or the errors are not independent"
     return [
         f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is"
-        f" {chi2:.4g} for {dof} degrees of"
-        f" freedom, p = {p:.2g}): {why}"
+        f" {chi2:.4g} for {counted(dof, 'degree')} of freedom, p = {p:.2g}): {why}"
     ]
 
 
@@ -155,7 +154,7 @@ def find_rounding(values: Array) -> float:
 
 
 def find_warnings(
-    problem: FitProblem, logs: Array, errors: Array, sigma_given: bool, errors_known: bool
+    problem: FitProblem, logs: Array, errors: Array, sigma_given: bool, has_known_errors: bool
 ) -> list[str]:
     """Return the reasons not to trust a fit.
 
@@ -164,7 +163,7 @@ def find_warnings(
     problem, logs : the problem, and the logarithms (p,) of the fitted parameters.
     errors : relative standard errors of the parameters, (p,).
     sigma_given : whether sigma was given, rather than found from the scatter.
-    errors_known : whether standard errors rest on more than the rounding of the data.
+    has_known_errors : whether standard errors rest on more than the rounding of the data.
     """
     names = problem.model.names
     dof = problem.dof
@@ -175,7 +174,7 @@ def find_warnings(
     warnings = list[str]()
     if sigma_given or not dof:
         warnings += judge_residuals(chi2, dof, len(names))
-    elif not errors_known:
+    elif not has_known_errors:
         warnings.append(
             f"the scatter about the fit, {float(problem.sigma[0]):.2g} m/s, is below the rounding"
             f" of the data, {find_rounding(problem.velocity):.2g} m/s: standard errors are not"
@@ -186,9 +185,9 @@ def find_warnings(
     warnings += _judge_waves(problem)
     if dof:
         warnings += _judge_leverage(problem, leverages)
-    if errors_known and dof > 1:
+    if has_known_errors and dof > 1:
         warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given=sigma_given)
-    if errors_known:
+    if has_known_errors:
         warnings += [
             f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from"
             f" zero"
@@ -707,7 +706,7 @@ class Fitted(Result):
 
     @property
     def stderrs(self) -> Array:
-        """Standard error of each parameter, (p,), SI."""
+        """Standard error of each parameter, (p,), SI; nan where the errors are not known."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -857,7 +856,7 @@ class WidthFit(Fitted):
 
     @property
     def stderr(self) -> float:
-        """Standard error of the width, m; 0 if it was not fitted."""
+        """Standard error of the width, m; 0 if it was not fitted, nan if it is not known."""
         if "width" not in self.parameters:
             return 0.0
         return float(self.stderrs[self.parameters.index("width")])
@@ -1024,10 +1023,12 @@ def fit_width(
 
 
 def _make_fit(problem: FitProblem, logs: Array, data: Measurements) -> WidthFit:
-    """Return the fit of a ``problem`` to the ``data`` from the logarithms (p,) of the parameters at
-    the minimum; a sigma that is not given is found from the scatter.
+    """Return the fit of a ``problem`` to the ``data``, from the logarithms ``logs`` (p,) of the
+    parameters at the minimum. A sigma that is not given is found from the scatter. If the scatter
+    is no more than the rounding of the data, the covariance is nan.
 
-    Raises :class:`~granphon.base.errors.InputError` as :func:`_find_covariance` does.
+    Raises :class:`~granphon.base.errors.InputError` as :func:`_find_covariance` does, and the
+    errors of the medium at the fitted parameters.
     """
     sigma_given = data.sigma is not None
     if not sigma_given:
@@ -1037,9 +1038,9 @@ def _make_fit(problem: FitProblem, logs: Array, data: Measurements) -> WidthFit:
     residuals, _ = problem(logs)
     chi2 = float(residuals @ residuals)
     least_scatter = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
-    errors_known = sigma_given or float(problem.sigma[0]) >= least_scatter
-    warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
-    if not errors_known:
+    has_known_errors = sigma_given or float(problem.sigma[0]) >= least_scatter
+    warnings = find_warnings(problem, logs, errors, sigma_given, has_known_errors)
+    if not has_known_errors:
         covariance = np.full(covariance.shape, np.nan)
     fitted_packing = problem.model.fit_packing(logs)
     values = np.exp(logs)
@@ -1091,9 +1092,10 @@ def _require_effects(
     names = problem.model.names
     are_all_fitted = len(names) == len(VARIABLE)  # no data can tell all three apart
     index = problem.model.width_index
-    width_vanishes = index is not None and logs[index] < math.log(problem.widths[0])
-    # if the other parameters were known, the standard error of a parameter would be 1/norm
-    is_undetermined = np.any(norms < 1.0) or width_vanishes
+    has_no_width = index is not None and logs[index] < math.log(problem.widths[0])
+    # if the other parameters were known, the standard error of a parameter would be 1/norm times
+    # the parameter: with more than the whole of it nothing is known
+    is_undetermined = np.any(norms < 1.0) or has_no_width
     if is_undetermined and not (have_same_effect and are_all_fitted):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, _LEAST_NORM))
     if have_same_effect:

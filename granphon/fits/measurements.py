@@ -82,8 +82,8 @@ class Measurements(Result):
 
     Raises
     ------
-    InputError : a value is not a finite number above zero, a velocity is above that of light, or
-        the arrays have different lengths.
+    InputError : a value is not a finite number above zero, a velocity is above that of light, there
+        is no datum, or the arrays have different lengths: one number in a list is an array too.
     """
 
     force: Array = held(float, "*", "N")
@@ -95,24 +95,24 @@ class Measurements(Result):
         """Check the data, and put arrays, or floats where one number stands for all loads, in place
         of the arguments.
         """
-        counts = {}  # how many numbers each field has
+        n_values = {}  # of each field
         for name in self.units:
             values = getattr(self, name)
             is_required = name in ("force", "velocity")
             if values is None and not is_required:
                 continue
             array = np.array(finite_list(name, values, self.units[name], "above zero"))
-            counts[name] = array.size
+            n_values[name] = array.size
             if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
                 fault = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
                 raise InputError(fault, mend="Look at the unit, and at the number itself")
             is_array = is_required or bool(np.ndim(values))
             object.__setattr__(self, name, array if is_array else float(array[0]))
-        n = counts["force"]
-        # one number stands for all loads
+        n = n_values["force"]
+        # one number stands for all loads, and has no axis
         optional_arrays = [values for values in (self.sigma, self.frequency) if np.ndim(values)]
-        if counts["velocity"] != n or any(np.size(values) != n for values in optional_arrays):
-            words = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        if n_values["velocity"] != n or any(np.size(values) != n for values in optional_arrays):
+            words = ", ".join(f"{count} of {name}" for name, count in n_values.items())
             mend = "Give the same number of each; sigma and frequency may be one number"
             raise InputError(f"found {words}", mend=mend)
         super().__post_init__()

@@ -229,9 +229,13 @@ class TransferFunction(Result):
         band : lowest and highest frequency that are kept, Hz; by default all. Those up to two over
             the length of a segment, which lose their mean, are left out in any case.
 
-        Raises :class:`~granphon.base.errors.InputError` for traces of several sensors, or at
-        different times; a trace that does not change; segments of less than 16 samples, or of which
-        less than two fit into the record; and drive and response that nothing connects.
+        Raises
+        ------
+        InputError : the drive or the response is no :class:`~granphon.Traces`, or has several
+            sensors; the two have different times; a trace does not change; ``segment`` is no number
+            above zero, has less than 16 samples, or is longer than two thirds of the record;
+            ``band`` is not two ascending frequencies from zero on, or holds no frequency that is
+            kept; or nothing connects the drive and the response.
         """
         step = _require_pair(drive, response)
         n = drive.times.size
@@ -249,6 +253,13 @@ class TransferFunction(Result):
         # segments have lost their means, and with these the frequencies of one window about zero
         is_whole = frequencies > 2.0 / (n_segment * step)
         is_in_band = (frequencies >= low) & (frequencies <= high)
+        if not np.any(is_whole & is_in_band):
+            raise InputError(
+                f"the band, {low:g} to {high:g} Hz, holds no frequency",
+                f"Segments have frequencies from {frequencies[is_whole][0]:.6g} to"
+                f" {frequencies[-1]:.6g} Hz, {frequencies[1]:.6g} Hz apart",
+                "Give a wider band, or a longer segment",
+            )
         is_coherent = coherences > _find_coherence_of_noise(_BY_CHANCE, n_independent)
         is_kept = is_coherent & is_whole & is_in_band
         # Of many frequencies some exceed that limit by chance. At least one must exceed a higher
@@ -293,7 +304,7 @@ def _choose_segment(n: int, step: float, segment: float | None) -> int:
         raise InputError(
             f"a segment of {n_segment} samples, in a record of {n}",
             f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
-            "Record for longer, or give segment",
+            "Give another segment, or record for longer",
         )
     return n_segment
 
@@ -550,9 +561,9 @@ class _Model:
         at these ``values`` of the fitted parameters by name.
 
         Each loss is a pair: that of normal motion, or of displacements, and that of all other
-        motion. A loss that is not fitted has its given value, but for the second of a pair of which
-        only the first is fitted: it equals the first. The restitution e is one number, found from
-        ln(1/e), which stands in its place among the ``values``, and at least ``LEAST_RESTITUTION``.
+        motion. A loss that is not fitted has its given value. If only the first of a pair is
+        fitted, the second equals the first. The restitution e is one number. Where e is fitted,
+        the ``values`` hold ln(1/e) in place of e, and e is at least ``LEAST_RESTITUTION``.
         """
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
@@ -1033,8 +1044,11 @@ class _Comparison:
         return float(differences @ differences), scaled
 
     def list_starts(self) -> list[Array]:
-        """Return the scaled parameters (p,) from which minima are sought, the best first;
-        InputError if the model does not respond at any of them.
+        """Return the scaled parameters (p,) from which minima are sought, the best first.
+
+        Raises :class:`~granphon.base.errors.InputError` if at none of the parameters that are tried
+        the model responds, be it that contacts do not connect source and receiver, or that no balls
+        come to rest over the springs.
         """
         ratios = [1.0]
         if _POWERS.keys() & set(self.names):
@@ -1043,12 +1057,16 @@ class _Comparison:
         starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]
         starts.sort(key=lambda misfit_and_parameters: misfit_and_parameters[0])
         best = starts[: len(ratios)]
-        # the misfit is infinite where the model does not respond
+        # the misfit is infinite where the model does not respond or no balls come to rest
         starts_of_descent = [parameters for misfit, parameters in best if math.isfinite(misfit)]
         if not starts_of_descent:
-            problem = "the response of the network is zero at the receiver"
+            problem = "the model has no response at the receiver"
+            why = ""
             mend = "Look at source and receiver: contacts must connect them"
-            raise InputError(problem, mend=mend)
+            if "on_site" in self.names:
+                why = "Contacts do not connect it with the source, or no balls come to rest"
+                mend = "Look at source and receiver, and at the springs to the ground"
+            raise InputError(problem, why, mend)
         return starts_of_descent
 
     def _find_best_ratios(self) -> list[float]:

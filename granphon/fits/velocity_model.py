@@ -165,10 +165,12 @@ class _SampleCurve:
     """The stiffness of a regular lattice in which long ``waves`` have the velocity that they have
     in simulated samples.
 
-    The curve is log(k/c W^(1/2)) as a function of log f*. It goes through equilibria at fixed f*,
-    which are solved when they are first needed. Between them it is a cubic polynomial, with slopes
-    from four neighbours. The cusps that it leaves out change the velocity of 64 x 64 balls by 2e-4
-    (rms, f* > 0.05), less for more balls. Samples of that size differ by more.
+    The curve is log(k/(c W^(1/2))) as a function of log f*: k is the stiffness, W the width, and
+    c W^(1/2) the unit of stiffness of the samples (``width_units``). The curve goes through
+    equilibria at fixed f*, which are solved when they are first needed. Between them it is a cubic
+    polynomial, with slopes from four neighbours. The cusps that it leaves out change the velocity
+    of 64 x 64 balls by 2e-4 (rms, f* > 0.05), less for more balls. Samples of that size differ by
+    more.
     """
 
     def __init__(self, packing: Packing, choice: MediumChoice, waves: Waves) -> None:
@@ -179,8 +181,9 @@ class _SampleCurve:
         self._values: dict[int, float] = {}
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return the curve, log(k/c W^(1/2)), and its slope by log f*, both (n,), at the logarithms
-        ``logs`` of f*, (n,). Nodes of the curve that have not been solved yet are simulated.
+        """Return the curve, log(k/(c W^(1/2))), and its slope by log f*, both (n,), at the
+        logarithms ``logs`` of f*, (n,). Nodes of the curve that have not been solved yet are
+        simulated.
         """
         cell, fraction = np.divmod(logs / _NODE_SPACING, 1.0)
         # (n, 6): two nodes below the cell of each, the two ends of the cell, and two above
@@ -436,8 +439,9 @@ class VelocityModel:
         """Return a state with the long-wave velocities of the medium under the loads, and their
         local exponents d log v / d log f, (n,).
 
-        Where samples are simulated, that is a regular lattice with the stiffness of their curve;
-        InputError, which names the lowest datum, if the lowest load is too low for samples.
+        Where samples are simulated, the state is that of a regular lattice with the stiffness of
+        the curve of the samples. If the lowest load is too low for samples, an InputError names the
+        lowest datum.
         """
         if not self.is_sampled:
             state = self.choice.of(packing).at_force(
@@ -448,7 +452,8 @@ class VelocityModel:
         try:
             value, slope = self._curve(np.log(regular_state.reduced_force))
         except InputError as error:
-            if error.load_index != 0:  # not the lowest load
+            # the curve asks for loads in ascending order: the first one is the lowest
+            if error.load_index != 0:
                 raise
             lowest = int(np.argmin(self.force))
             where = (

@@ -299,8 +299,9 @@ class Problem:
         network. A start without the sums is first moved within the bounds until it has them, as
         only networks with the sums may be kept as the best.
 
-        The search ends early at a network without a value, as one that is not stable, and what it
-        has found before is kept. If start 0 itself has no value, the error is raised.
+        The search ends early where the goal has no value, for example at a network that is not
+        stable, and what the search has found before is kept. If the goal has no value at start 0,
+        the error is raised.
         """
         start = self._meet_sums(self._draw_start(number) if number else self.space.start)
         search = _Search(self.space, self.find_goal(number), self.sums)
@@ -347,8 +348,10 @@ class _Search:
         """Search from a ``start`` (n,), SI, in at most so many ``steps``; set ``history``, ``best``
         and ``stopped``.
 
-        The search ends early at a network without a value, as one that is not stable. If the first
-        network has none and the search ``must_start``, the error is raised.
+        A goal with residuals is matched by least squares, which cannot keep sums: with sums it is
+        minimised as others are. The search ends early where the goal has no value, for example at a
+        network that is not stable. If that is so at the first network and the search
+        ``must_start``, the error is raised.
         """
         try:
             if hasattr(self.goal, "find_residuals") and not self.sums:
@@ -393,7 +396,8 @@ class _Search:
     def _descend(self, start: Array, steps: int) -> None:
         """Minimise the goal, or its negative, from a ``start`` (n,), SI, in at most so many
         ``steps``: by sequential quadratic programming if sums are kept, else by L-BFGS. The
-        evaluations are recorded. They all have the sums, which are linear, as the start has them.
+        evaluations are recorded. The ``start`` must have the sums: then the variables of all
+        evaluations have them too, as steps between places with the same linear sums keep the sums.
         """
         from scipy.optimize import LinearConstraint, minimize
 

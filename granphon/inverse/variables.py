@@ -61,7 +61,9 @@ _ROUNDING = 1e-9
 
 @contextmanager
 def about(*keys: str) -> Iterator[None]:
-    """Let an InputError of the with-block say that it is about these ``keys`` of a design."""
+    """Let an InputError of the with-block say that it is about these ``keys`` of a design, unless
+    the error already says what it is about.
+    """
     try:
         yield
     except InputError as error:
@@ -202,8 +204,8 @@ class Variables:
         return np.split(values, np.cumsum([group.count for group in self.groups])[:-1])
 
     def make_network(self, values: Array) -> ContactNetwork:
-        """Return the given network with these ``values`` (n,) of the variables, SI, without
-        ``lattice`` and ``shape``.
+        """Return the given network with these ``values`` (n,) of the variables, SI. The network has
+        no ``lattice`` and no ``shape``: the cells of a grid need no longer be equal.
         """
         fields: dict[str, Any] = {}
         for group, values_of_group in zip(self.groups, self.split(values), strict=True):

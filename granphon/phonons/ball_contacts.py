@@ -324,7 +324,7 @@ class BallContacts(ContactCalculator):
     @spell_out(Completion)
     def contact_network(self, atoms: Atoms, **options: Unpack[CompletionOptions]) -> ContactNetwork:
         """Return the balls of ``atoms`` and their contacts as a network, in SI, with Mindlin's
-        shear stiffness.
+        shear stiffness, or none if the calculator is without friction.
 
         The ``options`` are those of :meth:`ContactNetwork.from_table`. The masses are those of the
         balls that the calculator was given; those of Atoms are atomic, and are not read.

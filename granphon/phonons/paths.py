@@ -345,7 +345,7 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
         are_points = len(numbers) % 3 == 0 and len(numbers) >= 6
         if not are_points:
             raise Refused(
-                f"{show(value)}, with {len(numbers)} numbers in a path",
+                f"{show(value)}, with {counted(len(numbers), 'number')} in a path",
                 allowed,
                 "A path has two points or more.",
             )
@@ -402,9 +402,10 @@ def _read_fraction(word: str, value: str, allowed: str) -> float:
 def read_point(value: Any, structure: Lattice) -> Array:
     """Return a wave vector (3,) of the lattice ``structure``, in fractions of the reciprocal cell.
 
-    ``value`` is the letter of a special point, such as "K" (G for Gamma), or a text of numbers or
-    fractions, as many as periods or three, separated by spaces or commas. Raises
-    :class:`~granphon.base.errors.Refused` for another value.
+    ``value`` is the letter of a special point, such as "K", or a text of numbers or fractions,
+    separated by spaces or commas. Gamma is "G", "Gamma", "GAMMA" or "Γ". The numbers are as many as
+    periods, or three, and those beyond the periods are zero. Raises
+    :class:`~granphon.base.errors.Refused` for another value, and for a number that is too large.
     """
     letters = special_points(structure.vectors)
     p = structure.periods
@@ -425,7 +426,7 @@ def read_point(value: Any, structure: Lattice) -> Array:
         raise Refused(show(value), allowed, f"Did you mean {letter!r}?" if letter else "")
     numbers = [_read_fraction(word, value, allowed) for word in value.replace(",", " ").split()]
     if len(numbers) not in (p, 3):
-        raise Refused(f"{show(value)}, with {len(numbers)} numbers", allowed)
+        raise Refused(f"{show(value)}, with {counted(len(numbers), 'number')}", allowed)
     if any(numbers[p:]):
         shape = ("line", "plane")[p - 1]
         raise Refused(f"{show(value)}, which leaves the {shape}", allowed)

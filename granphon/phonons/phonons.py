@@ -99,6 +99,9 @@ _STARTS = 6
 _MORE_STARTS = 24
 #: length of a vector along an axis without period, over its own, for which images do not matter
 _FAR_IMAGES = 1e6
+#: margin, in diameters, by which a pair of balls may be farther apart than the balls of one cell:
+#: contacts across a period are about as long as a diameter
+_MARGIN = 2.0
 #: relative difference of a cell of Atoms from that of the state up to which it is rounding
 _SAME = 1e-9
 
@@ -390,14 +393,14 @@ class Phonons:
         cell = self._cell.vectors.copy()
         extents = np.ptp(self._cell.positions, axis=0)
         is_period = np.arange(3) < self._periods
-        # across the periods the cell is one diameter thick, which is enough if the balls lie in a
-        # line or in a plane
-        is_open = np.where(is_period, ~self._cell.pbc, extents > 0.5)
+        lengths = np.linalg.norm(cell, axis=1)
+        # balls that are apart by no more than half of a vector across the periods are nearer to
+        # each other than to each other's images
+        is_open = np.where(is_period, ~self._cell.pbc, extents > 0.5 * lengths)
         extent = float(extents[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
-            length = np.linalg.norm(cell[axis])
-            # whole cells, over twice the extent of the balls with a margin
-            cell[axis] *= 1.0 + np.ceil(2.0 * (extent + 2.0) / length)
+            # beyond twice the greatest distance of a pair, images are farther than the pair
+            cell[axis] *= 1.0 + np.ceil(2.0 * (extent + _MARGIN) / lengths[axis])
         return cell
 
     def _sum_force_constants(self, numbers: Index) -> Array:

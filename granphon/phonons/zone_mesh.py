@@ -159,20 +159,21 @@ def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> N
     The whole integral of a spline is one, and its ``knots`` (n, m) are ascending. The last column
     of ``counts`` is for splines that end above all limits.
     """
-    # a limit beyond the last knot of a spline has all of it below; limits between its first and its
-    # last knot are counted one by one
-    first = np.searchsorted(limits, knots[:, 0])
-    last = np.searchsorted(limits, knots[:, -1])
-    n_between = last - first
+    # numbers (n,) of the limits below the first knot and below the last knot of each spline: all of
+    # the spline is below the limits from the second number on, and the limits between the knots are
+    # counted one by one
+    n_below_first = np.searchsorted(limits, knots[:, 0])
+    n_below_last = np.searchsorted(limits, knots[:, -1])
+    n_between = n_below_last - n_below_first
     # pairs of a spline and a limit between its knots, spline after spline
     spline = np.repeat(np.arange(len(knots)), n_between)
-    # the limits of a spline are first, first + 1, ..., that is, the numbers of its pairs less an
-    # offset
-    offset = np.repeat(np.cumsum(n_between) - last, n_between)
+    # the limits of the pairs of a spline have the numbers from n_below_first on, which are those of
+    # the pairs less an offset
+    offset = np.repeat(np.cumsum(n_between) - n_below_last, n_between)
     limit = np.arange(len(spline)) - offset
     part_below = _integrate_splines(limits[limit], knots[spline].T)
     for count, weight in zip(counts, weights, strict=True):
-        count += np.cumsum(np.bincount(last, weight, len(count)))
+        count += np.cumsum(np.bincount(n_below_last, weight, len(count)))
         count += np.bincount(limit, weight[spline] * part_below, len(count))
 
 
@@ -200,8 +201,8 @@ def find_point_group(
     Spglib knows the positions and masses of the balls, but not the stiffness of contacts. So the
     frequencies are compared at all images of one wave vector; if they differ, None is returned.
     ``frequencies`` is a function that takes wave vectors (n, ``periods``), fractions, and returns
-    (n, n_branches). From this call on spglib raises its errors, in the whole process; on a line it
-    is not needed.
+    (n, n_branches). On a line spglib is not needed. Elsewhere spglib raises its errors from this
+    call on, in the whole process.
     """
     if periods == 1:
         return np.ones((1, 1, 1), int)

@@ -143,8 +143,10 @@ def _explain_unborne(problem: Problem, options: RestOptions) -> InputError | Non
             " up to it"
         )
     mend = mend or "Press the crystal from the sides too, or give another load"
-    what = f"the crystal cannot bear {problem.load.words}"
-    return InputError(what, *(problem.load.lift or (why, mend)))
+    if problem.load.lift is not None:
+        # gravity that lifts balls off what they stand on is the nearer reason
+        why, mend = problem.load.lift
+    return InputError(f"the crystal cannot bear {problem.load.words}", why, mend)
 
 
 def _explain_laws(problem: Problem, options: RestOptions) -> InputError | None:

@@ -138,43 +138,51 @@ class GridIteration(ABC):
         """Return the motions under ``forces`` (n, m, k), whose k right sides share each transform;
         the arguments are those of :meth:`solve`.
 
-        Iterations end early at a motion that nothing resists, or along which the curvature of the
-        energy is below zero: a motion of a single ball, or a direction of the search. If
-        :meth:`find_way_down` then says that the energy has no curvature below zero, the forces that
-        are left are rounding, or along motions that cost nothing, and the motions have arrived.
+        Iterations end early where the curvature of the energy is below zero, along a motion of a
+        single ball or along a direction of the search. Iterations also end early where nothing
+        resists the direction of the search. :meth:`find_way_down` then judges. If the energy has no
+        curvature below zero, the forces that are left are rounding, or along motions that cost
+        nothing, and the motions have arrived.
         """
         remaining = self.lay_forces(forces)
         motions = np.zeros_like(remaining)
-        way = np.zeros_like(remaining)
-        products = np.zeros(remaining.shape[1])
-        curvatures = np.empty_like(products)
-        least = noise**2 * self.level * remaining.size
-        aim = math.inf
+        direction = np.zeros_like(remaining)
+        # squares (k,) of the errors of the right sides in the norm of the energy: the products of
+        # the forces that are left and the motions that the preconditioner finds under these forces
+        squares = np.zeros(remaining.shape[1])
+        # what forces of ``noise`` times the mean stiffness on each ball add to the square
+        square_of_rounding = noise**2 * self.level * remaining.size
+        largest_square = square_of_rounding
         has_arrived = False
         way_down = None
         for count in range(most + 1):
             preconditioned = self.find_motions(remaining)
-            last_products = products
-            products, least_product, total = multiply_columns(remaining, preconditioned)
-            if least_product < 0.0:
+            last_squares = squares
+            squares, least_square, square = multiply_columns(remaining, preconditioned)
+            if least_square < 0.0:
                 # blocks of single balls are not positive: some ball falls by itself
                 way_down = self.find_way_down(None)
                 has_arrived = way_down is None
                 break
-            aim = reduction**2 * total if count == 0 else aim
-            has_arrived = total <= max(aim, least)
+            if count == 0:
+                largest_square = max(reduction**2 * square, square_of_rounding)
+            has_arrived = square <= largest_square
             if has_arrived or count == most:
                 break
-            _set_direction(products, last_products, preconditioned, way)
-            change = np.empty_like(way)
-            self.multiply(way, change)
-            curvatures, least_curvature, total_curvature = multiply_columns(way, change)
-            if least_curvature < 0.0 or total_curvature == 0.0:
-                motion = self.find_way_down(way[:, int(np.argmin(curvatures))])
-                has_arrived = motion is None
-                way_down = motion if least_curvature < 0.0 else None
+            _set_direction(squares, last_squares, preconditioned, direction)
+            change = np.empty_like(direction)
+            self.multiply(direction, change)
+            curvatures, least_curvature, sum_of_curvatures = multiply_columns(direction, change)
+            lowest = direction[:, int(np.argmin(curvatures))]
+            if least_curvature < 0.0:
+                way_down = self.find_way_down(lowest)
+                has_arrived = way_down is None
                 break
-            _step_along(products, curvatures, way, change, motions, remaining)
+            if sum_of_curvatures == 0.0:
+                # nothing resists the direction, which leads up no more than down
+                has_arrived = self.find_way_down(lowest) is None
+                break
+            _step_along(squares, curvatures, direction, change, motions, remaining)
             del preconditioned, change  # the preconditioner needs the memory
         return GridSolution(
             motions=self.list_motions(motions),
@@ -197,17 +205,18 @@ class TangentIteration(GridIteration):
     Parameters
     ----------
     tangent : of the list, symmetric.
-    even : whether Green's function is that of contacts that are all alike, which is the same for
-        all loads and steps, and not that of contacts that have the mean stiffness of their kind.
-    earlier : an even iteration on the same grid, whose Green's function serves; ``even`` is then
-        not asked for.
+    is_uniform : whether Green's function is that of contacts that are all alike, which is the same
+        for all loads and steps, and not that of contacts that have the mean stiffness of their
+        kind.
+    earlier : a uniform iteration on the same grid, whose Green's function serves; ``is_uniform`` is
+        then not asked for.
     options : numbers of the iterations.
     """
 
     def __init__(
         self,
         tangent: Tangent,
-        even: bool = False,
+        is_uniform: bool = False,
         earlier: TangentIteration | None = None,
         options: GridOptions | None = None,
     ) -> None:
@@ -226,7 +235,7 @@ class TangentIteration(GridIteration):
             green = earlier._green
         else:
             product = GridProduct.of(contacts.i, contacts.j, self._cells)
-            green = _find_green(contacts, self.level, even, numbers)
+            green = _find_green(contacts, self.level, is_uniform, numbers)
         blocks = tangent.blocks
         self._product: GridProduct = product._replace(
             diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward
@@ -318,16 +327,16 @@ def list_balls(fields: Array, n_motions: int) -> Array:
 
 
 def _find_green(
-    contacts: ContactList, level: float, even: bool, options: GridOptions
+    contacts: ContactList, level: float, is_uniform: bool, options: GridOptions
 ) -> NDArray[Any]:
     """Return the inverses (f, f, waves) in Fourier space of the tangent of contacts that are equal
     within each kind, with the mean stiffnesses of the kind over ``level``; f are the motions of the
     balls of a cell.
 
-    If ``even`` is true, all contacts have the normal stiffness one and no other, along the
+    If ``is_uniform`` is true, all contacts have the normal stiffness one and no other, along the
     directions of the first contact of each kind. Inverses of grids with at most
-    ``options.green_balls`` balls, or ``options.small_array`` if ``even`` is false, are kept for
-    further calls.
+    ``options.green_balls`` balls, or ``options.small_array`` if ``is_uniform`` is false, are kept
+    for further calls.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -350,7 +359,7 @@ def _find_green(
         n_steps = np.round(np.log(np.maximum(means, LEAST_NORMAL)) / step)
         return tuple(np.where(means > 0.0, np.exp(step * n_steps), 0.0).tolist())
 
-    if even:
+    if is_uniform:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
         zeros = (0.0,) * kinds
         springs = (zeros, zeros, (1.0,) * kinds, zeros, zeros, zeros)
@@ -364,7 +373,7 @@ def _find_green(
             average_stiffness(contacts.torsion_stiffness),
             average_stiffness(contacts.bending_stiffness),
         )
-    most_kept = options.green_balls if even else options.small_array
+    most_kept = options.green_balls if is_uniform else options.small_array
     find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
     return find(
         shape,

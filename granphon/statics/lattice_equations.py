@@ -296,8 +296,10 @@ class Preconditioners:
 
     def count(self, iterations: int) -> None:
         """Count the ``iterations`` that the preconditioner chosen last has taken, and decide from
-        them whether :meth:`choose` is to make new factors: for the next equations, or, where many
-        more iterations are taken than with new factors, for each of the equations from now on.
+        them whether :meth:`choose` is to make new factors for the next equations.
+
+        Factors that take many more iterations than at first are made anew. Where the additional
+        iterations cost as much as factors, factors are made for each of the equations from then on.
         """
         options = self._options
         cost = options.cost_of_solution

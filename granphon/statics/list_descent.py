@@ -246,7 +246,7 @@ class LatticeDescent(ListDescent):
         of the energy is small.
 
         Raises the error of :func:`~granphon.statics.explanation.explain` if the energy still falls
-        at the last length that is tried.
+        steeply at the last length that is tried, and that is not the greatest length of the way.
         """
         problem = self.problem
         options = self.options
@@ -254,12 +254,14 @@ class LatticeDescent(ListDescent):
         stiffness = place.stiffness
         positive = stiffness[stiffness > 0.0]
         # an estimate for contacts that all carry a force without a stiffness, as where they break
-        added = place.force_size / problem.length
+        added_stiffness = place.force_size / problem.length
         if positive.size:
-            added = options.added_stiffness * min(1.0, residual) * float(np.mean(positive))
+            added_stiffness = (
+                options.added_stiffness * min(1.0, residual) * float(np.mean(positive))
+            )
         # far from rest a rough solution serves
         reduction = max(options.rough_reduction * min(1.0, residual**0.5), options.reduction)
-        step = self._solve(place, stiffness + added, place.pull, reduction)
+        step = self._solve(place, stiffness + added_stiffness, place.pull, reduction)
         way = LatticeWay(place, step, options)
         # near rest slopes are rounding: no length is better than another
         if way.fall <= 0.0:

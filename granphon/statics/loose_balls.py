@@ -99,9 +99,8 @@ def _lead_clusters(cages: _Cages, sizes: _Sizes, options: RestOptions) -> tuple[
     """
     assembly = cages.assembly
     n = assembly.n_balls
-    cluster = np.empty(n, np.int64)
     all_contacts = np.ones(assembly.n_contacts, bool)
-    n_clusters = join_balls(assembly.i, assembly.j, all_contacts, cluster)
+    cluster, n_clusters = cages.join(all_contacts)
     for _ in range(options.inner_steps):
         largest = cages.find_largest_pulls(cluster, n_clusters)
         moves = (largest > sizes.force_at_rest)[cluster]
@@ -144,11 +143,20 @@ class _Cages:
         add_forces(*ends, self.force, on_bodies, np.zeros((0, 3)))
         return np.asarray(self.load + on_bodies[:-1, : assembly.dimension])
 
-    def find_largest_pulls(self, group: NDArray[np.int64], count: int) -> Array:
-        """Return the size (count,) of the largest force left, N, on a ball of each of ``count``
-        groups; ``group`` (n,) numbers the group of each ball.
+    def join(self, joins: Flags) -> tuple[NDArray[np.int64], int]:
+        """Return the number (n,) of the group of each ball, and the number of groups. Balls are in
+        one group if contacts that ``joins`` (n_c,) marks lead from one to the other.
         """
-        largest = np.zeros(count)
+        assembly = self.assembly
+        group = np.empty(assembly.n_balls, np.int64)
+        n_groups = join_balls(assembly.i, assembly.j, joins, group)
+        return group, n_groups
+
+    def find_largest_pulls(self, group: NDArray[np.int64], n_groups: int) -> Array:
+        """Return the size (n_groups,) of the largest force left, N, on a ball of each group;
+        ``group`` (n,) is the number of the group of each ball.
+        """
+        largest = np.zeros(n_groups)
         find_largest(self.pull, group, largest)
         return largest
 
@@ -185,37 +193,55 @@ class _Cages:
     ) -> _Cages:
         """Return the cages after a step of Newton's method of the balls ``moves`` (n,).
 
-        Balls that touch now, or would after the whole step, are a group, and go the same part of
-        the step: to where the energy of the group is about least, or all of it if the energy still
-        falls there. Groups with no more force than ``force_at_rest``, N, on any ball stay.
-        ``springs`` (n,), N/m, hold the balls to the ground.
+        Balls that touch now, or would after the whole step, are a group. All balls of a group go
+        the same part of the step, to where the energy of the group is about least. They go all of
+        the step if the energy still falls there. A group stays if no more force than
+        ``force_at_rest``, N, is left on any of its balls, or if the energy does not fall along the
+        step. ``springs`` (n,), N/m, hold the balls to the ground while the step is found.
         """
-        assembly = self.assembly
-        ends = (assembly.i, assembly.j)
         steps = self._find_steps(springs, moves)
         ahead = self._go(steps)
-        group = np.empty(assembly.n_balls, np.int64)
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
-        count = join_balls(*ends, touches, group)
+        group, n_groups = self.join(touches)
+        stays = self.find_largest_pulls(group, n_groups) <= force_at_rest
+        return self._go_by_groups(steps, group, stays, ahead, options)
+
+    def _go_by_groups(
+        self,
+        steps: Array,
+        group: NDArray[np.int64],
+        stays: Flags,
+        ahead: _Cages,
+        options: RestOptions,
+    ) -> _Cages:
+        """Return the cages after the part of ``steps`` (n, d), m, at which the energy of each group
+        is about least, the whole at most.
+
+        ``group`` (n,) is the number of the group of each ball. Groups that are to stay, ``stays``
+        (groups,), and those whose energy does not fall take no part of the steps. ``ahead`` are the
+        cages after the whole steps.
+        """
+        ends = (self.assembly.i, self.assembly.j)
+        n_groups = len(stays)
 
         # the work of all forces per unit of length where the step begins
-        first_work = np.bincount(group, np.einsum("na,na->n", self.pull, steps), count)
-        is_at_rest = self.find_largest_pulls(group, count) <= force_at_rest
-        is_done = is_at_rest | (first_work <= 0.0)
+        work_of_balls = np.einsum("na,na->n", self.pull, steps)
+        first_work = np.asarray(np.bincount(group, work_of_balls, n_groups), float)
+        is_done = stays | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
-        low = np.zeros(count)
-        high = np.full(count, np.inf)
-        work = np.empty(count)
-        rise = np.empty(count)
+        low = np.zeros(n_groups)
+        high = np.full(n_groups, np.inf)
+        work = np.empty(n_groups)
+        rise = np.empty(n_groups)
         for trial in range(options.loose_slopes):
-            # the first lengths are whole steps: these have been taken already if all groups go
+            # the first lengths are those of whole steps, which lead to ``ahead`` if all groups go
             if trial or np.any(is_done):
                 ahead = self._go(length[group, None] * steps)
             vectors = (ahead.turned.current, ahead.turned.distance)
             forces = (ahead.force, ahead.stiffness, self.load)
             measure_slopes(*ends, *vectors, *forces, steps, group, work, rise)
             slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
-            # the lengths and their brackets are changed in place
+            # the lengths, their brackets and ``is_done`` are changed in place
             if choose_lengths(*slopes, length, low, high, is_done):
                 break
         return ahead

@@ -465,7 +465,7 @@ class GridEquations:
         )
         self._earlier = TangentIteration(
             Tangent(contacts, blocks),
-            even=True,
+            is_uniform=True,
             earlier=self._earlier,
             options=self.options.grid,
         )

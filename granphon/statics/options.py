@@ -146,8 +146,9 @@ class RestOptions:
         enough.
     most_iterations : iterations in a step, at most, where matrices are not factorised: the search
         goes on from what they have found.
-    largest_error : relative error of a step of an array, at most: with more of it soft motions are
-        hardly solved for, and come to rest over many steps more.
+    largest_error : relative error of a step of an array, at most, be the step found by iterations
+        or by the factors of an earlier step: with more of it soft motions are hardly solved for,
+        and come to rest over many steps more.
     near_residual : residual below which an array is near rest: the tangent of a step may be that at
         rest, and loose balls and all others move in turn again.
     stiffness_change : change of the stiffness of each contact, over it, up to which the curvature

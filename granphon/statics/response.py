@@ -200,8 +200,9 @@ class ListResponse(LinearResponse):
         leave. The forces that the motions of one round leave are solved for in the next.
 
         The :meth:`_list_solvers` are taken one after the other, each from motions of zero, until
-        the motions of one suffice. Raises ConvergenceError if none does, and the last one leaves
-        more than the part ``options.remainder`` of the forces.
+        the motions of one suffice. If those of none do, the motions of the last one are returned.
+        Raises ConvergenceError if these leave more than the part ``options.remainder`` of the
+        forces, and more than rounding.
         """
         largest_norm = 0.0 if self._is_symmetric else self._find_largest_norm(right)
         for solve in self._list_solvers(math.sqrt(borne), largest_norm):
@@ -216,12 +217,13 @@ class ListResponse(LinearResponse):
     def _refine_with(
         self, solve: Callable[[Array], Array | None], right: Array, borne: float
     ) -> tuple[Array, Array, bool]:
-        """Return the motions (n m, k) under forces ``right`` (n m, k) that rounds of ``solve``
-        find, one of the :meth:`_list_solvers`; the forces (n m, k) that these leave; and whether
-        :meth:`_suffices` holds with ``borne``.
+        """Return the motions (n m, k) that rounds find under forces ``right`` (n m, k), the forces
+        (n m, k) that the motions leave, and whether the motions suffice.
 
-        Rounds end where it holds; where they come no nearer, which leaves the motions of the round
-        before; where ``solve`` finds no motions; or at their largest number.
+        Each round solves for the forces that the rounds before have left, by ``solve``, which is
+        one of the :meth:`_list_solvers`. The rounds end when :meth:`_suffices` holds with
+        ``borne``, when ``solve`` finds no motions, or after ``options.rounds``. They also end when
+        a round leaves hardly less than the rounds before: its motions are then not added.
         """
         matrix = self._tangent.matrix
         motions = np.zeros_like(right)

@@ -339,8 +339,9 @@ class TurningDescent(ListDescent):
         near rest and factors are to tell whether that is a minimum; None elsewhere, and where the
         curvature of the energy is below zero.
 
-        The factors are kept: further steps take them as long as the stiffnesses hardly change and
-        each step leaves less than a tenth of the residual, and so does :meth:`_leave_saddle`.
+        The factors are kept. Further steps take the factors as long as the stiffnesses hardly
+        change and each step leaves at most the part ``options.largest_error`` of the residual. Only
+        factors without an eigenvalue below zero are kept, on which :meth:`_leave_saddle` relies.
         """
         options = self.options
         residual = configuration.residual
@@ -349,7 +350,7 @@ class TurningDescent(ListDescent):
         factored = self._factored
         if (
             factored is None
-            or residual > 0.1 * factored.residual
+            or residual > options.largest_error * factored.residual
             or not has_hardly_changed(configuration, factored.stiffness, options)
         ):
             stiffness = configuration.stiffness

@@ -400,6 +400,9 @@ def test_what_gives_no_transfer_function_is_refused() -> None:
     for band in ((1e3, 1e3), (2e3, 1e3), (-1.0, 1e3), (1e3,), "a"):
         with pytest.raises(InputError, match="band"):
             gp.TransferFunction.from_traces(drive, response, band=band)
+    for band in ((0.0, 100.0), (1e3, 1.01e3), (1e6, 1e7)):  # between and beyond the frequencies
+        with pytest.raises(InputError, match="holds no frequency"):
+            gp.TransferFunction.from_traces(drive, response, band=band)
     with pytest.raises(InputError, match="connects"):  # noise, at any frequency
         gp.TransferFunction.from_traces(drive, response)
     with pytest.raises(InputError, match="Traces"):
