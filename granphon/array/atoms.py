@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granphon.balls.packing import Packing
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
@@ -95,9 +95,16 @@ def has_masses(balls: Atoms) -> bool:
     """Return whether every ball has a mass that differs from the one in ASE's table for the element
     of its symbol.
     """
+    return balls.has("masses") and not np.any(_find_massless(balls))
+
+
+def _find_massless(balls: Atoms) -> Flags:
+    """Return whether each ball (N,) has no mass, or that of ASE's table for the element of its
+    symbol: ASE and some of its readers give the mass of an element to a ball without a mass.
+    """
     from ase.data import atomic_masses
 
-    return balls.has("masses") and not np.any(balls.get_masses() == atomic_masses[balls.numbers])
+    return np.asarray(balls.get_masses() == atomic_masses[balls.numbers])
 
 
 def has_sampled(balls: Atoms) -> bool:
@@ -117,8 +124,10 @@ def take_arrays(
 
     Each array is that of ``given``; if that has none, the one that the Atoms have, of whatever
     shape; if they have none either, that of balls at rest on the sites of a lattice, which are of
-    the ``kind`` and in the ``units``. Missing masses become (1 + deviation)^3, as for balls of one
-    material, and missing radii (1 + deviation)/2. The scales also go into ``info``.
+    the ``kind`` and in the ``units``. A ball without a mass gets that of ``given`` or, if that has
+    none, (1 + deviation)^3, as for balls of one material; other balls keep their masses. Radii, if
+    the Atoms have none, become those of ``given`` or (1 + deviation)/2. The scales also go into
+    ``info``.
     """
     shapes = _shapes(coordinates)
     arrays = {name: np.zeros((len(balls), *shape)) for name, shape in shapes.items()}
@@ -129,7 +138,8 @@ def take_arrays(
     arrays |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
     arrays |= given or {}
     if not has_masses(balls):
-        arrays.setdefault("masses", (1.0 + arrays["diameter_deviations"]) ** 3)
+        masses = arrays.get("masses", (1.0 + arrays["diameter_deviations"]) ** 3)
+        arrays["masses"] = np.where(_find_massless(balls), masses, balls.get_masses())
     if "radius" not in balls.arrays:
         arrays.setdefault("radius", 0.5 * (1.0 + arrays["diameter_deviations"]))
     for name, values in arrays.items():
@@ -157,14 +167,10 @@ def adopt(
                 f"like has {len(like)} balls, and the Atoms have {len(balls)}",
                 "Arrays are copied ball by ball",
             )
-        if not has_masses(balls):
-            balls.set_array("masses", None)
-        names = (*ARRAYS, "radius", "masses")
-        arrays = {
-            name: like.arrays[name].copy()
-            for name in names
-            if name not in balls.arrays and name in like.arrays
-        }
+        names = {*ARRAYS, "radius"} - balls.arrays.keys()
+        if not has_masses(balls):  # balls that have masses keep them
+            names.add("masses")
+        arrays = {name: like.arrays[name].copy() for name in sorted(names & like.arrays.keys())}
     take_arrays(balls, units, kind, arrays, coordinates)
     return balls
 
@@ -286,10 +292,13 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions,
     displacements and diameters, and forces depend on differences of these. Masses stand in the
-    file twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results of the calculator are not
-    written. The folder is made if need be; a file of granphon is replaced.
+    file twice, as ``masses`` for ASE and as ``mass`` for OVITO. Constraints and results of the
+    calculator are not written. The folder is made if need be; a file of granphon is replaced.
 
-    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, and
+    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, or if an
+    array of the Atoms cannot stand in columns: it has more than two axes, other entries than
+    real numbers, truth values or texts, a whole number of more than 32 bits, which ASE does not
+    read, or a text that is empty or has blanks. Raises
     :class:`~granphon.base.errors.OutputError` if the file cannot be written, or a file that is not
     granphon's is there.
     """
@@ -308,9 +317,36 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     arrays |= {name: array for name, array in atoms.arrays.items() if name not in _NO_COLUMNS}
     if "masses" in arrays:
         arrays["mass"] = arrays["masses"]
+    for name, array in arrays.items():
+        _require_columns(name, array)
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for array in arrays.values() for column in np.atleast_2d(array.T)]
     numbers_of_balls = zip(*(column.tolist() for column in columns), strict=True)
     rows = "".join(row % numbers for numbers in numbers_of_balls)
     write_text(path, f"{len(atoms)}\n{header}\n{rows}")
+
+
+def _require_columns(name: str, array: Array) -> None:
+    """Raise :class:`InputError` if ``array`` (N, ...) cannot stand in columns of a file, as
+    :func:`write_extxyz` says. The message states the ``name``.
+    """
+    problem = ""
+    if array.ndim > 2:
+        problem = f"has the shape {array.shape}"
+    elif array.dtype.kind not in "fibU":
+        problem = f"has entries of the type {array.dtype}"
+    elif array.dtype.kind == "i":
+        limits = np.iinfo(np.int32)
+        is_long = (array < limits.min) | (array > limits.max)
+        problem = f"has the whole number {array[is_long][0]}" if np.any(is_long) else ""
+    elif array.dtype.kind == "U":
+        texts = [text for text in array.ravel().tolist() if len(text.split()) != 1]
+        problem = f"has the text {texts[0]!r}" if texts else ""
+    if problem:
+        raise InputError(
+            f"the array {name} of the Atoms {problem}",
+            "A row of the file has one ball, and blanks part its columns",
+            "Give an array (N,) or (N, n) of real numbers, whole numbers of at most 32 bits, truth"
+            " values or words, or remove the array",
+        )

@@ -129,7 +129,9 @@ class Equilibrium(Result):
 
     @cached_property
     def place(self) -> ExactPlace:
-        """Configuration of the balls in the true geometry."""
+        """Configuration of the balls in the geometry of the equilibrium: the true one or, with a
+        ``ratio`` of zero, that of the lattice.
+        """
         array = (self.stencils, self.deviations, self.ratio)
         return ExactPlace(*array, self.balls, self.overlap, self.strain)
 
@@ -183,7 +185,7 @@ class Equilibrium(Result):
 
     @property
     def forces(self) -> Array:
-        """(n_c, L1, ..., Lp) contact forces h_+^(3/2)."""
+        """(n_c, L1, ..., Lp) contact forces h_+^(3/2); h_+ is h, or zero where balls are apart."""
         return hertz.press(self.overlaps)[0]
 
     @property

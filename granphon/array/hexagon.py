@@ -134,7 +134,8 @@ class PressedHexagon(Result):
         """The balls, the six walls (bodies of infinite mass, which come last), and the contacts
         that carry load.
 
-        Contacts with walls resist slip as those between balls do if the packing has friction.
+        The stiffness of a contact with a wall against slip, and that against roll, are the same
+        parts of its normal stiffness as between balls, whatever the material of the walls.
         """
         packing = self.packing
         d = packing.diameter
@@ -157,7 +158,8 @@ class PressedHexagon(Result):
         wall_stiffness = hertz.stiffness_under(self.wall_coefficient**2 * wall_forces)
         stiffness = np.concatenate([ball_stiffness, wall_stiffness])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
-        arm = np.full(len(normal), 0.5 * d)
+        arm_i = np.full(len(normal), 0.5 * d)
+        arm_j = np.append(arm_i[: len(ball_forces)], np.zeros(len(wall)))  # walls do not turn
         return ContactNetwork(
             cell=np.zeros((3, 3)),
             pbc=(False, False, False),
@@ -172,10 +174,10 @@ class PressedHexagon(Result):
             normal_force=np.append(ball_forces, wall_forces),
             normal_stiffness=stiffness,
             shear_stiffness=packing.mindlin_ratio * stiffness,
-            torsion_stiffness=0.0 * stiffness,
+            torsion_stiffness=np.zeros(len(normal)),  # balls turn about z alone: nothing twists
             bending_stiffness=packing.bending * d * d * stiffness,
-            arm_i=arm,
-            arm_j=arm,
+            arm_i=arm_i,
+            arm_j=arm_j,
             motions="in_plane",
             dimension=2,
         )
@@ -389,11 +391,14 @@ class Hexagon:
 
 
 def _require_triangular(packing: Packing) -> None:
-    """Raise InputError unless the packing is the triangular lattice with motions in its plane."""
-    if (
-        given_packing(packing).structure.contacts.normal.shape != (3, 2)
-        or packing.named_motions.name != "in_plane"
-    ):
+    """Raise InputError if ``packing`` is no Packing, or unless its lattice is the triangular one
+    and its balls move in the plane.
+    """
+    structure = given_packing(packing).structure
+    # a lattice of one ball in the cell with three contacts in the plane is triangular; honeycombs
+    # have three contacts in a cell of two balls
+    is_triangular = structure.n_balls == 1 and structure.contacts.normal.shape == (3, 2)
+    if not is_triangular or packing.named_motions.name != "in_plane":
         raise InputError(
             f"a hexagon of the {packing.structure.name} lattice with motions"
             f" {packing.named_motions.name}",

@@ -590,7 +590,7 @@ class LinearSteps:
         goal = reduction * math.sqrt(dot(right, right))
         while iterations < options.most_iterations:
             norm = math.sqrt(dot(residual, residual))
-            if not norm > goal:
+            if not norm > goal:  # also where motions have left the range of numbers
                 break
             change, count = solve_by_minimal_residuals(
                 apply, precondition, residual, goal / norm, most

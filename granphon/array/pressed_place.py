@@ -191,7 +191,7 @@ class PressedPlace:
 
     def turn(self, shears: Array) -> Array:
         """Return the vectors (contacts, 3), along the axes of space, of tangential forces whose
-        components along the two tangents are ``shears`` (n_s, n_c, L1, ..., Lp).
+        components along the n_s tangents of each contact are ``shears`` (n_s, n_c, L1, ..., Lp).
         """
         vectors = np.empty_like(self.configuration.normal)
         slips.set_shear_vectors(self.configuration, by_contact(shears, len(shears)), vectors)

@@ -37,6 +37,7 @@ from granphon.balls.hertz import reduce_by_slip
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import held, read_only, result_class
+from granphon.base.validation import choice, require
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw
 from granphon.networks.network import ContactNetwork
@@ -248,6 +249,11 @@ class PressedSample(Sample):
 
     equilibrium: PressedEquilibrium = held(PressedEquilibrium)
     shear_response: str = held(str, default=SHEAR_RESPONSES[0])
+
+    def _check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if ``shear_response`` is no choice."""
+        super()._check()
+        _require_response(self.shear_response)
 
     @property
     def rotations(self) -> Array:
@@ -471,5 +477,15 @@ class PressedSample(Sample):
     def respond(self, shear_response: str) -> Self:
         """Return the same sample with another ``shear_response``, the choice of the tangential
         stiffness under sound.
+
+        Raises :class:`~granphon.base.errors.InputError` if it is none of "slide", "stick" and
+        "partial_slip".
         """
-        return replace(self, shear_response=shear_response)
+        return replace(self, shear_response=_require_response(shear_response))
+
+
+def _require_response(word: str) -> str:
+    """Return the ``word`` if it is one of :data:`~granphon.array.options.SHEAR_RESPONSES`; raise
+    :class:`~granphon.base.errors.InputError` otherwise.
+    """
+    return require("shear_response", lambda value: choice(value, SHEAR_RESPONSES), word)

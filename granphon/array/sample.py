@@ -56,10 +56,10 @@ class Sample(Result):
     seed : random seed of the diameters; None if the diameters were given.
     equilibrium : the solution, in units of W and c W^(3/2).
 
-    Arrays are indexed by the cell (p, q, ...): on the triangular lattice the site of the ball is p
-    a1 + q a2. Where a cell has several balls, arrays of balls have one more axis, (L1, ..., Lp, n).
+    Arrays are indexed by the cell (k, l, ...): on the triangular lattice the site of the ball is k
+    a1 + l a2. Where a cell has several balls, arrays of balls have one more axis, (L1, ..., Lp, n).
     The last axis of contact arrays is the kind of contact, as in the contact table of the lattice:
-    on the triangular one from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
+    on the triangular one from ball (k, l) to (k, l + 1), (k + 1, l) and (k + 1, l + 1).
     """
 
     packing: Packing = held(Packing)
@@ -94,7 +94,9 @@ class Sample(Result):
 
     @property
     def sites(self) -> Array:
-        """(L1, ..., Lp, p) lattice sites p a1 + q a2 + ..., in mean diameters."""
+        """(L1, ..., Lp, p) lattice sites k a1 + l a2 + ..., in mean diameters; the balls of a cell
+        are displaced from these by their places in the cell.
+        """
         structure = self.packing.structure
         index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
         cells = np.asarray(index @ structure.vectors)
@@ -102,8 +104,8 @@ class Sample(Result):
 
     @property
     def displacements(self) -> Array:
-        """(L1, ..., Lp, p) displacements from the sites, m, of the evenly compressed cell. Balls
-        that nothing holds are where the iteration left them.
+        """(L1, ..., Lp, p) displacements, m, from the sites, which follow the compressed cell.
+        Balls that nothing holds are where the iteration left them.
         """
         reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
         return self._units.width * np.moveaxis(self._order(reduced), 0, -1)
@@ -182,8 +184,8 @@ class Sample(Result):
 
     def contact_fraction(self, threshold: float = COUNTED_FORCE) -> float:
         """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the
-        mean force, by default 1e-6. Raises :class:`~granphon.base.errors.InputError` if
-        ``threshold`` is below zero.
+        mean force, by default 1e-6. Raises :class:`~granphon.base.errors.InputError` unless
+        ``threshold`` is a finite number, zero or above.
         """
         least_part = not_negative("threshold", threshold)
         return float(np.mean(self.equilibrium.forces > least_part * self.equilibrium.force))

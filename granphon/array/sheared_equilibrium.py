@@ -195,8 +195,9 @@ class _PressureSearch:
         stencils = self._stencils
         ratio = self._ratio
         overlap, strain = split_strain(rest.strain, ratio)
-        kind = TrueEquilibrium if ratio else Equilibrium
-        state = kind(
+        # only the class of the true geometry follows overlaps as contacts turn
+        state_class = TrueEquilibrium if ratio else Equilibrium
+        state = state_class(
             deviations=self._deviations,
             overlap=overlap,
             balls=gather_balls(rest, stencils),
@@ -207,6 +208,7 @@ class _PressureSearch:
             ratio=ratio,
             strain=strain,
         )
+        # a new state copies its deviations, and would make stencils of its own: one set is enough
         return state.share(self._deviations, stencils)
 
 

@@ -162,7 +162,7 @@ class Stencils:
     @property
     def ball_shape(self) -> tuple[int, ...]:
         """Shape of an array with one number for each ball: (L1, ..., Lp), or (balls, L1, ..., Lp)
-        of several in the cell.
+        with several balls in the cell.
         """
         return self.shape if self.n_balls == 1 else (self.n_balls, *self.shape)
 
@@ -565,8 +565,9 @@ class Stencils:
         return inverses
 
     def _slabs(self) -> Iterator[slice]:
-        """Yield slices of layers along the first axis. A slice has at most :data:`CACHED` elements,
-        or one layer: in space in all fields together, on a line or in a plane in each field.
+        """Yield slices of layers along the first axis. A slice has one layer, or as many as have
+        :data:`CACHED` elements at most: those of all fields together in space, and those of one
+        field on a line or in a plane.
         """
         n_fields = self.n_fields if len(self.shape) == 3 else 1
         step = max(1, CACHED // (n_fields * math.prod(self.shape[1:])))

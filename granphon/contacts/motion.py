@@ -511,7 +511,8 @@ def _find_arm_sums(network: ContactNetwork, pairs: MetPairs) -> Array:
 def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Array:
     """Return the stiffnesses of contacts and of pairs over those of flat punches, ``punch`` (n_c,),
     N/m: (3, n_c), against slip; or (7, n_c), against slip (3), twist and roll (3), m^2. There are 7
-    rows if some contact resists twist or roll, or if it has a static torque and balls rotate.
+    rows if some contact resists twist or roll, or if some contact has a static torque and balls
+    rotate.
 
     The ratio of twist or roll of a pair is in proportion to the square of the distance of its balls
     at touch; the factor is the mean over contacts.

@@ -104,7 +104,9 @@ class Powers:
         return None
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
-        """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m."""
+        """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m;
+        ``joined`` is not read.
+        """
         if self.exponent == hertz.EXPONENT:
             mean = hertz.mean_force(self.overlap - e, self.overlap - end)
             return self.coefficient * mean - self.rest
@@ -113,7 +115,7 @@ class Powers:
     def store(self, e: Array, joined: Any = None) -> Array:
         """Return the energy (n,), J, of each contact at elongations e (n,), m, less that at rest,
         and with the energy f_0 e of a load f_0 that holds the contact at rest. It is zero at e = 0,
-        and never below zero.
+        and never below zero. ``joined`` is not read.
         """
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
@@ -124,7 +126,9 @@ class Powers:
         return _refine_near_rest(self, e, energy)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
-        """Return whether contacts are closed (n,) at elongations e (n,), m."""
+        """Return whether contacts are closed (n,) at elongations e (n,), m; ``joined`` is not
+        read.
+        """
         return np.asarray(e < self.overlap)
 
 
@@ -228,6 +232,8 @@ class PairLaws:
     def punch(self, e: Array, out: Array, joined: Any = None) -> Array:
         """Write into ``out`` (n,), and return, the stiffnesses 2 E* a, N/m, of flat punches with
         the radius a of the contacts at elongations e (n,), m; zero of contacts that have parted.
+        ``joined`` (n,) is that of :meth:`press`. A contact whose law does not know a has its normal
+        stiffness.
         """
         out[:] = self.springs.punch(self._find_law_overlaps(e))
         out[self._find_parted(joined)] = 0.0

@@ -138,6 +138,8 @@ def test_walls_of_the_same_material_are_softer():
     ("make", "said"),
     [
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3, lattice="square"), 5), "triangular"),
+        # three contacts in a cell, as the triangular lattice, of two balls
+        (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3, lattice="honeycomb"), 5), "triangular"),
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3, motions="out_of_plane"), 5), "plane"),
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 1), "2 or more"),
         (lambda: gp.Hexagon(gp.Packing(STEEL, 8e-3), 2.5), "balls_per_side"),

@@ -357,6 +357,14 @@ def test_moduli_are_those_of_the_springs_that_each_contact_has(response):
     np.testing.assert_allclose(ratio, wanted[response], atol=1e-9)
 
 
+def test_a_sample_refuses_an_unknown_response():
+    sample = cycle()[1].sample
+    with pytest.raises(InputError, match="shear_response"):
+        sample.respond("stuck")
+    with pytest.raises(InputError, match="shear_response"):
+        type(sample).from_dict({**sample.to_dict(), "shear_response": "stuck"})
+
+
 def test_without_friction_the_states_are_those_of_today():
     smooth = gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.2 * W)
     none = simulation(0.0, shear_response="slide").at_overlap(0.2 * W)

@@ -234,6 +234,19 @@ def test_adopted_balls_keep_what_they_have():
         gp.HertzMindlin(state).adopt(bare(state), like=gp.atoms(at_overlap(0.04)))
 
 
+def test_adopted_balls_keep_their_masses_beside_balls_without_any():
+    state = at_overlap()
+    balls = bare(state).repeat((2, 1, 1))
+    masses = balls.get_masses()  # ASE's, of its element
+    masses[0] = 2.0
+    balls.set_masses(masses)
+    calculator = gp.HertzMindlin(state)
+    np.testing.assert_array_equal(calculator.adopt(balls).get_masses(), [2.0, 1.0])
+    like = gp.atoms(state).repeat((2, 1, 1))
+    like.set_masses([3.0, 4.0])
+    np.testing.assert_array_equal(calculator.adopt(balls, like=like).get_masses(), [2.0, 4.0])
+
+
 def test_two_atoms_do_not_share_arrays():
     state = at_overlap()
     first = gp.atoms(state)
@@ -379,6 +392,37 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
 
 
 @pytest.mark.claim("extxyz-every-digit", "files-all-digits")
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((1, 3, 3)),
+        np.array([1j]),
+        np.array(["two words"]),
+        np.array([""]),
+        np.array([None]),
+        np.array([2**31]),
+    ],
+    ids=["tensor", "complex", "blank", "empty", "object", "long"],
+)
+def test_write_extxyz_refuses_what_no_reader_reads(tmp_path, values):
+    balls = gp.atoms(at_overlap())
+    balls.set_array("extra", values)
+    with pytest.raises(InputError, match="extra"):
+        gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    assert not list(tmp_path.iterdir())
+
+
+def test_write_extxyz_keeps_words_and_truth_values(tmp_path):
+    balls = gp.atoms(at_overlap()).repeat((2, 1, 1))
+    balls.set_array("word", np.array(["long", "s"]))
+    balls.set_array("flag", np.array([True, False]))
+    balls.set_array("number", np.array([2**31 - 1, -(2**31)]))
+    gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    back = ase.io.read(tmp_path / "balls.extxyz")
+    for name in ("word", "flag", "number"):
+        assert back.arrays[name].tolist() == balls.arrays[name].tolist()
+
+
 def test_write_extxyz_keeps_every_digit(tmp_path):
     # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))
