@@ -341,8 +341,9 @@ def _require_columns(name: str, array: Array) -> None:
         is_long = (array < limits.min) | (array > limits.max)
         problem = f"has the whole number {array[is_long][0]}" if np.any(is_long) else ""
     elif array.dtype.kind == "U":
-        texts = [text for text in array.ravel().tolist() if len(text.split()) != 1]
-        problem = f"has the text {texts[0]!r}" if texts else ""
+        texts = [str(text) for text in array.ravel()]
+        unfit = [text for text in texts if len(text.split()) != 1]
+        problem = f"has the text {unfit[0]!r}" if unfit else ""
     if problem:
         raise InputError(
             f"the array {name} of the Atoms {problem}",
