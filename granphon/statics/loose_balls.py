@@ -199,7 +199,8 @@ class _Cages:
         count = join_balls(*ends, touches, group)
 
         # the work of all forces per unit of length where the step begins
-        first_work = np.bincount(group, np.einsum("na,na->n", self.pull, steps), count)
+        work_on_balls = np.einsum("na,na->n", self.pull, steps)
+        first_work = np.asarray(np.bincount(group, work_on_balls, count), float)
         is_at_rest = self.find_largest_pulls(group, count) <= force_at_rest
         is_done = is_at_rest | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
