@@ -19,6 +19,12 @@ __all__ = ["__version__", *_HOME]
 
 
 def __getattr__(name: str) -> object:
+    """Return the public attribute ``name``, which is imported now and kept in the module: Python
+    calls this for a name that the module does not hold yet.
+
+    Raises AttributeError for a name that is not public, and MissingPackageError if a package that
+    the name needs is not installed.
+    """
     if name == "observables":  # the package, for gp.observables.register
         return import_module(".observables", __name__)
     if name not in _HOME:
@@ -26,9 +32,11 @@ def __getattr__(name: str) -> object:
     from granphon.base.errors import needing
 
     with needing(f"granphon.{name}"):
-        globals()[name] = value = getattr(import_module(_HOME[name], __name__), name)
+        value: object = getattr(import_module(_HOME[name], __name__), name)
+    globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
+    """Return the names of the module with all public names, also those not imported yet."""
     return sorted([*globals(), *_HOME])

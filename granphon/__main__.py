@@ -9,16 +9,17 @@ import sys
 #: new objects of Python after which a command looks for reference cycles. Nearly all that a command
 #: imports and makes lives to its end: at the default of Python, 700 or 2000, the search takes
 #: longer, by two to five hundredths of the time of a short run (tests/benchmarks/bench_commands.py)
-_COLLECTED = 10_000
+_COLLECTION_THRESHOLD = 10_000
 
 
 def main() -> int:
     """Run the command line and return its exit code; report an interruption even while the command
     is being imported.
 
-    In this process Python collects reference cycles less often from here on.
+    From here on, Python looks for reference cycles less often in this process. When a command has
+    ended, SIGINT and SIGTERM are ignored, so that the process is to end too.
     """
-    gc.set_threshold(_COLLECTED)
+    gc.set_threshold(_COLLECTION_THRESHOLD)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         from granphon.base.errors import MissingPackageError, needing

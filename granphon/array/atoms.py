@@ -75,16 +75,16 @@ _MEND = (
 
 
 def count_coordinates(packing: Packing) -> int:
-    """Return how many coordinates of a ball count: 1 on a line, 2 in a plane, 3 in space.
+    """Return the number of coordinates of a ball that count: 1 on a line, 2 in a plane, 3 in space.
 
-    It is the dimension of the lattice, or more where the motions lead out of it.
+    The number is the dimension of the lattice, or more if balls of the ``packing`` move out of it.
     """
     return max(packing.structure.dimension, 1 + max(packing.ball_motions.translations))
 
 
 def _shapes(coordinates: int) -> dict[str, tuple[int, ...]]:
-    """Return the shape of the entry of one ball in each array of :data:`ARRAYS`, for balls of which
-    so many ``coordinates`` count.
+    """Return the shape of the entry of one ball in each array of :data:`ARRAYS`, by the name of the
+    array; ``coordinates`` is from :func:`count_coordinates`.
     """
     if coordinates == 3:  # balls that move in space turn about three axes
         return ARRAYS | {"rotations": (3,)}
@@ -112,12 +112,13 @@ def take_arrays(
     given: Mapping[str, Array] | None = None,
     coordinates: int = 2,
 ) -> None:
-    """Put scales and arrays on Atoms, in place; ``coordinates`` is from :func:`count_coordinates`.
+    """Set scales and arrays of the Atoms ``balls``; ``coordinates`` is from
+    :func:`count_coordinates`.
 
-    An array of ``given`` comes first, then the array that the Atoms have, of whatever shape, then
-    the array of balls at rest on the lattice sites, which are of the ``kind`` and in the ``units``.
-    Missing masses become (1 + deviation)^3, as for balls of one material, and missing radii
-    (1 + deviation)/2. The scales also go into ``info``.
+    Each array is that of ``given``; if that has none, the one that the Atoms have, of whatever
+    shape; if they have none either, that of balls at rest on the sites of a lattice, which are of
+    the ``kind`` and in the ``units``. Missing masses become (1 + deviation)^3, as for balls of one
+    material, and missing radii (1 + deviation)/2. The scales also go into ``info``.
     """
     shapes = _shapes(coordinates)
     arrays = {name: np.zeros((len(balls), *shape)) for name, shape in shapes.items()}
@@ -141,8 +142,8 @@ def adopt(
     atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coordinates: int = 2
 ) -> Atoms:
     """Return a copy of ``atoms`` with the arrays and masses that they lack: those of ``like``, or
-    else those of balls at rest on the lattice sites; see :func:`take_arrays`, also for ``kind`` and
-    ``coordinates``.
+    else those of balls at rest on the lattice sites. ``units``, ``kind`` and ``coordinates`` are
+    those of :func:`take_arrays`.
 
     Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if
     the scales in ``info`` are not those of ``units``.
@@ -169,12 +170,12 @@ def adopt(
 
 
 def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int = 2) -> Kind:
-    """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`; without any
-    ball, that of a lattice with or without ``finite_overlap``.
+    """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`. Without any
+    ball it is the kind of a lattice with or without ``finite_overlap``.
 
-    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls
-    belong to another state, to a state with another ``finite_overlap`` or another number of
-    ``coordinates``, or to several.
+    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing; if balls are
+    of several kinds; or if they belong to a state with other ``units``, another ``finite_overlap``
+    or another number of ``coordinates``.
     """
     missing = [name for name in ARRAYS if not balls.has(name)]
     if not has_masses(balls):
@@ -207,9 +208,12 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
 
 
 def require_lying(balls: Atoms, periods: int) -> None:
-    """Raise :class:`InputError` unless the lattice vectors of the cell lie along x and the cell
-    repeats along no other axis (one of the ``periods``), or the same in the xy plane (two). With
-    three, any cell is accepted.
+    """Raise :class:`InputError` unless the cell of the Atoms is one of balls on a lattice with so
+    many ``periods``.
+
+    With one period, the first lattice vector of the cell has to lie along x, and the cell to repeat
+    along no other vector. With two, the first two have to lie in the plane of x and y, and the cell
+    must not repeat along the third. With three, any cell is accepted.
     """
     if periods == 3:
         return
@@ -233,8 +237,8 @@ def _take_logarithms(units: Units) -> Array:
 
 
 def _require_shapes(balls: Atoms, coordinates: int) -> None:
-    """Raise InputError if an array has another shape than that of balls of which so many
-    ``coordinates`` count.
+    """Raise InputError if an array has another shape than :func:`_shapes` says; ``coordinates`` is
+    from :func:`count_coordinates`.
     """
     for name, shape in _shapes(coordinates).items():
         if balls.arrays[name].shape != (len(balls), *shape):
@@ -248,7 +252,7 @@ def _require_shapes(balls: Atoms, coordinates: int) -> None:
 
 
 def _require_units(balls: Atoms, units: Units) -> None:
-    """Raise InputError if a ball came with the units of another state than these."""
+    """Raise InputError if a ball has scales that differ from these ``units``."""
     scales = balls.arrays[_SCALES]
     is_same = np.all(np.abs(scales - _take_logarithms(units)) < _DECIMALS, axis=1)
     if not np.all(is_same):

@@ -1,8 +1,9 @@
 """Contacts of an array at rest as a list, in the directions of the lattice or in the true ones.
 
-Lengths are over the diameter d, and stiffnesses in the unit of the equilibrium's, c W^(1/2): forces
-of the equilibrium, in c W^(3/2), are multiplied by W/d. Ball b of cell c has the number b cells +
-c, and the contact of a kind that starts in cell c the number kind cells + c.
+Lengths are over the diameter d. Stiffnesses are in the unit of those of the equilibrium, c W^(1/2),
+so that forces are in c W^(1/2) d: forces of the equilibrium, in c W^(3/2), are multiplied by W/d.
+In an array of C cells ball b of cell c has the number b C + c, and the contact of kind k that
+starts in cell c has the number k C + c.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.options import GridOptions
 
-#: number of balls up to which the contacts of an array are kept: they take 200 bytes a contact
+#: number of balls up to which the contacts of an array are kept, which take 200 bytes each
 _KEPT_BALLS = GridOptions().small_array
 
 
@@ -46,9 +47,10 @@ class Springs(NamedTuple):
 def select_resisted(
     lattice: Lattice, shear: ArrayLike, torsion: ArrayLike, bending: float
 ) -> Motions:
-    """Return the motions of balls on a ``lattice``, without the rotations that nothing resists:
+    """Return the motions of balls on a ``lattice``, without the rotations that nothing resists.
+
     ``shear``, ``torsion`` and ``bending`` are the stiffnesses against slip, twist and roll, in any
-    unit, of which only whether they are zero counts.
+    unit: it matters only whether they are zero.
     """
     return select_motions(shear, torsion, bending, default_motions(lattice.periods))
 
@@ -98,8 +100,8 @@ def list_in_true_directions(
     motions : motions of each ball.
     springs : stiffnesses of the contacts.
     forces : (n_c, L1, ..., Lp) normal forces.
-    leaning : (n_c, L1, ..., Lp) whether the normal force of a contact holds its balls against going
-        aside, and does not push them there.
+    leaning : (n_c, L1, ..., Lp) whether the normal force of a contact resists motions of its balls
+        across the normal; at all other contacts it supports them.
     shears : (contacts, 3) tangential forces T along the axes of space, of ball j on ball i; None
         without friction.
     """
@@ -152,8 +154,8 @@ class _Grid(NamedTuple):
 
 
 def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
-    """Return the balls, vectors, normals and arms of the contacts of an array of ``shape`` cells on
-    the lattice; arrays are read-only.
+    """Return the balls, vectors, normals and arms of the contacts of an array of ``shape`` (L1,
+    ..., Lp) cells of a ``lattice``; arrays are read-only.
 
     The contacts of the last 8 arrays of at most ``_KEPT_BALLS`` balls are kept for further calls.
     """
@@ -168,15 +170,15 @@ def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
     share them.
     """
     table = lattice.contacts
-    kinds = find_lattice_grid(shape, lattice)
-    cells = kinds.n_cells
-    grid = _Grid(
-        *kinds.ends,
-        np.repeat(kinds.vector, cells, axis=0),
-        np.repeat(kinds.normal, cells, axis=0),
+    grid = find_lattice_grid(shape, lattice)
+    cells = grid.n_cells
+    contacts = _Grid(
+        *grid.ends,
+        np.repeat(grid.vector, cells, axis=0),
+        np.repeat(grid.normal, cells, axis=0),
         np.repeat(table.arm_i, cells),
         np.repeat(table.arm_j, cells),
     )
-    for values in grid:
+    for values in contacts:
         values.flags.writeable = False
-    return grid
+    return contacts

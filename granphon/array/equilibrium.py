@@ -61,8 +61,8 @@ class Equilibrium(Result):
 
     Attributes
     ----------
-    deviations : (L1, ..., Lp) x = Delta/W of the balls; (n, L1, ..., Lp) of n > 1 balls in the
-        cell.
+    deviations : (L1, ..., Lp) x = Delta/W of the balls, where Delta is the diameter less the mean
+        diameter d; (n, L1, ..., Lp) if a cell has n > 1 balls.
     overlap : y, the part of the overlap that all contacts have in common.
     balls : (n p, L1, ..., Lp) displacements in units of W, in the coordinates of
         :class:`~granphon.array.stencils.Stencils`.
@@ -72,9 +72,9 @@ class Equilibrium(Result):
         linear equations.
     lattice : the lattice of the contacts.
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
-    strain : (p, p) symmetric strain of the cell, in units of W/d, beside the even one, -y, of a
-        cell that has taken the shape in which its stress is hydrostatic; None of one that keeps its
-        shape. The length (d - y W)^p is the size of the cell.
+    strain : (p, p) symmetric strain of the cell, in units of W/d, added to the even one, -y, if the
+        cell has taken the shape in which its stress is hydrostatic; None if the cell keeps its
+        shape. In both cases the size of the cell is (1 - y W/d)^p times that at y = 0.
 
     In arrays of contacts the first axis is the kind of contact, in the order of the lattice's
     table: (n_c, L1, ..., Lp).
@@ -91,21 +91,21 @@ class Equilibrium(Result):
     strain: Array | None = held(float, "p p?", within="finite", default=None)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickles the equilibrium with the derivatives that it has found: each costs a
-        linear response, and another process may have asked for them.
+        """Return what the equilibrium is made from again when it is unpickled, with the derivatives
+        that it has found: each costs a linear response.
         """
         derivatives = {name: vars(self)[name] for name in DERIVATIVES if name in vars(self)}
         return *super().__reduce__(), derivatives
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
-        """Return the same equilibrium, with the derivatives and the place that it has found, but
-        with these ``deviations``, equal to its own, and these ``stencils``: arrays that other
-        equilibria hold do not take memory twice.
+        """Return an equal equilibrium that holds the arrays ``deviations`` and the ``stencils``,
+        which must be equal to its own: if other equilibria hold them too, they take memory once.
+        The derivatives and the place that this equilibrium has found are kept.
         """
         twin = replace(self, deviations=deviations)
         names = {*DERIVATIVES, "place"} & vars(self).keys()
-        known = {name: vars(self)[name] for name in names}
-        vars(twin).update(known, stencils=stencils)
+        found_values = {name: vars(self)[name] for name in names}
+        vars(twin).update(found_values, stencils=stencils)
         return twin
 
     @cached_property
@@ -138,8 +138,8 @@ class Equilibrium(Result):
 
     @property
     def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y of the overlaps of contacts from the common part; of
-        contacts that are known to stay open, at most -y, so that h is not above zero.
+        """(n_c, L1, ..., Lp) differences h - y of the overlaps of contacts from the common part.
+        Contacts that are known to stay open have at most -y, so that h is not above zero.
         """
         if self.ratio:
             differences = self.place.differences
@@ -212,8 +212,8 @@ class Equilibrium(Result):
 
     @property
     def _roots(self) -> Array:
-        """(n_c, L1, ..., Lp) square roots h^(1/2) of overlaps where contacts carry load; zero where
-        the force may be a residual only.
+        """(n_c, L1, ..., Lp) square roots h^(1/2) of the overlaps of contacts that carry load; zero
+        for all others: their force may be nothing but a residual.
 
         The iteration leaves balls that nothing holds where they touch others with a trace of force.
         Shear springs at such contacts would hold these balls.
@@ -245,8 +245,8 @@ class Equilibrium(Result):
         return find_boundary_force(self.place, self.forces) if self.ratio else self.force
 
     def response(self) -> Array:
-        """Return (n_c, L1, ..., Lp) derivatives of the overlaps of contacts with respect to y;
-        computed anew at each call.
+        """Return the derivatives (n_c, L1, ..., Lp) of the overlaps of contacts with respect to y,
+        while balls stay in balance. They are computed anew at each call.
         """
         response = self._respond(1.0)
         if self.strain is None:
@@ -254,24 +254,24 @@ class Equilibrium(Result):
         # the cell shears so far that the stress stays hydrostatic: no shear then does work
         stiffness = self.stiffnesses
         shears = list_shears(self.lattice.periods)
-        by_shears = [self._respond(-self._elongate(shear)) for shear in shears]
-        coupling = [np.sum(stiffness * response * by_shear) for by_shear in by_shears]
-        resistance = [[np.sum(stiffness * a * b) for b in by_shears] for a in by_shears]
+        shear_responses = [self._respond(-self._elongate(shear)) for shear in shears]
+        coupling = [np.sum(stiffness * response * changes) for changes in shear_responses]
+        resistance = [[np.sum(stiffness * a * b) for b in shear_responses] for a in shear_responses]
         amounts = -np.linalg.solve(resistance, coupling)
-        for amount, by_shear in zip(amounts, by_shears, strict=True):
-            response = response + amount * by_shear
+        for amount, changes in zip(amounts, shear_responses, strict=True):
+            response = response + amount * changes
         return response
 
     def _respond(self, change: Array | float) -> Array:
         """Return the changes (n_c, L1, ..., Lp) of the overlaps of contacts after the cell has
         changed and the balls have come into balance again.
 
-        ``change`` is the change of overlaps where balls keep their places in the cell: a number for
+        ``change`` are the changes of overlaps if balls keep their places in the cell: a number for
         all contacts, or one for each kind, (n_c, 1, ..., 1).
         """
         stiffness = self.stiffnesses
         tension = stiffness * change
-        if isinstance(change, float):
+        if isinstance(change, float):  # an even change: see _find_uniform_part
             tension = change * (stiffness - _find_uniform_part(stiffness))
         iteration = self._iterate(stiffness)
         forces = iteration.collect(tension.reshape(len(tension), -1))
@@ -287,7 +287,7 @@ class Equilibrium(Result):
 
     def _find_derivatives(self) -> tuple[float, float]:
         """Return the first and the second derivative of the mean force of contacts with respect to
-        y, reduced: the second and third of the energy per contact.
+        y, reduced: they are the second and the third derivative of the energy per contact.
 
         In equilibrium the first response r of the overlaps is enough for both, by the (2n + 1)
         theorem: the derivatives are the means <k r^2> and <k' r^3>, k' being the slope of k.
@@ -327,16 +327,17 @@ class Equilibrium(Result):
         energy that the contacts then store is the elastic energy. This rests on the contacts alone,
         without an effective medium or a conjecture about friction.
 
-        Springs against slip, twist and roll have ``shear`` (eta), ``torsion`` and ``bending`` (over
-        d^2) times the normal stiffness of their contact; shear and torsion are numbers, or (n_c,
-        L1, ..., Lp). Without shear no ball turns, and torsion and bending are not used. Energies
-        are per d^p, and the unit is c W^(1/2), that of stiffnesses. An error of the linear response
-        enters squared; ``reduction`` is this error in the norm of the energy, by default that of
-        the statics.
+        The stiffness of springs against slip, twist and roll is ``shear`` (eta), ``torsion`` (over
+        d^2) and ``bending`` (over d^2) times the normal stiffness of their contact; shear and
+        torsion are numbers, or (n_c, L1, ..., Lp). Without shear no ball turns, and torsion and
+        bending are not used. Energies are per d^p, and the unit is c W^(1/2), that of stiffnesses.
+        ``reduction`` is the error of the linear response in the norm of the energy, by default that
+        of the statics; the error of the tensor is of the order of its square.
 
-        Contacts that bear no more than :data:`CARRIED_FORCE` times the residual count as open.
-        Which contacts do matters more than their forces: a stiffness is proportional to f^(1/3),
-        and two contacts with some 1e-10 of the mean force make 2e-6 of the tensor of 64 x 64 balls.
+        Contacts that bear no more than :data:`CARRIED_FORCE` times the residual count as open. It
+        matters more which contacts count as open than how large their forces are: a stiffness is
+        proportional to f^(1/3), and two contacts with some 1e-10 of the mean force make 2e-6 of the
+        tensor of 64 x 64 balls.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
         """
@@ -354,13 +355,14 @@ class Equilibrium(Result):
         normal = self.stiffnesses
         stencils = self._find_stencils(normal, shear, torsion, bending)
         if stencils.n_rows == stencils.n_contacts:
-            straight = self._iterate(normal)
-            strained = straight.find_strain_forces(unit_strains(self.lattice.periods))
-            response = GridResponse(straight, *strained, options)
+            # balls that do not turn
+            lattice_iteration = self._iterate(normal)
+            strain_forces = lattice_iteration.find_strain_forces(unit_strains(self.lattice.periods))
+            response = GridResponse(lattice_iteration, *strain_forces, options)
         else:
             ratios = {"slip": np.asarray(shear), "twist": np.asarray(torsion)}
-            turning = ShiftIteration(stencils, stencils.weights(normal, **ratios))
-            response = GridResponse(turning, turning.ahead, turning.corner, options)
+            iteration = ShiftIteration(stencils, stencils.weights(normal, **ratios))
+            response = GridResponse(iteration, iteration.ahead, iteration.corner, options)
         del normal  # the response has what it needs of a large array
         measure = float(self.lattice.measure) * math.prod(stencils.shape)
         return response.stiffness / measure
@@ -368,11 +370,11 @@ class Equilibrium(Result):
     def _find_stencils(
         self, normal: Array, shear: ArrayLike, torsion: ArrayLike, bending: float
     ) -> Stencils:
-        """Return the stencils of the array with the springs of :meth:`find_elasticity`, those along
-        contacts being ``normal`` (n_c, L1, ..., Lp).
+        """Return the stencils of the array for the springs of :meth:`find_elasticity`; ``normal``
+        (n_c, L1, ..., Lp) are the stiffnesses of those along contacts.
 
-        The stencils have one ratio of each kind for all contacts, on which the preconditioner is
-        built: the mean, weighted by stiffness.
+        The stencils have one ratio of each kind for all contacts, with which the preconditioner is
+        made: the mean of the ratios, weighted by ``normal``.
         """
         total = float(np.sum(normal))
         slip = float(np.sum(np.asarray(shear, float) * normal)) / total
@@ -387,8 +389,8 @@ class Equilibrium(Result):
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
-        """Return the contacts with their springs, which are those of :meth:`find_elasticity`;
-        contacts that carry no load have no springs.
+        """Return the contacts as a list, with the springs of :meth:`find_elasticity`; those of
+        contacts that carry no load have no stiffness.
         """
         normal = self.stiffnesses
         slip = np.asarray(shear, float) * normal
@@ -402,20 +404,20 @@ class Equilibrium(Result):
 
 
 def _find_uniform_part(stiffness: Array) -> float:
-    """Return a stiffness that may be subtracted from that of every contact in the response to a
-    uniform strain: the mean of ``stiffness`` (n_c, L1, ..., Lp) if all contacts are closed, or else
-    zero.
+    """Return the constant that is subtracted from the stiffnesses of all contacts in the response
+    to an even strain: the mean of ``stiffness`` (n_c, L1, ..., Lp) if all contacts are closed, and
+    zero otherwise.
 
-    Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all
-    contacts are closed, and so nearly alike, subtracting the mean saves digits. Where some are
-    open, the rounding of a subtracted constant would pull at balls that nothing holds.
+    Equal tension in all contacts moves nothing, so any constant may be subtracted. If all contacts
+    are closed, they are nearly alike, and subtracting the mean saves digits. If some are open, the
+    rounding of a subtracted constant would pull at balls that nothing holds.
     """
     return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
 def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
-    """Return the numbers of cells (L1, ..., Lp) of an array with these ``deviations``, whose first
-    axis is that of the balls of the cell if the ``lattice`` has several.
+    """Return the numbers of cells (L1, ..., Lp) of an array of balls with ``deviations``, (L1, ...,
+    Lp), or (n, L1, ..., Lp) if a cell of the ``lattice`` has n > 1 balls.
     """
     shape = np.shape(deviations)
     return shape[1:] if lattice.n_balls > 1 else shape

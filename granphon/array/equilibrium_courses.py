@@ -41,9 +41,9 @@ class EquilibriumFollower:
     def __init__(self, state: Equilibrium, load: ReducedLoad) -> None:
         self._state = state
         self._load = load
-        # the load on a cell that shears is a pressure, or in the directions of the lattice a size;
-        # in true directions a mean force or an overlap stands for the pressure under which the cell
-        # has them, which is searched for
+        # a cell that shears is under a pressure or, in the directions of the lattice, has a given
+        # size. In true directions a load that is a mean force or an overlap is met by the pressure
+        # that makes it, and this pressure is searched for
         self._is_pressed = state.strain is not None
         is_pressure = load.overlap is None and load.on_boundary
         self._is_searched = self._is_pressed and bool(state.ratio) and not is_pressure
@@ -62,8 +62,8 @@ class EquilibriumFollower:
             )
 
     def follow(self, change: ReducedChange) -> Course[Equilibrium]:
-        """Return the course of the equilibrium under a ``change`` (:data:`ReducedChange`): what the
-        course finds is the equilibrium at a relative step of the parameter, to first order.
+        """Return the course of the equilibrium under a ``change`` (:data:`ReducedChange`): it gives
+        the equilibrium at a relative step of the parameter, to first order.
         """
         state = self._state
         course = self._follow_rest(change)
@@ -73,21 +73,22 @@ class EquilibriumFollower:
             rest = Rest.of(course.place(step))
             ratio = change(step)[1]
             overlap, strain = split_strain(rest.strain, ratio)
-            moved = replace(
+            changed_state = replace(
                 state,
                 overlap=overlap,
                 balls=gather_balls(rest, state.stencils),
                 ratio=ratio,
                 strain=strain if self._is_pressed else None,
             )
-            vars(moved).update(stencils=state.stencils, _stay_open=self._stay_open)
-            return moved
+            # set behind the frozen class: neither is part of what an equilibrium is made of
+            vars(changed_state).update(stencils=state.stencils, _stay_open=self._stay_open)
+            return changed_state
 
         return Course(find, course.step)
 
     def _follow_rest(self, change: ReducedChange) -> RestCourse:
-        """Return the course of the balls at rest under a ``change``, at a pressure that follows the
-        load where the pressure is searched for.
+        """Return the course of the balls at rest under a ``change``. If the pressure is searched
+        for, it changes so that the course stays at the load.
         """
 
         def pose(step: float, step_of_pressure: float = 0.0) -> Problem:
@@ -107,8 +108,8 @@ class EquilibriumFollower:
         return self._under_mean.follow(pose, differentiate(find_goal, CourseOptions().step))
 
     def _measure(self, configuration: Configuration) -> float:
-        """Return what the load prescribes of a ``configuration`` in the true geometry: the mean
-        force, or the overlap y.
+        """Return the number of a ``configuration`` in the true geometry that the load prescribes:
+        the mean force, or the overlap y.
         """
         if self._load.overlap is None:
             return float(np.mean(configuration.force))
@@ -117,8 +118,8 @@ class EquilibriumFollower:
         return split_strain(configuration.strain, ratio)[0]
 
     def _pose(self, load: ReducedLoad, ratio: float, pressure: float) -> Problem:
-        """Return the problem of the balls at rest under a ``load`` and at a ``ratio`` W/d, or under
-        the ``pressure``, as f*, in place of the load if the pressure is searched for.
+        """Return the problem of the balls at rest at a ``ratio`` W/d under a ``load``. If the
+        pressure is searched for, the ``pressure``, as f*, takes the place of the load.
         """
         state = self._state
         scale = ratio or 1.0  # contacts have the length 1/scale, in W
@@ -134,14 +135,13 @@ class EquilibriumFollower:
         return Problem(assembly, applied, "exact" if ratio else "lattice", boundary)
 
     def _restore(self) -> Rest:
-        """Return the equilibrium as the result of a search for rest; contacts that carry no load
-        are open.
+        """Return the equilibrium as the result of a search for rest; the overlaps of contacts that
+        carry no load are at most zero.
         """
         state = self._state
         scale = state.ratio or 1.0
         assembly = assemble(state.deviations, state.stencils, scale)
         rest = take_up(assembly, state.balls, state.overlap, state.stencils, scale)
-        opened = np.minimum(state.overlaps, 0.0)
-        overlap = np.where(self._stay_open, opened, state.overlaps)
+        overlap = np.where(self._stay_open, np.minimum(state.overlaps, 0.0), state.overlaps)
         strain = rest.strain if state.strain is None else rest.strain + scale * state.strain
         return replace(rest, strain=strain, overlap=overlap.ravel())

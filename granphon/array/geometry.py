@@ -1,9 +1,10 @@
-"""Where the contacts of an array are in its true geometry; in that of the lattice, the limit of
-small spread, they are at rest on a grid (:mod:`granphon.contacts.grid`).
+"""Where the contacts of an array are in its true geometry. In the geometry of the lattice, the
+limit of small spread, contacts are those of a grid (:mod:`granphon.contacts.grid`).
 
 Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d;
-the lattice's lengths in d. In the limit contacts keep the directions e of the lattice, and all is
-linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i).
+lengths of the lattice in d. In the limit contacts keep the directions e of the lattice, and
+overlaps h are linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i), where x is the deviation (D - d)/W of
+the diameter D of a ball from the mean.
 
 In the true geometry directions, arms and overlaps follow from the positions of balls. A load
 compresses the cell evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the
@@ -16,15 +17,16 @@ and the overlap
 
     h = (x_i + x_j)/2 - q,    q = (|w| - 1)/eps,
 
-which the loops over contacts measure (:mod:`granphon.contacts.deformation`). It touches at the
-distances |w|/2 -+ eps (x_j - x_i)/4 from the centres, which are the radii less half of the overlap
-each; they add up to |w|, so that forces exert no torque on a pair. How it slips is said in
-:mod:`granphon.contacts.slips`.
+which the loops over contacts measure (:mod:`granphon.contacts.deformation`). The balls touch at the
+distances |w|/2 -+ eps (x_j - x_i)/4 from the centres of ball i and ball j: each is the radius less
+half of the overlap. The two distances add up to |w|, so that forces exert no torque on a pair. How
+contacts slip is said in :mod:`granphon.contacts.slips`.
 
-For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the
-mean ball in both: its own radii change that of a contact by a part of order eps.
+For eps = 0 all this is the linear map of the lattice. In both geometries the coefficient of Hertz's
+law is that of the mean ball for all contacts: the radii of the two balls would change it by a part
+of order eps.
 
-A place is a configuration of an array: the motion of its balls, and where that leaves the contacts.
+A place is a configuration of an array: the motion of its balls, and where its contacts then are.
 """
 
 from __future__ import annotations
@@ -41,13 +43,13 @@ from granphon.base.errors import InputError
 from granphon.contacts.deformation import measure_along, measure_bends, measure_turned
 from granphon.contacts.grid import find_lattice_grid
 
-#: fraction by which Newton's method may miss a given mean force, with friction or in the true
+#: fraction by which Newton's method may miss a given mean force, both with friction and in the true
 #: geometry
 LOAD_TOLERANCE = OPTIONS.negligible_force
 
 
 def require_small(ratio: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the ratio W/d is from zero to
+    """Raise :class:`~granphon.base.errors.InputError` unless the ``ratio`` W/d is from zero to
     :data:`LARGEST_RATIO`.
     """
     if not 0.0 <= ratio <= LARGEST_RATIO:
@@ -60,18 +62,18 @@ def require_small(ratio: float) -> None:
 
 
 class ExactPlace:
-    """Configuration of an array in its true geometry, of balls of the mean diameter d.
+    """Configuration of an array in its true geometry; d is the mean diameter of its balls.
 
     Parameters
     ----------
     stencils : stencils of the array, whose lattice has as many periods as dimensions.
-    deviations : (L1, ..., Lp) or (n, L1, ..., Lp), x = Delta/W of the balls.
+    deviations : (L1, ..., Lp) or, with n balls in a cell, (n, L1, ..., Lp), x of the balls.
     ratio : eps = W/d. If it is zero, contacts keep their directions, and displacements count as
         small beside the diameter.
     balls : (n p, L1, ..., Lp) displacements in W, in the coordinates of the stencils.
     overlap : y.
-    strain : (p, p) strain of the cell in units of W/d, beside the even one, -y; None if there is
-        none.
+    strain : (p, p) strain of the cell in units of W/d, added to the even one by y; None if there is
+        no other.
 
     Attributes
     ----------
@@ -101,46 +103,43 @@ class ExactPlace:
         self.ratio = ratio
         self.strain = strain
         self.overlap = overlap
-        means = stencils.average_pairs(deviations)
         self.uneven = find_unevenness(stencils, deviations, ratio)
-        p = stencils.lattice.dimension
-        grid = find_lattice_grid(stencils.shape, stencils.lattice)
-        # vectors at touch are those of the evenly compressed cell: losses of overlap are then h - y
-        # without a subtraction of y, which would lose digits
-        spacing = 1.0 - ratio * overlap
+        self._measure(stencils.average_pairs(deviations), balls)
+
+    def _measure(self, means: Array, balls: Array) -> None:
+        """Set the attributes over contacts but for ``uneven``, from the ``means`` (n_c, L1, ...,
+        Lp) of x over the balls of each contact and the displacements ``balls`` (n p, L1, ..., Lp).
+        """
+        p = self.stencils.lattice.dimension
+        grid = find_lattice_grid(self.stencils.shape, self.stencils.lattice)
+        # vectors at touch are those of the evenly compressed cell: what contacts lose of their
+        # overlaps then has no part y, from which digits would be lost in a subtraction
+        spacing = 1.0 - self.ratio * self.overlap
         # where contacts keep their directions, displacements are not scaled: loops measure losses
         # of overlap in W, for which the length of contacts does not matter
-        unit = ratio or 1.0
-        is_flat = np.full(means.size, not ratio)
+        unit = self.ratio or 1.0
+        is_flat = np.full(means.size, not self.ratio)
         vector = np.repeat(spacing * grid.vector, grid.n_cells, axis=0)
         displacement = np.zeros((grid.n_balls * grid.n_cells, 3))
-        displacement[:, :p] = unit * list_displacements(stencils, balls)
-        strained = np.zeros((3, 3))
-        if strain is not None:
-            strained[:p, :p] = unit / spacing * strain
+        displacement[:, :p] = unit * list_displacements(self.stencils, balls)
+        strain = np.zeros((3, 3))
+        if self.strain is not None:
+            strain[:p, :p] = unit / spacing * self.strain
         loss = np.empty(means.size)
         self.vector = np.empty((means.size, 3))
         distance = np.empty(means.size)
         self.normal = np.empty((means.size, 3))
-        measure_turned(
-            *grid.ends,
-            vector,
-            is_flat,
-            displacement,
-            strained,
-            loss,
-            self.vector,
-            distance,
-            self.normal,
-        )
+        motion = (displacement, strain)
+        places = (self.vector, distance, self.normal)
+        measure_turned(*grid.ends, vector, is_flat, *motion, loss, *places)
         self.size = distance.reshape(means.shape)
         self.differences = means - loss.reshape(means.shape) / unit
-        self.overlaps = overlap + self.differences
+        self.overlaps = self.overlap + self.differences
 
     @property
     def direction(self) -> Array:
-        """(contacts, 3) unit vectors of contacts on the lattice; made anew at each call, as the
-        array takes much memory.
+        """(contacts, 3) unit vectors e of contacts on the lattice. They are made anew whenever they
+        are asked for: the array takes much memory.
         """
         grid = find_lattice_grid(self.stencils.shape, self.stencils.lattice)
         return np.repeat(grid.normal, grid.n_cells, axis=0)
@@ -151,22 +150,24 @@ class ExactPlace:
         return shrink_boundary(self.ratio, self.overlap, len(self.stencils.shape))
 
     def press(self, forces: Array) -> float:
-        """Return the force per contact that does the work of the load as y grows, in c W^(3/2): the
-        mean of f n.e over contacts with the normal forces f, ``forces`` (n_c, L1, ..., Lp).
+        """Return the force per contact, in c W^(3/2), that does the work of the load as y grows:
+        the mean of f n.e over contacts, with the normal forces f, ``forces`` (n_c, L1, ..., Lp).
         """
         return float(np.mean(forces * self.lose(self.direction)))
 
     def press_sheared(self, forces: Array) -> float:
-        """Return the mean contact force, in c W^(3/2), that the pressure on a cell of any shape
-        stands for: the mean of f |w| over contacts with the normal forces f, ``forces`` (n_c, L1,
-        ..., Lp), over the size of the cell.
+        """Return the mean contact force, in c W^(3/2), that has the same pressure in a cell that
+        keeps its size; the cell of this configuration may have sheared.
+
+        It is the mean of f |w| over contacts, divided by the size of the cell over that at y = 0;
+        ``forces`` (n_c, L1, ..., Lp) are the normal forces f.
         """
         size = (1.0 - self.ratio * self.overlap) ** len(self.stencils.shape)
         return float(np.mean(forces * self.size)) / size
 
     def lose(self, moved: Array) -> Array:
-        """Return the losses (n_c, L1, ..., Lp) of overlap by small displacements (contacts, 3) of
-        balls j against balls i.
+        """Return the losses (n_c, L1, ..., Lp) of overlap by small displacements ``moved``
+        (contacts, 3) of balls j against balls i.
         """
         loss = np.empty(len(moved))
         measure_along(moved, np.zeros(len(moved)), self.normal, loss)
@@ -175,43 +176,46 @@ class ExactPlace:
     def curve(
         self, moved: Array, forces: Array, stiffness: Array, slope: Array
     ) -> tuple[Array, Array]:
-        """Return the second derivatives of the overlaps (n_c, L1, ..., Lp) and of the forces f n
-        (contacts, 3) of contacts whose balls move along straight lines.
+        """Return the second derivatives (n_c, L1, ..., Lp) of the overlaps, and (contacts, 3) of
+        the forces f n, with respect to a parameter s along which balls move on straight lines.
 
-        ``moved`` (contacts, 3) is the rate of the motion of balls j against balls i, in W;
-        ``forces`` f, ``stiffness`` df/dh and ``slope`` d^2f/dh^2 are (n_c, L1, ..., Lp).
+        ``moved`` (contacts, 3) are the derivatives with respect to s of the displacements of balls
+        j against balls i, in W; ``forces`` f, ``stiffness`` df/dh and ``slope`` d^2f/dh^2 are (n_c,
+        L1, ..., Lp).
         """
         bend = np.empty(len(moved))
         push = np.empty_like(moved)
-        over_distance = self.ratio / self.size.ravel()  # in 1/W, as displacements are in W
+        # in 1/W, as displacements are in W; zero if contacts keep their directions
+        over_distance = self.ratio / self.size.ravel()
         law = (forces.ravel(), stiffness.ravel(), slope.ravel())
         measure_bends(self.normal, over_distance, moved, *law, bend, push)
         return bend.reshape(self.size.shape), push
 
 
 def find_unevenness(stencils: Stencils, deviations: Array, ratio: float) -> Array:
-    """Return (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i of each
-    contact, over the mean diameter, eps (x_j - x_i)/4.
+    """Return eps (x_j - x_i)/4 (n_c, L1, ..., Lp): half of the difference of the radii of ball j
+    and ball i of each contact, over the mean diameter.
 
-    ``deviations`` (L1, ..., Lp) or (n, L1, ..., Lp) are x of the balls, and ``ratio`` is eps = W/d.
+    ``deviations`` (L1, ..., Lp) or, with n balls in a cell, (n, L1, ..., Lp) are x of the balls,
+    and ``ratio`` is eps = W/d.
     """
     by_ball = stencils.by_ball(deviations)
-    of_balls_i = np.stack([by_ball[i] for i, _ in stencils.ends])
-    # (x_i + x_j)/2 - x_i is half of the difference
-    return np.asarray(0.5 * ratio * (stencils.average_pairs(deviations) - of_balls_i))
+    deviations_i = np.stack([by_ball[i] for i, _ in stencils.ends])
+    # (x_i + x_j)/2 - x_i is (x_j - x_i)/2
+    return np.asarray(0.5 * ratio * (stencils.average_pairs(deviations) - deviations_i))
 
 
 def list_displacements(stencils: Stencils, balls: Array) -> Array:
-    """Return displacements (n, p) of balls along the axes of space, from those ``balls`` (n p, L1,
-    ..., Lp) in the coordinates of the stencils.
+    """Return displacements (n cells, p) of balls along the axes of space. ``balls`` (n p, L1, ...,
+    Lp) are the same displacements in the coordinates of the stencils, of n balls in a cell.
     """
     p = stencils.lattice.dimension
     return stencils.displacements(balls).reshape(p, -1).T
 
 
 def shrink_boundary(ratio: float, overlap: float, periods: int) -> float:
-    """Return the size of the boundary of a cell with so many ``periods`` p at an ``overlap`` y,
-    over that at y = 0: (1 - eps y)^(p - 1), with the ``ratio`` eps = W/d.
+    """Return (1 - eps y)^(p - 1): the size of the boundary of a cell with p ``periods`` at the
+    ``overlap`` y, over that at y = 0. The ``ratio`` is eps = W/d.
     """
     return (1.0 - ratio * overlap) ** (periods - 1)
 
@@ -233,11 +237,11 @@ class Loaded(Protocol):
 
 
 def find_boundary_force(place: Loaded, *forces: Array) -> float:
-    """Return the mean contact force f* that has, in a cell that keeps its size, the pressure of the
-    ``forces`` in the configuration ``place``.
+    """Return the mean contact force f*, in c W^(3/2), that has the same pressure in a cell that
+    keeps its size as ``forces`` have in the configuration ``place``.
 
-    ``forces`` are the normal forces of contacts, (n_c, L1, ..., Lp), and, with friction, the
-    tangential ones, (n_s, n_c, L1, ..., Lp).
+    ``forces`` are the normal forces (n_c, L1, ..., Lp) of contacts; with friction, a second array
+    has the tangential forces (n_s, n_c, L1, ..., Lp).
     """
     # where the cell has sheared, the work of an even strain is not that along the lattice
     if isinstance(place, ExactPlace) and place.strain is not None:
@@ -246,11 +250,11 @@ def find_boundary_force(place: Loaded, *forces: Array) -> float:
 
 
 def find_lack(load: ReducedLoad, place: Loaded, *forces: Array) -> float:
-    """Return by how much the mean contact force is less than a ``load`` prescribes, or, if the load
-    is on the boundary, the force per contact that does its work, in c W^(3/2); zero if the load is
-    an overlap.
+    """Return by how much a force is less than the ``load`` prescribes, in c W^(3/2); zero if the
+    load is an overlap.
 
-    ``forces`` are those of :func:`find_boundary_force`.
+    If the load is on the boundary, this force is that per contact which does the work of the load;
+    otherwise it is the mean contact force. ``forces`` are those of :func:`find_boundary_force`.
     """
     if load.overlap is not None:
         return 0.0

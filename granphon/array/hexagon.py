@@ -53,12 +53,14 @@ class PressedHexagon(Result):
     sites : (n_balls, 2) lattice sites, m; the hexagon is centred at the origin.
     deviations : (n_balls,) diameter of each ball less the mean diameter, m.
     displacements : (n_balls, 2) from the sites, m.
-    retreats : (6,) displacements of the walls along their outward normals (at 30, 90, ... degrees),
-        m, from where they would touch balls of the mean diameter on the sites.
-    i, j : (n_c,) balls of the contacts between balls.
+    retreats : (6,) displacements of the walls along their outward normals, m, from where they would
+        touch balls of the mean diameter on the sites. The normals are at 30, 90, ..., 330 degrees
+        from the x axis.
+    i, j : (n_c,) numbers of the two balls of each contact between balls.
     normal : (n_c, 2) unit vectors from ball i to ball j.
-    ball, wall : (n_w,) ball and wall of the contacts with walls.
-    forces, wall_forces : (n_c,), (n_w,) contact forces, N.
+    ball, wall : (n_w,) numbers of the ball and of the wall of each contact with a wall.
+    forces : (n_c,) forces of contacts between balls, N.
+    wall_forces : (n_w,) forces of contacts with walls, N.
     wall_coefficient : coefficient of Hertz's law of a ball against a wall, N/m^(3/2).
     residual : largest force left on a ball or a wall, divided by the mean contact force.
     """
@@ -138,21 +140,24 @@ class PressedHexagon(Result):
         d = packing.diameter
         law = packing.law
         count = len(self.sites)
-        live = self.forces > 0.0
-        live_at_walls = self.wall_forces > 0.0
-        # of the walls from the centre: that of the outermost row, and the radius of a ball
+        is_loaded = self.forces > 0.0
+        is_wall_loaded = self.wall_forces > 0.0
+        # distances of the walls from the centre: that of the outermost row, half of a diameter, and
+        # what the walls have moved
         distance = d * (_find_outermost_row(self.balls_per_side) + 0.5) + self.retreats
         positions = np.zeros((count + 6, 3))
         positions[:count, :2] = self.positions
         positions[count:, :2] = distance[:, None] * _NORMALS
-        wall = self.wall[live_at_walls]
-        normal = np.zeros((int(np.sum(live)) + len(wall), 3))
-        normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[wall]])
-        between_balls = hertz.stiffness_under(law.coefficient**2 * self.forces[live])
-        at_walls = hertz.stiffness_under(self.wall_coefficient**2 * self.wall_forces[live_at_walls])
-        stiffness = np.concatenate([between_balls, at_walls])
+        wall = self.wall[is_wall_loaded]
+        normal = np.zeros((int(np.sum(is_loaded)) + len(wall), 3))
+        normal[:, :2] = np.concatenate([self.normal[is_loaded], _NORMALS[wall]])
+        ball_forces = self.forces[is_loaded]
+        wall_forces = self.wall_forces[is_wall_loaded]
+        ball_stiffness = hertz.stiffness_under(law.coefficient**2 * ball_forces)
+        wall_stiffness = hertz.stiffness_under(self.wall_coefficient**2 * wall_forces)
+        stiffness = np.concatenate([ball_stiffness, wall_stiffness])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
-        half = np.full(len(normal), 0.5 * d)
+        arm = np.full(len(normal), 0.5 * d)
         return ContactNetwork(
             cell=np.zeros((3, 3)),
             pbc=(False, False, False),
@@ -160,17 +165,17 @@ class PressedHexagon(Result):
             radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)),
             masses=masses,
             inertias=masses * (GYRATION * d) ** 2,
-            i=np.append(self.i[live], self.ball[live_at_walls]),
-            j=np.append(self.j[live], count + wall),
+            i=np.append(self.i[is_loaded], self.ball[is_wall_loaded]),
+            j=np.append(self.j[is_loaded], count + wall),
             shift=np.zeros((len(normal), 3), int),
             normal=normal,
-            normal_force=np.append(self.forces[live], self.wall_forces[live_at_walls]),
+            normal_force=np.append(ball_forces, wall_forces),
             normal_stiffness=stiffness,
             shear_stiffness=packing.mindlin_ratio * stiffness,
             torsion_stiffness=0.0 * stiffness,
             bending_stiffness=packing.bending * d * d * stiffness,
-            arm_i=half,
-            arm_j=half,
+            arm_i=arm,
+            arm_j=arm,
             motions="in_plane",
             dimension=2,
         )
@@ -221,7 +226,7 @@ class Hexagon:
         require_memory(
             f"hexagons of {n_balls:,} balls", _BALL_BYTES * n_balls, "Give fewer balls_per_side"
         )
-        # cells (p, q) of a rhombus, less those of its two acute corners
+        # a rhombus of cells (p, q) without those at its two acute corners is a hexagon
         steps = np.arange(1 - n, n)
         cells = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
         self._cells = cells[np.abs(cells[:, 0] - cells[:, 1]) < n]
@@ -243,8 +248,8 @@ class Hexagon:
 
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Numbers (n_c,) of the balls i and j of the contacts between balls, and the normals (n_c,
-        2).
+        """Numbers (n_c,) of the balls i, and (n_c,) of the balls j, of the contacts between balls,
+        and normals (n_c, 2) from ball i to ball j.
         """
         # the number of the ball in each cell (p, q) of the lattice
         number = {cell: ball for ball, cell in enumerate(map(tuple, self._cells.tolist()))}
@@ -259,8 +264,8 @@ class Hexagon:
         return i, j, table.normal[kinds]
 
     @cached_property
-    def _leaning(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers (n_w,) of the ball and of the wall of the contacts with walls."""
+    def _wall_contacts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Numbers (n_w,) of the balls, and (n_w,) of the walls, of the contacts with walls."""
         distances = self.sites @ _NORMALS.T / self.packing.diameter
         # a tenth of a diameter is far above rounding, and far below the distance to the next row
         ball, wall = np.nonzero(distances > _find_outermost_row(self.balls_per_side) - 0.1)
@@ -268,28 +273,28 @@ class Hexagon:
 
     @property
     def _middle(self) -> int:
-        """Number of the ball in the middle, among all balls."""
+        """Number of the ball in the middle of the hexagon."""
         return int(np.argmin(np.sum(self.sites**2, axis=1)))
 
     @cached_property
     def _assembly(self) -> Assembly:
         """The balls and the walls, with the contacts between balls first.
 
-        Walls move along their normals, so that nothing holds the whole against translations. The
-        ball in the middle is therefore held: it is no ball of the assembly.
+        As all walls move, nothing holds the whole against translations. The ball in the middle is
+        therefore held: it is not among the balls of the assembly.
         """
         i, j, normal = self._pairs
-        ball, wall = self._leaning
+        ball, wall = self._wall_contacts
         count = len(self.sites) - 1
         # numbers of bodies: moving balls, then the six walls, then what is held
         body = np.insert(np.arange(count), self._middle, count + 6)
         radii = 0.5 * self.deviations
         n_pairs = len(i)
         n_contacts = n_pairs + len(ball)
-        half = 0.5 * self.packing.diameter
+        d = self.packing.diameter
         vector = np.zeros((n_contacts, 3))
-        vector[:n_pairs, :2] = self.packing.diameter * normal
-        vector[n_pairs:, :2] = half * _NORMALS[wall]
+        vector[:n_pairs, :2] = d * normal
+        vector[n_pairs:, :2] = 0.5 * d * _NORMALS[wall]
         contacts = np.arange(n_contacts)
         between_balls = (self.packing.law, contacts[:n_pairs])
         at_walls = (HertzLaw(self.wall_coefficient), contacts[n_pairs:])
@@ -331,7 +336,7 @@ class Hexagon:
         rest = find_rest(assembly, load)
         forces = assembly.laws.force(rest.overlap)
         i, j, normal = self._pairs
-        ball, wall = self._leaning
+        ball, wall = self._wall_contacts
         between_balls = forces[: len(i)]
         at_walls = forces[len(i) :]
         self._require_shallow(applied, float(np.max(between_balls)), float(np.max(at_walls)))
@@ -355,9 +360,9 @@ class Hexagon:
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
-        """Raise :class:`InputError` if a force ``between`` two balls, N, presses them together by
-        their diameter, or a force ``at_wall``, N, presses a ball into its wall by the radius of the
-        ball; the message states the ``side_force``, N.
+        """Raise :class:`InputError` if the force ``between``, N, presses two balls together by
+        their diameter, or if the force ``at_wall``, N, presses a ball into its wall by the radius
+        of the ball. The message states the ``side_force``, N.
         """
         packing = self.packing
         load = f"side_force = {side_force:g} N"
@@ -375,7 +380,8 @@ class Hexagon:
         """Press each wall with F = n 3^1/2 f, where f is the contact ``force``, N, and return the
         balls at rest; see :meth:`at_side_force`, also for what is raised.
 
-        f is the :attr:`~PressedHexagon.nominal_force`, not quite the mean force of the contacts.
+        f is the :attr:`~PressedHexagon.nominal_force`; the mean force of the contacts is larger by
+        the factor n/(n - 2/3).
         """
         return self.at_side_force(
             positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side
@@ -397,8 +403,8 @@ def _require_triangular(packing: Packing) -> None:
 
 
 def _find_outermost_row(balls_per_side: int) -> float:
-    """Return the distance of the outermost row of balls along a wall from the centre, in diameters:
-    rows are (3/4)^(1/2) apart.
+    """Return the distance, in diameters, from the centre to the row of balls along a wall; rows are
+    (3/4)^(1/2) apart.
     """
     return (balls_per_side - 1) * math.sqrt(0.75)
 
@@ -406,9 +412,9 @@ def _find_outermost_row(balls_per_side: int) -> float:
 def _find_deviations(
     packing: Packing, count: int, diameters: ArrayLike | None, seed: int | None
 ) -> Array:
-    """Return deviations (count,) from the mean diameter, m, of mean zero: those of the
-    ``diameters``, m, if they are given, or else of ``count`` balls of the packing, drawn with the
-    ``seed``.
+    """Return deviations (count,) from the mean diameter, m; their mean is zero. They are those of
+    the ``diameters``, m, if these are given, and otherwise those of ``count`` balls of the packing
+    that are drawn with the ``seed``.
 
     Raises InputError if the diameters are not finite and above zero, or have another shape, or
     another mean than the packing.

@@ -9,10 +9,10 @@ taken in steps. At the end of each step the forces and torques on every ball are
     C_n^T f = C_s^T T
 
 where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this balance
-(:mod:`granphon.array.load_step`). Where it fails, dashpots slow the balls down
-(:mod:`granphon.array.stepper`); where that finds no balance either, the step is taken in two
-halves. Steps are also halved until a further halving changes f* and the lost energies by little.
-The work of the load is then the integral of f* dy for each contact.
+(:mod:`granphon.array.load_step`). If it fails, dashpots slow the balls down
+(:mod:`granphon.array.stepper`); if no balance is found with dashpots either, the step is taken in
+two halves. Steps are also halved until a further halving changes f* and the lost energies by
+little. The work of the load is then the integral of f* dy for each contact.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ class LoadingHistory:
 
     Parameters
     ----------
-    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
-        cell.
+    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) if a cell has n > 1
+        balls.
     stencils : stencils of the array, with the shear stiffness ratio eta above zero.
     friction_coefficient : mu of the contacts, from zero to infinity.
-    tolerance : relative change of f* that halving a step may make, from one load of the path to the
-        next; if it is infinite, steps are not halved to be exact.
-    start : where the history begins, with rotations and tangential forces zero: a state at rest
-        without friction, or the load under which balls come to rest without friction; by default
-        that of a* = 1/2. In the true geometry a state at rest on the lattice is only the start of a
-        search for rest in the true geometry. Or "gas": the balls lie apart on their sites, and are
-        pressed with friction until they stand, see :mod:`granphon.array.stepper`: a beginning for
-        lattices that friction alone holds.
+    tolerance : greatest relative change of f* that halving all steps from one load of the path to
+        the next may make; if it is infinite, steps are not halved for accuracy.
+    start : where the history begins, with rotations and tangential forces zero. It is a state at
+        rest without friction; or the load under which balls come to rest without friction, by
+        default that of a* = 1/2; or "gas". In the true geometry a state at rest in the directions
+        of the lattice is only the start of a search for rest in the true geometry. In a gas the
+        balls lie apart on their sites, and are pressed with friction until they stand
+        (:mod:`granphon.array.stepper`): this is the start for lattices that only friction holds.
     geometry : geometry of the contacts; by default that of the lattice, the limit of small spread.
     options : numbers of the loading.
 
@@ -139,7 +139,8 @@ class LoadingHistory:
         trail = [self.begin() if first is None else first]
         for load in loads:
             current = self.stepper.measure(trail[-1], load)
-            unit = current if load.overlap is None else 1.0  # of a tolerance: f*, or W
+            # the tolerance of a force is relative, that of an overlap is in W
+            unit = current if load.overlap is None else 1.0
             is_at_load = abs(find_aim(load) - current) <= LOAD_TOLERANCE * unit
             if is_at_load:
                 yield trail[-1]
@@ -154,8 +155,8 @@ class LoadingHistory:
 
     def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
         """Yield the states on the way from the last of the ``trail`` to a ``load``, in steps so
-        short that halving them changes little; their lost energies are corrected by what halving
-        the steps would change.
+        short that halving them changes little. The changes of the lost energies that halving the
+        steps would make are added to those of the states.
 
         Raises ConvergenceError if a step finds no balance, or if steps would be too short or too
         many.
@@ -164,13 +165,14 @@ class LoadingHistory:
             yield self.stepper.step(trail, load)
             return
         options = self.options
-        # loads still to be reached, the nearest last, each with the change of f* that is allowed to
-        # the step, and the number of halvings
-        ahead = [(load, self.tolerance, 0)]
+        # loads still to be reached, the nearest last, each with the change of f* that is allowed in
+        # its step, and with the number of halvings that have led to it
+        loads_ahead = [(load, self.tolerance, 0)]
         n_steps = 0
-        change_of_falls = 0.0  # of f*, that halving the shortest steps would still make, in sum
-        while ahead:
-            load, allowed, halvings = ahead.pop()
+        # sum of the changes of f* that halving the shortest steps would still make
+        change_of_falls = 0.0
+        while loads_ahead:
+            load, allowed_change, halvings = loads_ahead.pop()
             middle = self.stepper.halve(trail[-1], load)
             states = []  # those of this step, which are not on the trail yet
             loads = [self.stepper.measure(state, load) for state in trail[-2:]]
@@ -182,12 +184,12 @@ class LoadingHistory:
             change /= states[-1].force
             loss_is_settled = self._is_loss_settled(trail[-1], states[-1], changes_of_losses)
             # balance to a finite residual leaves f* uncertain by about that residual
-            force_is_settled = change <= max(allowed, options.tolerance)
+            force_is_settled = change <= max(allowed_change, options.tolerance)
             # errors of lost energies are no reason to halve a step without end
             is_short = 2 * halvings >= options.halvings
             is_settled = force_is_settled and (is_short or loss_is_settled)
-            # where a ball falls, however short the step is, f* changes by as much: it is accepted
-            # in the shortest steps, as long as such changes are within the tolerance in sum
+            # where a ball falls, f* changes by the same however short the step is: the change is
+            # accepted in a shortest step while the sum of such changes is within the tolerance
             is_shortest = halvings == options.halvings
             is_fall = is_shortest and change_of_falls + change <= self.tolerance
             if is_fall or is_settled:
@@ -202,13 +204,16 @@ class LoadingHistory:
                 raise self.stepper.explain(
                     load, f"halving the step still changes the contact force by {percent:.2g} %"
                 )
-            elif n_steps + len(ahead) > options.most_steps:
+            elif n_steps + len(loads_ahead) > options.most_steps:
                 raise self.stepper.explain(load, f"it takes more than {options.most_steps} steps")
             else:
-                # where a ball loses its hold and falls, one of the halves has all of the change, so
-                # that what is allowed has a lower bound
-                allowed = allowed if is_short else 0.5 * allowed
-                ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
+                # each half may have half of the change. Where a ball loses its hold and falls, one
+                # of the halves has all of it: so short steps may have as much as those before
+                allowed_change = allowed_change if is_short else 0.5 * allowed_change
+                loads_ahead += [
+                    (load, allowed_change, halvings + 1),
+                    (middle, allowed_change, halvings + 1),
+                ]
 
     def _is_loss_settled(
         self, start: PressedArray, end: PressedArray, changes_of_losses: Sequence[Array]
@@ -227,9 +232,10 @@ class LoadingHistory:
     def _compare(
         self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
     ) -> tuple[float, list[Array]]:
-        """Return estimates of the changes that halving the last ``steps`` of the ``trail``, one or
-        two, would make on the way to the ``load``: that of f*, and, for each step, those (2,) of
-        the energies lost by sliding and by the law.
+        """Return estimates of the changes that halving the last steps of the ``trail`` would make
+        on the way to the ``load``: a bound of the magnitude of that of f*, and for each step those
+        (2,) of the energies lost by sliding and by the law. ``steps`` is the number of these steps,
+        one or two.
 
         The middle of a step is interpolated between the last three states, and contacts follow
         their law to the middle and on to the end. By the theorem of reciprocity, tangential forces
@@ -249,16 +255,18 @@ class LoadingHistory:
             weighted = list(zip(weights, states, strict=True))
             overlaps = np.sum([w * state.contacts.overlaps for w, state in weighted], axis=0)
             slips = np.sum([w * state.contacts.slips for w, state in weighted], axis=0)
-            half, _ = self._law.advance(start, overlaps, slips)
-            again, _ = self._law.advance(half, end.overlaps, end.slips)
-            rises = (end.slips - start.slips) * (again.shears - end.shears)
+            middle, _ = self._law.advance(start, overlaps, slips)
+            end_by_halves, _ = self._law.advance(middle, end.overlaps, end.slips)
+            rises = (end.slips - start.slips) * (end_by_halves.shears - end.shears)
             # single contacts that begin to slide or open are not foreseen well: their number is
             # uncertain by its root
             rise = abs(float(np.sum(rises))) + math.sqrt(dot(rises, rises))
             compression = abs(after.overlap - before.overlap)
             # halving again and again changes twice as much as halving once
             change += 2.0 * rise / end.overlaps.size / compression
-            losses_of_halves = np.add(self._law.lost(start, half), self._law.lost(half, again))
+            losses_of_halves = np.add(
+                self._law.lost(start, middle), self._law.lost(middle, end_by_halves)
+            )
             slid = after.slid - before.slid
             loosened = after.loosened - before.loosened
             changes_of_losses.append(losses_of_halves - np.array([slid, loosened]))
@@ -268,9 +276,9 @@ class LoadingHistory:
 def _add_losses(
     states: Sequence[PressedArray], losses: Sequence[Sequence[float]]
 ) -> list[PressedArray]:
-    """Return the ``states`` with further energies lost since the start of the first step: for each
-    state, ``losses`` holds that by sliding and that by the law, which are added to its own. The
-    load has done as much more work.
+    """Return the ``states`` with further energies lost since the start of the first step. For each
+    state, ``losses`` has the energy by sliding and that by the law, which are added to its own; the
+    work of the load is larger by as much.
     """
     corrected = []
     for state, (slid, loosened) in zip(states, losses, strict=True):

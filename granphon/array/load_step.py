@@ -1,16 +1,17 @@
 """One step of the load in a loading history: Newton's method for the balance of forces and torques
 under the law of the contacts.
 
-The linear equations of a step of Newton's method are solved no more accurately than it needs. The
-tangent C^T D C is not symmetric where contacts slide, or where the shear stiffness changes with the
-overlap: GMRES solves for it, in single precision. The preconditioner moves each ball as if its
-neighbours were held, and then all by Green's function of the lattice under the forces that are
-left. Balls that hold each other while nothing else holds them are found by the forces that GMRES
-leaves on them, and are then moved together (:class:`~granphon.array.preconditioners.Patches`).
+The linear equations of a step of Newton's method are solved no more accurately than the step needs.
+D is the tangent of the law of contacts. The tangent C^T D C of the array is not symmetric if
+contacts slide, or if the shear stiffness changes with the overlap: GMRES solves the equations, in
+single precision. The preconditioner moves each ball as if its neighbours were held, and then all
+balls by Green's function of the lattice under the forces that are left. Balls that only hold each
+other are found by the forces that GMRES leaves on them, and are then moved together
+(:class:`~granphon.array.preconditioners.Patches`).
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method
-would turn it without limit. Such balls are turned by themselves after the step, to where their
-torques vanish while all others are held: the torque is a piecewise linear function of the angle.
+would turn it without limit. Such a ball is turned by itself after the step, to where its torque
+vanishes while all other balls are held: the torque is a piecewise linear function of the angle.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 from granphon.contacts.slips import find_greatest_length
 from granphon.statics.options import LoadingOptions
 
-#: part of the residual that a whole step of Newton's method leaves where a ball that nothing else
-#: holds leaves its last contact: a step goes two thirds of the way to the zero of h^(3/2), and one
-#: that is longer by the factor 3/2, the exponent, goes all of it
+#: part of the residual that a whole step of Newton's method leaves if a ball loses its last
+#: contact. The step goes two thirds of the way to the zero of h^(3/2); a step that is longer by the
+#: factor 3/2, the exponent, goes all of the way
 _LEFT_BY_LOOSE = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
 
 
@@ -51,14 +52,15 @@ class Trial:
     balls : (fields, L1, ..., Lp) motions of the balls.
     overlap : y.
     contacts : state of the contacts.
-    linearise : function that finds the tangent of the law, which few trials need.
+    linearise : function that returns the tangent of the law; few trials need it.
     pull : (fields, L1, ..., Lp) forces left on balls, dashpots included.
-    push : what the normal forces lack to the load, in sum; zero at a given overlap.
-    left : largest force, or torque over the diameter, left on a ball, over the mean normal force or
-        the stiffness of dashpots times W, the greater of both; infinite if the balls have come
-        apart.
-    missed : magnitude of ``push`` for each contact, over the same number; zero if the balls have
-        come apart.
+    push : by how much the sum of the normal forces is less than the load prescribes; zero at a
+        given overlap.
+    imbalance : largest force, or torque over the diameter, left on a ball. It is divided by a unit
+        of force: the mean normal force or the stiffness of dashpots times W, whichever is greater.
+        Infinite if the balls have come apart.
+    load_error : magnitude of ``push`` per contact, divided by the same unit of force; zero if the
+        balls have come apart.
     size : norm of the residual: the root of the sum of the squares of ``pull``, and of ``push``
         squared over the number of contacts.
     is_balanced : whether all balls are in balance, and the load is met.
@@ -72,8 +74,8 @@ class Trial:
     linearise: Callable[[], Tangent]
     pull: Array
     push: float
-    left: float
-    missed: float
+    imbalance: float
+    load_error: float
     size: float
     is_balanced: bool
     newton: int = 0
@@ -135,53 +137,53 @@ class LoadStep:
         """Return the trial to which Newton's method leads from the motions ``balls`` (fields, L1,
         ..., Lp) and the ``overlap`` y; the trial may be in balance or not.
 
-        Newton's method is first tried with the law itself. Where many contacts begin or cease to
+        Newton's method is first tried with the law itself. If many contacts begin or cease to
         slide, its steps go to and fro between the two sides of Coulomb's limit. So, if
-        ``finds_limits`` is true, it is tried with the limit fixed at the overlaps of the last
-        trial: with a fixed limit there is always an equilibrium. From there it is tried with the
-        law itself. These two attempts are repeated, each time with the limit at the overlaps of the
-        equilibrium before, ``options.tries`` times at most.
+        ``finds_limits`` is true, Newton's method is then tried with the limit fixed at the overlaps
+        of the last trial, with which there is always an equilibrium, and from there with the law
+        itself. These two attempts are repeated, each time with the limit at the overlaps of the
+        equilibrium before, at most ``options.tries`` times.
 
         A ball that is squeezed out from between others has a long way to go, on which the limits
-        change little at a time: if ``is_patient`` is true, less is left with fixed limits, and
-        where the residual under the law has not fallen by half since the law was last tried, it is
-        tried only now and then.
+        change little at a time. If ``is_patient`` is true, the attempts with fixed limits end at a
+        smaller residual; and the law itself is tried only now and then, unless its residual has
+        fallen by half since it was last tried.
         """
         options = self._options
-        near = self._stiffen(self._make_trial(balls, overlap))
-        trial = self._iterate(near, options.steps)
+        start = self._stiffen(self._make_trial(balls, overlap))
+        trial = self._iterate(start, options.steps)
         if not finds_limits or trial.is_balanced or not self._slides:
             return trial
-        lagged = trial.follow(near)  # the last trial with a fixed limit
-        tried = math.inf  # residual from which the law itself was tried last
-        left = options.limit_part ** (2 if is_patient else 1)
-        often = options.limit_rounds if is_patient else 1
+        limited = trial.follow(start)  # the last trial with a fixed limit
+        last_size = math.inf  # residual from which the law itself was tried last
+        part = options.limit_part ** (2 if is_patient else 1)
+        rounds = options.limit_rounds if is_patient else 1  # between two attempts with the law
         for count in range(1, options.tries + 1):
-            if lagged.left == math.inf:
+            if limited.imbalance == math.inf:
                 break
-            guess = lagged.contacts.overlaps
-            lagged = lagged.follow(self._make_trial(lagged.balls, lagged.overlap, guess))
-            lagged = self._iterate(lagged, options.patience, guess, part=left)
-            trial = lagged.follow(self._make_trial(lagged.balls, lagged.overlap))
-            if trial.size > 0.5 * tried and count % often:
+            guess = limited.contacts.overlaps
+            limited = limited.follow(self._make_trial(limited.balls, limited.overlap, guess))
+            limited = self._iterate(limited, options.patience, guess, part=part)
+            trial = limited.follow(self._make_trial(limited.balls, limited.overlap))
+            if trial.size > 0.5 * last_size and count % rounds:
                 continue
-            tried = trial.size
+            last_size = trial.size
             trial = self._iterate(trial, options.steps, patience=options.patience // 3)
             if trial.is_balanced:
                 break
-            lagged = trial.follow(lagged)
+            limited = trial.follow(limited)
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
         """Return a trial near balance if friction is small and there are no dashpots; otherwise the
         ``trial`` as it is.
 
-        With small friction all contacts slide but for as few as hold the balls from turning, and
-        Newton's method does not find out which. If contacts are soft against slip, fewer slide. So
-        contacts are soft against slip in a first stage and stiffer in each following one, and the
-        equilibrium of each stage is near that of the stage before. Coulomb's limit is fixed at the
-        overlaps of the stage before, which friction hardly changes. If the balls come apart, the
-        ``trial`` is returned, with the numbers of all steps taken.
+        With small friction only as few contacts stick as keep the balls from turning, and Newton's
+        method does not find out which contacts these are. If contacts are soft against slip, fewer
+        slide. So contacts are soft against slip in a first stage and stiffer in each following one,
+        and the equilibrium of each stage is near that of the stage before. Coulomb's limit is fixed
+        at the overlaps of the stage before, which friction hardly changes. If the balls come apart,
+        the ``trial`` is returned, with the numbers of all steps taken.
         """
         mu = self._law.friction_coefficient
         guess = None
@@ -194,8 +196,8 @@ class LoadStep:
         ratio = options.small_friction / max(mu, options.tolerance)
         stages = math.ceil(math.log(ratio) / math.log(options.stiffening))
         for stage in range(stages, -1, -1):
-            softer = options.stiffening**-stage
-            law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * softer)
+            factor = options.stiffening**-stage
+            law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * factor)
             step = LoadStep(
                 geometry=self._geometry,
                 law=law,
@@ -208,7 +210,7 @@ class LoadStep:
             )
             trial = trial.follow(step._make_trial(trial.balls, trial.overlap, guess))
             trial = step._iterate(trial, options.steps, guess, options.limit_part * mu)
-            if trial.left == math.inf:
+            if trial.imbalance == math.inf:
                 return trial.follow(first)
             guess = trial.contacts.overlaps
         return trial.follow(self._make_trial(trial.balls, trial.overlap))
@@ -224,11 +226,11 @@ class LoadStep:
     ) -> Trial:
         """Return the trial after at most ``most_steps`` steps of Newton's method from a ``trial``.
 
-        The iteration ends in balance; where ``left`` and ``missed`` are at most ``accepted``; where
-        the residual is less than a ``part`` of that of the ``trial``; where ``patience`` steps, by
-        default ``options.patience``, have not halved it; and where the balls have come apart or
-        the residual is not finite. With a ``guess`` of the overlaps the stiffness against slip and
-        Coulomb's limit are fixed there.
+        The iteration ends if the trial is in balance; if its ``imbalance`` and ``load_error`` are
+        at most ``accepted``; if the residual is less than a ``part`` of that of the first
+        ``trial``; if ``patience`` steps, by default ``options.patience``, have not halved the
+        residual; and if the balls have come apart or the residual is not finite. With a ``guess``
+        of the overlaps the stiffness against slip and Coulomb's limit are fixed there.
         """
         options = self._options
         patience = patience or options.patience
@@ -237,10 +239,10 @@ class LoadStep:
         is_slow = False  # whether the last step was a whole one and left much
         aim = part * trial.size
         for count in range(most_steps):
-            has_come_apart = trial.left == math.inf
+            has_come_apart = trial.imbalance == math.inf
             if trial.is_balanced or trial.size < aim or has_come_apart:
                 break
-            if max(trial.left, trial.missed) <= accepted:
+            if max(trial.imbalance, trial.load_error) <= accepted:
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * last_size:
@@ -249,10 +251,10 @@ class LoadStep:
             motion, iterations = self._find_newton_step(trial, hold)
             after, length = self._search_line(trial, motion, guess, is_slow)
             is_slow = length == 1.0 and self._leaves_much(after, trial)
-            turned = self._turn_loose(after, guess)
-            # where contacts of turned balls change, the turn may undo the step, and would do so
-            # after each step: then balls are not turned
-            after = turned if turned.size <= trial.size else after
+            after_turns = self._turn_loose(after, guess)
+            # if contacts of turned balls change, the turns may undo the step, and would do so after
+            # each step: then balls are not turned
+            after = after_turns if after_turns.size <= trial.size else after
             trial = replace(after, newton=trial.newton + 1, krylov=trial.krylov + iterations)
             if not math.isfinite(trial.size):
                 break
@@ -264,9 +266,9 @@ class LoadStep:
 
     @staticmethod
     def _leaves_much(after: Trial, before: Trial) -> bool:
-        """Return whether the trial ``after`` a whole step has more than half of the residual that
-        such a step leaves on a ball that leaves its last contact (:data:`_LEFT_BY_LOOSE`), over
-        that of the trial ``before`` the step.
+        """Return whether a whole step leaves much of the residual: more than half of the part that
+        it leaves if a ball loses its last contact (:data:`_LEFT_BY_LOOSE`). The trials are those
+        ``before`` and ``after`` the step.
         """
         return bool(after.size > 0.5 * _LEFT_BY_LOOSE * before.size)
 
@@ -276,11 +278,11 @@ class LoadStep:
         """Return the best trial along the ``motion`` of a step of Newton's method from a ``trial``,
         and the length of the step over the whole one.
 
-        The whole step is halved until the residual is less; of the ``options.lengths`` that are
-        tried at most, the one with the least residual is the best. With a ``guess`` of the
-        overlaps, at which Coulomb's limit is fixed, forces are derivatives of an energy: a step is
-        also accepted, as the best, if the energy does not rise steeply at its end. If the step
-        before ``is_slow``, a step that is longer than the whole one is tried too; its length is
+        The whole step is halved until the residual is less; at most ``options.lengths`` lengths are
+        tried, and the best trial is the one with the least residual. With a ``guess`` of the
+        overlaps, at which Coulomb's limit is fixed, forces are derivatives of an energy: a trial is
+        also accepted, as the best, if the energy does not rise steeply there. If the step before
+        was slow, ``is_slow``, a step that is longer than the whole one is tried too; its length is
         returned as one.
         """
 
@@ -333,7 +335,7 @@ class LoadStep:
         pull = self._geometry.collect_forces(*on_balls)
         push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
         largest = max(map(find_greatest_length, on_balls))
-        left, missed = self._measure_imbalance(contacts, largest, push)
+        imbalance, load_error = self._measure_imbalance(contacts, largest, push)
         return Trial(
             place=place,
             balls=balls,
@@ -342,10 +344,10 @@ class LoadStep:
             linearise=linearise,
             pull=pull,
             push=push,
-            left=left,
-            missed=missed,
+            imbalance=imbalance,
+            load_error=load_error,
             size=math.sqrt(dot(pull, pull) + push * push / place.overlaps.size),
-            is_balanced=left <= self._options.tolerance and missed <= LOAD_TOLERANCE,
+            is_balanced=imbalance <= self._options.tolerance and load_error <= LOAD_TOLERANCE,
         )
 
     def _add_dashpots(self, contacts: Contacts, overlap: float) -> tuple[Array, Array]:
@@ -361,9 +363,8 @@ class LoadStep:
     def _measure_imbalance(
         self, contacts: Contacts, largest: float, push: float
     ) -> tuple[float, float]:
-        """Return ``left`` and ``missed`` of a :class:`Trial` with these ``contacts``, from the
-        ``largest`` force or torque on a ball, and from what the normal forces lack in sum,
-        ``push``.
+        """Return ``imbalance`` and ``load_error`` of a :class:`Trial` with these ``contacts``.
+        ``largest`` is the largest force or torque on a ball, and ``push`` that of the trial.
         """
         force = float(np.mean(contacts.forces))
         unit = max(force, self._drag)
@@ -377,12 +378,12 @@ class LoadStep:
         """Return the motion of a step of Newton's method from a ``trial``, and the number of
         iterations of GMRES that it took.
 
-        Far from balance, stiffness is added to contacts, and sliding contacts have a part of their
-        secant stiffness; both grow with ``hold``, which is usually one. Motions of balls that go
-        far are made shorter, each ball by itself.
+        Far from balance, stiffness is added to contacts, and sliding contacts get a part of their
+        secant stiffness; both are in proportion to ``hold``, which is usually one. Motions of balls
+        that go far are made shorter, each ball by itself.
         """
         options = self._options
-        distance = max(trial.left, trial.missed)
+        distance = max(trial.imbalance, trial.load_error)
         is_free = self._load.overlap is None
         mean = float(np.mean(trial.tangent.stiffness)) + self._drag
         eta = self._stencils.mindlin_ratio
@@ -412,9 +413,9 @@ class LoadStep:
         return options.forcing * min(1.0, max(math.sqrt(distance), options.tolerance / distance))
 
     def _shorten(self, balls: Array, farthest: float) -> Array:
-        """Return the motions ``balls`` (fields, L1, ..., Lp), those of each ball that goes too far
-        made shorter: until no component of its displacement is above ``farthest``, and none of its
-        rotation above twice as much.
+        """Return the motions ``balls`` (fields, L1, ..., Lp); the motion of a ball that goes too
+        far is made shorter by a factor, so that no component of its displacement is above
+        ``farthest`` in magnitude, and none of its rotation above twice as much.
 
         Balls that are about to lose their hold and fall would otherwise be moved far.
         """
@@ -431,8 +432,8 @@ class LoadStep:
         return np.asarray(shorter.reshape(balls.shape))
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
-        """Return the trial in which balls whose contacts all slide have turned by themselves until
-        their torques vanish.
+        """Return the trial after balls whose contacts all slide, the loose ones, have turned by
+        themselves to where their torques vanish.
 
         The ``trial`` itself is returned with dashpots, in space, or if no contact can slide; if the
         trial is in balance or its balls have come apart; and if the torques on loose balls are less
@@ -441,14 +442,14 @@ class LoadStep:
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
         there.
         """
-        if not self._spins or trial.left == math.inf or trial.is_balanced:
+        if not self._spins or trial.imbalance == math.inf or trial.is_balanced:
             return trial
         stencils = self._stencils
         loose = self._find_loose(trial)
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
         torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
-        part = self._choose_reduction(max(trial.left, trial.missed))
+        part = self._choose_reduction(max(trial.imbalance, trial.load_error))
         if not dot(torque, torque) > (part * trial.size) ** 2:
             return trial
         around, arms = self._list_around(loose, turning)
@@ -458,9 +459,9 @@ class LoadStep:
         around_at_start = Contacts(
             start.overlaps[around], start.slips[0][around][None], start.shears[0][around][None]
         )
-        held_overlaps = (end.overlaps if guess is None else guess)[around]
+        overlaps_around = (end.overlaps if guess is None else guess)[around]
         shears, springs, limits = self._law.stick(
-            around_at_start, held_overlaps, end.slips[0][around][None]
+            around_at_start, overlaps_around, end.slips[0][around][None]
         )
         turns = _find_turns(shears[0], springs * arms, limits, arms)
         torques = np.abs(np.sum(arms * np.clip(shears[0], -limits, limits), axis=0))
@@ -473,12 +474,12 @@ class LoadStep:
     def _have_greatest_torque(
         self, around: tuple[Index, ...], arms: Array, torques: Array
     ) -> Flags:
-        """Return whether each of the loose balls (balls,) has the greatest of the ``torques``
-        (balls,) among the loose balls that it touches.
+        """Return (balls,) whether the torque on each loose ball is at least that on every loose
+        ball that it touches; ``torques`` (balls,) are the magnitudes.
 
-        Only such balls turn: each turn changes the torques on balls that touch. ``around`` and
-        ``arms`` are those of :meth:`_list_around`; an arm of zero is that of a contact of another
-        ball.
+        Only such balls turn, as each turn changes the torques on the balls that it touches.
+        ``around`` and ``arms`` are those of :meth:`_list_around`; an arm of zero is that of a
+        contact of another ball.
         """
         shape = (self._stencils.n_contacts, *self._stencils.shape)
         contacts = np.ravel_multi_index(around, shape)
@@ -489,24 +490,24 @@ class LoadStep:
         return np.asarray(np.all(torques_at_contacts >= greatest_around, axis=0))
 
     def _find_loose(self, trial: Trial) -> Flags:
-        """Return whether each ball is loose, (n_balls, L1, ..., Lp): its contacts resist slip, in
-        sum, with less than the part ``options.loose_stiffness`` of what they would if none slid, as
-        where all of them slide.
+        """Return (n_balls, L1, ..., Lp) whether each ball is loose: the stiffnesses of its contacts
+        against slip sum to less than the part ``options.loose_stiffness`` of the sum that they
+        would have if no contact slid. Balls whose contacts all slide are loose.
         """
         stencils = self._stencils
         tangent = trial.tangent
-        least = self._options.loose_stiffness * self._law.mindlin_ratio
+        least_ratio = self._options.loose_stiffness * self._law.mindlin_ratio
         # below zero for a contact that slides, and far above zero for any other
-        resisting = tangent.springs[0] - least * tangent.stiffness
-        return stencils.by_ball(stencils.sum_around(resisting)) < 0.0
+        surplus = tangent.springs[0] - least_ratio * tangent.stiffness
+        return stencils.by_ball(stencils.sum_around(surplus)) < 0.0
 
     def _list_around(self, loose: Flags, turning: int) -> tuple[tuple[Index, ...], Array]:
-        """Return, for each of the ``loose`` balls (n_balls, L1, ..., Lp), the contacts around it,
-        and their arms: the slips by a unit turn of the ball, its motion number ``turning``.
+        """Return the contacts around each ball where ``loose`` (n_balls, L1, ..., Lp) is true, and
+        their arms: the slips by a unit turn of the ball, its motion number ``turning``.
 
-        The contacts are a tuple of indices (contacts, balls) into arrays (n_c, L1, ..., Lp), the
-        arms are (contacts, balls). All kinds of contacts that a ball of the cell has are listed:
-        arms are zero for those of other balls of the cell.
+        The contacts are a tuple of indices (contacts, balls) into arrays (n_c, L1, ..., Lp), and
+        the arms are (contacts, balls). Both ends of all kinds of contacts are listed for each ball:
+        arms are zero for ends at other balls of the cell.
         """
         stencils = self._stencils
         count = stencils.motions.count
@@ -557,12 +558,12 @@ class LinearSteps:
         """Return the motion under the forces ``pull`` (fields, L1, ..., Lp) on balls and ``push``
         on the overlap, and the number of iterations of GMRES.
 
-        ``push`` is the force that the contacts lack in sum; if it is None, the overlap stays as it
-        is. The norm of the residual is at most ``reduction`` times that of the forces, unless that
-        takes more than ``options.most_iterations`` or no motion has such forces. ``tangent`` is
-        that of the contacts, with a mean stiffness of one, and ``product`` multiplies motions by
-        the tangent of the whole. Side effect: weakly held balls that the iteration finds are added
-        to the patch, which further calls use.
+        ``push`` is that of a :class:`Trial`; if it is None, the overlap stays as it is. The norm of
+        the residual is at most ``reduction`` times that of the forces, unless that takes more than
+        ``options.most_iterations`` or no motion has such forces. ``tangent`` is that of the
+        contacts, with a mean stiffness of one, and ``product`` multiplies motions by the tangent of
+        the array. Side effect: weakly held balls that the iteration finds are added to the patch,
+        which further calls use.
         """
         options = self._options
         size = pull.size
@@ -614,52 +615,52 @@ class LinearSteps:
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), iterations
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
-        """Return an approximate inverse of C^T D C, a function of a force that sets motions, both
-        (fields, L1, ..., Lp).
+        """Return an approximate inverse of C^T D C: a function of a force and a motion, both
+        (fields, L1, ..., Lp), that sets the motion.
 
         D is the ``tangent`` of the contacts, and ``product`` multiplies motions by C^T D C. The
         inverse of the patch may be that of an earlier tangent: :meth:`solve` finds it anew when
         many iterations are needed.
         """
         mean = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(OPTIONS.grid.spring * mean)
+        inverses = product.invert_blocks_of_balls(OPTIONS.grid.spring * mean)
         green = self._stencils.green_preconditioner(np.float32, mean)
         fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
-        remaining = np.empty(fields, np.float32)
+        residual = np.empty(fields, np.float32)
 
         def apply(force: Single, motion: Single) -> None:
             """Set ``motion`` to the approximate motion under a ``force``."""
             pull = force.reshape(fields)
             moved = motion.reshape(fields)
             moved[:] = 0.0
-            grid_product.add_block_products(alone, pull, moved)
-            grid_product.find_residual(product.product, pull, moved, remaining)
+            grid_product.add_block_products(inverses, pull, moved)
+            grid_product.find_residual(product.product, pull, moved, residual)
             if self._put is not None:
                 self._put(force, motion)
-                grid_product.find_residual(product.product, pull, moved, remaining)
-            # after that of single balls, the motion by Green's function under the forces that are
-            # left. Where few balls touch, it would carry these forces too far: there it acts on the
-            # whole force
-            motion += green(force if self._is_damped else remaining.reshape(force.shape))
+                grid_product.find_residual(product.product, pull, moved, residual)
+            # to the motion of single balls that by Green's function is added, under the forces that
+            # are left. Where few balls touch, it would carry these forces too far: there it is that
+            # under the whole force
+            motion += green(force if self._is_damped else residual.reshape(force.shape))
 
         return apply
 
 
-def _find_turns(stuck: Array, slopes: Array, limits: Array, arms: Array) -> Array:
-    """Return the angles (balls,) by which balls turn until their torques vanish; zero where the
+def _find_turns(forces: Array, slopes: Array, limits: Array, arms: Array) -> Array:
+    """Return the angles (balls,) by which balls turn to where their torques vanish; zero if the
     torque vanishes at no angle.
 
-    All arguments are (contacts, balls), for the contacts around each ball. The tangential forces
-    are ``stuck`` without a turn, and change by the ``slopes`` times the angle, between minus and
-    plus the ``limits``; the torque is the sum of these forces times ``arms``. It is a piecewise
+    All arguments are (contacts, balls), for the contacts around each ball. The tangential force of
+    a contact is that of ``forces`` plus ``slopes`` times the angle, but at least minus and at most
+    plus that of ``limits``. The torque is the sum of these forces times ``arms``. It is a piecewise
     linear, rising function of the angle, with corners where a contact begins or ceases to slide: it
     vanishes between two corners.
     """
     is_even = slopes == 0.0  # whether the force of a contact does not depend on the angle
     divisors = np.where(is_even, 1.0, slopes)
-    corners = [np.where(is_even, 0.0, (side * limits - stuck) / divisors) for side in (-1.0, 1.0)]
+    corners = [np.where(is_even, 0.0, (side * limits - forces) / divisors) for side in (-1.0, 1.0)]
     angles = np.sort(np.concatenate(corners), axis=0)
-    shears = np.clip(stuck + slopes * angles[:, None], -limits, limits)
+    shears = np.clip(forces + slopes * angles[:, None], -limits, limits)
     torques = np.sum(arms * shears, axis=1)
     # the first angle whose torque is above zero, and the angle before it
     upper = np.clip(np.sum(torques <= 0.0, axis=0), 1, len(angles) - 1)

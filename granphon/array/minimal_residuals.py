@@ -3,8 +3,9 @@
 from the right.
 
 Steps of Newton's method need few digits and few iterations: vectors are in single precision, and an
-iteration costs little beside its product. Vectors are projected on each other in compiled loops:
-threads of BLAS would wait for each other, and their number changes the last digit.
+iteration takes little time beside the product with the matrix. Vectors are projected on each other
+in compiled loops: threads of BLAS would wait for each other, and their number changes the last
+digit.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from granphon.statics.options import ResponseOptions
 Single = NDArray[Any]
 #: function that sets its second array to a linear function of the first
 Map = Callable[[Single, Single], None]
-#: elements of vectors that are multiplied at a time: a power of two
+#: number of elements of vectors that are multiplied at a time: a power of two
 _LENGTH = 1024
-#: part of the length of a vector that the subtraction of its parts along those before leaves, below
-#: which it is projected once more: one of the seven digits is then lost
+#: a vector is projected once more if the subtraction of its parts along the vectors before leaves
+#: less than this part of its length: one of the seven digits is then lost
 _CANCELLED = 0.1
 #: part of the length of a vector that is nothing but rounding: if no more is left, the vector lies
 #: in the space of those before it
@@ -37,21 +38,21 @@ _ROUNDING = float(np.finfo(np.float32).eps)
 def solve_by_minimal_residuals(
     apply: Map, precondition: Map, right: Array, reduction: float, most_iterations: int
 ) -> tuple[Array, int]:
-    """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, of which
-    there are ``most_iterations`` at most.
+    """Return x (size,) with |A x - right| <= ``reduction`` |right|, and the number of iterations,
+    at most ``most_iterations``.
 
     ``apply`` and ``precondition`` set their second array to the product of A, or of the
-    preconditioner, with the first; both arrays are flat, in single precision. ``right`` is (size,),
-    and so is x; x is zero, without an iteration, if ``right`` is zero. The tolerance is not reached
-    after so many iterations, or if ``right`` has a part that no product with A contains: the
-    iteration then ends early, and this part adds nothing to x.
+    preconditioner, with the first; both arrays are (size,), in single precision. If ``right``
+    (size,) is zero, x is zero, and the number of iterations too. The tolerance is not reached if
+    ``most_iterations`` are not enough, or if ``right`` has a part that no product with A contains:
+    then the iteration ends early, and this part adds nothing to x.
     """
-    size = math.sqrt(dot(right, right))
+    right_norm = math.sqrt(dot(right, right))
     iterations = 0
     solution = np.zeros_like(right)
-    if not size:
+    if not right_norm:
         return solution, 0
-    residual = (right / size).astype(np.float32)
+    residual = (right / right_norm).astype(np.float32)
     norm = 1.0
     while norm > reduction and iterations < most_iterations:
         length = min(ResponseOptions().vectors, most_iterations - iterations)
@@ -64,22 +65,22 @@ def solve_by_minimal_residuals(
             product = np.empty_like(residual)
             apply(change, product)
             residual -= product
-    return size * solution, iterations
+    return right_norm * solution, iterations
 
 
 def _cycle(
     apply: Map, precondition: Map, residual: Single, reduction: float, length: int
 ) -> tuple[int, float, Single]:
-    """Return the number of iterations of one cycle, ``length`` at most, the norm of the residual
+    """Return the number of iterations of one cycle, at most ``length``, the norm of the residual
     after the cycle, and the change of the solution (size,).
 
     The cycle ends early once the norm is ``reduction`` or less, or if Krylov space does not grow.
-    The ``residual`` is (size,), not zero.
+    The ``residual`` (size,) at the start must not be zero.
 
-    Arnoldi's relation A W = V H has the preconditioned vectors W, the orthonormal basis V of Krylov
-    space, and H, zero below its first subdiagonal. Givens rotations make H triangular, column by
-    column, and turn the right side along with it: the last number of the turned right side is the
-    norm of the residual.
+    Arnoldi's relation is A W = V H, with the preconditioned vectors W, the orthonormal basis V of
+    Krylov space, and H, whose entries below the first subdiagonal are zero. Givens rotations make H
+    triangular, column by column, and turn the right side along with it: the magnitude of the last
+    number of the turned right side is the norm of the residual.
     """
     norm = math.sqrt(dot(residual, residual))
     size = residual.size
@@ -90,7 +91,7 @@ def _cycle(
     directions[:, size:] = 0.0
     triangle: list[list[float]] = []
     rotations: list[tuple[float, float]] = []
-    turned = [norm]
+    turned_right = [norm]
     for column in range(length):
         precondition(basis[column, :size], directions[column, :size])
         vector = basis[column + 1]
@@ -103,36 +104,36 @@ def _cycle(
             entries[row] = c * upper + s * lower
             entries[row + 1] = c * lower - s * upper
         diagonal = math.hypot(entries[column], height)
-        if not 0.0 < diagonal < math.inf:
+        if not 0.0 < diagonal < math.inf:  # the product adds nothing, or is not finite
             break
         c = entries[column] / diagonal
         s = height / diagonal
         entries[column] = diagonal
         triangle.append(entries)
         rotations.append((c, s))
-        turned[column:] = c * turned[column], -s * turned[column]
-        if abs(turned[-1]) <= reduction or not height:
+        turned_right[column:] = c * turned_right[column], -s * turned_right[column]
+        if abs(turned_right[-1]) <= reduction or not height:
             break
         np.divide(vector, np.float32(height), out=vector)
     count = len(triangle)
-    weights = np.array(_solve_triangle(triangle, turned), np.float32)
-    return count, abs(turned[count]), _combine(weights, directions[:count])[:size]
+    weights = np.array(_solve_triangle(triangle, turned_right), np.float32)
+    return count, abs(turned_right[count]), _combine(weights, directions[:count])[:size]
 
 
 def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]:
     """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
-    size). Return the list of the n parts, and the length of what remains, zero if that is nothing
-    but rounding. The size is a multiple of :data:`_LENGTH`.
+    size). Return the list of the n parts, and the length of what remains: zero if only rounding
+    remains. The size is a multiple of :data:`_LENGTH`.
     """
     parts, length = _project(basis, vector)
-    whole = math.hypot(*parts, length)
-    last_length = whole
-    # where much has gone, rounding has left parts along the basis, which are subtracted once more
-    while _ROUNDING * whole < length < _CANCELLED * last_length:
+    whole_length = math.hypot(*parts, length)
+    last_length = whole_length
+    # if little remains, rounding has left parts along the basis, which are subtracted once more
+    while _ROUNDING * whole_length < length < _CANCELLED * last_length:
         last_length = length
         more_parts, length = _project(basis, vector)
-        parts = [part + rounding for part, rounding in zip(parts, more_parts, strict=True)]
-    return parts, length if length > _ROUNDING * whole else 0.0
+        parts = [part + more_part for part, more_part in zip(parts, more_parts, strict=True)]
+    return parts, length if length > _ROUNDING * whole_length else 0.0
 
 
 def _solve_triangle(columns: list[list[float]], right: list[float]) -> list[float]:
@@ -143,14 +144,14 @@ def _solve_triangle(columns: list[list[float]], right: list[float]) -> list[floa
     solution = [0.0] * count
     for row in reversed(range(count)):
         later = range(row + 1, count)
-        of_later = sum(columns[column][row] * solution[column] for column in later)
-        solution[row] = (right[row] - of_later) / columns[row][row]
+        later_sum = sum(columns[column][row] * solution[column] for column in later)
+        solution[row] = (right[row] - later_sum) / columns[row][row]
     return solution
 
 
 def _project(basis: Single, vector: Single) -> tuple[list[float], float]:
-    """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
-    size), once. Return the list of the n parts, and the length of what remains.
+    """Subtract once from a ``vector`` (size,), in place, its parts along the orthonormal ``basis``
+    (n, size). Return the list of the n parts, and the length of what remains.
     """
     parts = np.empty(len(basis), np.float32)
     square = _subtract_parts(basis, vector, parts)

@@ -1,13 +1,12 @@
-"""Approximate inverses of a tangent for GMRES, where few balls hold each other but nothing else
-holds them.
+"""Approximate inverses of a tangent for GMRES, for groups of balls that only hold each other.
 
-With friction, GMRES takes long where few balls hold each other and nothing else holds them. The
-lattice's Green's function does not know of such balls, and the inverse of the block of a single
-ball takes its neighbours to be fixed. But the forces that GMRES leaves after some iterations act on
-these balls, and so tell where they are. They and their neighbours make a patch: the matrix of the
-patch, while all other balls are held, is inverted, and this inverse takes the place of those of
-single balls. Parts of a patch that do not touch are blocks of this matrix, and need no case of
-their own.
+With friction, GMRES takes long if some balls hold each other and hardly anything else holds them.
+The Green's function of the lattice does not know of such balls, and the inverse of the block of a
+single ball takes its neighbours to be fixed. But the forces that are left after some iterations of
+GMRES act on these balls, and so tell which balls they are. These balls and their neighbours make a
+patch. The matrix of the patch, while all other balls are held, is inverted, and this inverse takes
+the place of those of single balls. Parts of a patch that do not touch are separate blocks of the
+matrix, and need no case of their own.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from granphon.statics.options import LoadingOptions
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: function of a force and an array of motions that sets the motions of balls, all or some, in the
+#: function of a force and an array of motions that sets motions of some balls, or of all, in the
 #: array to those under the force
 Put = Callable[[Array, Array], None]
 
@@ -48,7 +47,7 @@ class Patches:
         self._n_cells = math.prod(stencils.shape)
         self._n_balls = stencils.n_balls * self._n_cells
         most_contacts = self._options.most_in_patch[len(stencils.shape)]
-        #: balls of a patch, at most
+        #: greatest number of balls in a patch
         self._most_balls = most_contacts * stencils.n_balls // stencils.n_contacts
 
     @cached_property
@@ -65,8 +64,8 @@ class Patches:
 
     @cached_property
     def _by_ball(self) -> tuple[Index, Index]:
-        """``contacts``, the contacts of one ball after the other, and ``starts`` (balls + 1,):
-        those of ball b are ``contacts[starts[b] : starts[b + 1]]``.
+        """``contacts``, the numbers of the contacts of one ball after the other, and ``starts``
+        (balls + 1,): the contacts of ball b are ``contacts[starts[b] : starts[b + 1]]``.
         """
         # places in the flat table of ends, sorted by the number of the ball
         order = np.argsort(self._ends, axis=None, kind="stable")
@@ -76,32 +75,32 @@ class Patches:
 
     def find_worst(self, forces: Array) -> Index:
         """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
-        act, and of their neighbours.
+        act, and of their neighbours, sorted.
 
-        The balls with the largest forces are as few as bear more than half of the sum of the
-        squares of all forces; they and their neighbours are about as many as a patch may hold, at
-        most.
+        The balls with the largest forces are as few as have at least half of the sum of the squares
+        of all forces. If they and their neighbours would be more than about as many as a patch may
+        hold, fewer are taken.
         """
         by_ball = forces.reshape(self.stencils.n_balls, self._n_motions, self._n_cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()  # of each ball, over motions
-        n_near = 1 + self._ends.size // self._n_balls  # a ball and its neighbours
-        most = min(max(1, self._most_balls // n_near), self._n_balls)
-        worst = np.argsort(-squares, kind="stable")[:most]
-        sums = np.cumsum(squares[worst])
+        n_near = 1 + self._ends.size // self._n_balls  # number of a ball and its neighbours
+        most_worst = min(max(1, self._most_balls // n_near), self._n_balls)
+        worst_balls = np.argsort(-squares, kind="stable")[:most_worst]
+        sums = np.cumsum(squares[worst_balls])
         goal = min(0.5 * float(np.sum(squares)), sums[-1])
-        worst = worst[: int(np.searchsorted(sums, goal)) + 1]
-        return np.unique(self._ends[:, self._find_contacts(worst)])
+        worst_balls = worst_balls[: int(np.searchsorted(sums, goal)) + 1]
+        return np.unique(self._ends[:, self._find_contacts(worst_balls)])
 
     def join(self, balls: Index, added: Index) -> Index:
         """Return the numbers of the ``balls`` of a patch and of the balls ``added`` to it, sorted.
 
-        A patch of more than half of the balls becomes that of all balls, if a patch may hold them.
-        If the patch would be too large, nothing is added.
+        A patch of more than half of all balls becomes that of all balls, if a patch may hold as
+        many. If the patch would be too large, nothing is added.
         """
-        joined = np.union1d(balls, added)
-        if 2 * joined.size > self._n_balls and self._n_balls <= self._most_balls:
+        union = np.union1d(balls, added)
+        if 2 * union.size > self._n_balls and self._n_balls <= self._most_balls:
             return np.arange(self._n_balls)
-        return joined if joined.size <= self._most_balls else balls
+        return union if union.size <= self._most_balls else balls
 
     def _find_contacts(self, balls: Index) -> Index:
         """Return the numbers of all contacts of the ``balls``, sorted, each once."""
@@ -115,10 +114,10 @@ class Patches:
     def invert(self, balls: Index, tangent: PressedTangent) -> Put | None:
         """Return a function ``put(force, motion)`` that sets the motions of the ``balls`` of a
         patch, in ``motion``, to those under a force while all other balls are held; None if the
-        matrix of the patch has no inverse.
+        matrix of the patch has no inverse. Motions of other balls stay as they are.
 
-        The matrix is the part of the ``tangent``, whose mean stiffness is one, between the balls of
-        the patch. Forces and motions are (fields, L1, ..., Lp).
+        The matrix is the part of the ``tangent`` between the balls of the patch, with weak springs;
+        the mean stiffness of the tangent must be one. Forces and motions are (fields, L1, ..., Lp).
         """
         matrix = self._cut_matrix(balls, tangent)
         try:
@@ -144,20 +143,21 @@ class Patches:
         from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
         contacts = self._find_contacts(balls)
-        in_patch = np.full(self._n_balls, -1)  # the number of each ball among those of the patch
-        in_patch[balls] = np.arange(balls.size)
-        ends_j, ends_i = in_patch[self._ends[:, contacts]]
+        # the number of each ball among those of the patch; -1 outside
+        patch_number = np.full(self._n_balls, -1)
+        patch_number[balls] = np.arange(balls.size)
+        ends_j, ends_i = patch_number[self._ends[:, contacts]]
         is_inside = (ends_i >= 0) & (ends_j >= 0)
         i = ends_i[is_inside]
         j = ends_j[is_inside]
-        inside = contacts[is_inside]
-        alone = np.arange(balls.size)
+        contacts_inside = contacts[is_inside]
+        numbers = np.arange(balls.size)
         product = tangent.product
-        # the places of the blocks, (line, column), and the blocks (m, m, number)
+        # the lines and the columns of blocks, and the blocks (m, m, n_blocks)
         blocks = (
-            (alone, alone, tangent.diagonal[..., balls]),
-            (i, j, product.forward[..., inside]),
-            (j, i, product.backward[..., inside].swapaxes(0, 1)),
+            (numbers, numbers, tangent.diagonal[..., balls]),
+            (i, j, product.forward[..., contacts_inside]),
+            (j, i, product.backward[..., contacts_inside].swapaxes(0, 1)),
         )
         m = self._n_motions
         motions = np.arange(m)[:, None]

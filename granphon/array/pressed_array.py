@@ -26,7 +26,8 @@ class PressedArray:
         force.
     work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
     slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential
-        force, and to dashpots, between the gas and rest and where balls fall; as ``work``.
+        force, and to dashpots; means over contacts, in units of c W^(5/2). Dashpots act while balls
+        come to rest from a gas, and where balls fall.
     steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the
         start.
     """
@@ -60,14 +61,14 @@ class PressedArray:
         return self.slid + self.loosened + self.damped
 
     def measure_motion(self, before: PressedArray) -> float:
-        """Return the largest change of an overlap or a slip since another state, in W."""
-        now = self.contacts
-        then = before.contacts
-        change_of_overlaps = float(np.max(np.abs(now.overlaps - then.overlaps)))
-        change_of_slips = float(np.max(np.abs(now.slips - then.slips)))
-        return max(change_of_overlaps, change_of_slips)
+        """Return the largest change of an overlap or a slip since the state ``before``, in W."""
+        overlap_changes = self.contacts.overlaps - before.contacts.overlaps
+        slip_changes = self.contacts.slips - before.contacts.slips
+        return max(float(np.max(np.abs(overlap_changes))), float(np.max(np.abs(slip_changes))))
 
     @property
     def sliding_fraction(self) -> float:
-        """Part of the contacts that carry load whose tangential force is at Coulomb's limit."""
+        """Fraction of contacts with a tangential force at Coulomb's limit among those that carry
+        load.
+        """
         return self.law.sliding_fraction(self.contacts)

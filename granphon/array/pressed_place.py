@@ -2,7 +2,7 @@
 and what contacts exert, in the directions of the lattice or in the true ones.
 
 Units are those of :mod:`granphon.array.geometry`. The formulas, and the loops over contacts, are
-those of :mod:`granphon.contacts.slips`.
+those of :mod:`granphon.contacts.slips`. There are n balls, b in each cell, with m motions each.
 """
 
 from __future__ import annotations
@@ -33,9 +33,8 @@ class PressedGeometry:
     Parameters
     ----------
     stencils : stencils of the array, of contacts that resist slip.
-    deviations : (L1, ..., Lp) or (n, L1, ..., Lp), x = Delta/W of the balls.
-    ratio : eps = W/d of contacts in their true directions; zero where they keep those of the
-        lattice.
+    deviations : (L1, ..., Lp) or, with b > 1 balls in a cell, (b, L1, ..., Lp), x of the balls.
+    ratio : eps = W/d in the true geometry; zero if contacts keep the directions of the lattice.
 
     Raises
     ------
@@ -73,18 +72,17 @@ class PressedGeometry:
         return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
 
     def place(self, balls: Array, overlap: float) -> PressedPlace:
-        """Return the configuration with the motions ``balls`` (fields, L1, ..., Lp) and the overlap
-        y.
+        """Return the configuration with the motions ``balls`` (fields, L1, ..., Lp) and the
+        ``overlap`` y.
         """
         return PressedPlace(self, balls, overlap)
 
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps (n_c, L1, ..., Lp) of contacts, and the slips (n_s, n_c, L1, ..., Lp)
-        with which a history begins at the motions ``balls`` (fields, L1, ..., Lp) and the
-        ``overlap`` y.
+        """Return the overlaps (n_c, L1, ..., Lp) and the slips (n_s, n_c, L1, ..., Lp) with which a
+        history begins, at the motions ``balls`` (fields, L1, ..., Lp) and the ``overlap`` y.
 
-        Where contacts keep their directions, slips are counted from the sites; where contacts turn,
-        slips are zero at these motions.
+        If contacts keep their directions, slips are those since balls were on their sites. If
+        contacts turn, slips are zero: those of the history are counted from these motions.
         """
         place = self.place(balls, overlap)
         return place.overlaps, place.find_slips(place, np.zeros(self.slip_shape))
@@ -115,11 +113,10 @@ class PressedGeometry:
         return fields.reshape(stencils.n_fields, *stencils.shape)
 
     def measure(self, balls: Array, overlap: float) -> tuple[Configuration, Array, Array | None]:
-        """Return where balls and contacts are, the overlaps (n_c,), and the slips (n_s, n_c) of
-        contacts that keep their directions.
+        """Return where balls and contacts are at the motions ``balls`` (fields, L1, ..., Lp) and
+        the ``overlap`` y; the overlaps (contacts,); and the slips (n_s, contacts).
 
-        Slips are None where contacts turn: they then depend on the way to the motions ``balls``
-        (fields, L1, ..., Lp) and the ``overlap`` y.
+        If contacts turn, the slips are None: they depend on the way to these motions.
         """
         contacts = self.contacts
         displacement, rotation = self.list_motions(balls)
@@ -127,9 +124,9 @@ class PressedGeometry:
         n_slips = len(self.stencils.shape) - 1
         if not self.ratio:
             frames = (contacts.normal, contacts.tangent, self._distance)
-            slid = np.empty((n_slips, overlaps.size))
-            slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, slid)
-            return Configuration(overlap, displacement, rotation, *frames), overlaps, slid
+            new_slips = np.empty((n_slips, overlaps.size))
+            slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, new_slips)
+            return Configuration(overlap, displacement, rotation, *frames), overlaps, new_slips
         normal, tangent = np.empty((2, overlaps.size, 3))
         distance = np.empty(overlaps.size)
         frames = (normal, tangent, distance)
@@ -160,22 +157,23 @@ class PressedPlace:
 
     def find_slips(self, before: PressedPlace, slips: Array) -> Array:
         """Return the slips (n_s, n_c, L1, ..., Lp) of contacts after a step from the configuration
-        ``before``, in which slips are ``slips``.
+        ``before``, in which slips are ``slips`` (n_s, n_c, L1, ..., Lp).
 
-        Where contacts keep their directions, slips follow from the motions alone, and neither
-        argument is used.
+        If contacts keep their directions, slips follow from the motions alone, and neither argument
+        is used.
         """
         if self._slips is not None:
             return self._slips
-        slid = slips.copy(order="C")
+        new_slips = slips.copy(order="C")
+        flat_slips = new_slips.reshape(len(new_slips), -1)
         contacts = self.geometry.contacts
-        by_contact = slid.reshape(len(slid), -1)
-        measure_slips(contacts, before.configuration, self.configuration, by_contact)
-        return slid
+        measure_slips(contacts, before.configuration, self.configuration, flat_slips)
+        return new_slips
 
     def push(self, forces: Array, shears: Array) -> tuple[Array, Array]:
-        """Return forces and torques (n, 3) on balls by normal forces f (n_c, L1, ..., Lp) and
-        tangential forces T (n_s, n_c, L1, ..., Lp).
+        """Return the forces (n, 3) and the torques (n, 3) on balls, along the axes of space, by
+        the normal ``forces`` f (n_c, L1, ..., Lp) and the tangential forces T of contacts, whose
+        components are ``shears`` (n_s, n_c, L1, ..., Lp).
         """
         configuration = self.configuration
         force, torque = np.zeros((2, *configuration.displacement.shape))
@@ -206,9 +204,10 @@ class PressedPlace:
 
     def press(self, forces: Array, shears: Array) -> float:
         """Return the force per contact that does the work of the load as y grows: the mean of (f n
-        - T).e over contacts, with the normal forces ``forces`` (n_c, L1, ..., Lp) and the
-        tangential ones ``shears`` (n_s, n_c, L1, ..., Lp). Where contacts keep their directions it
-        is the mean of f.
+        - T).e over contacts. If contacts keep their directions, it is the mean of f.
+
+        ``forces`` (n_c, L1, ..., Lp) are the normal forces f, and ``shears`` (n_s, n_c, L1, ...,
+        Lp) the components of the tangential forces T.
         """
         if not self.geometry.ratio:
             return float(np.mean(forces))
@@ -228,12 +227,13 @@ class PressedPlace:
         precision: DTypeLike = np.float32,
         free: bool = True,
     ) -> PressedTangent:
-        """Return what resists small motions: minus the changes of the forces of :meth:`pull`, and
-        of the sum of the normal forces, in a ``precision``.
+        """Return what resists small motions, in a ``precision``: minus the changes of the forces of
+        :meth:`pull`, and of the sum of the normal forces.
 
-        The changes follow from the ``tangent`` of the law of friction and, where contacts turn,
-        from the normal ``forces`` (n_c, L1, ..., Lp) and the tangential ones ``shears`` (n_s, n_c,
-        L1, ..., Lp) that act. ``free`` says whether the overlap y is a motion too.
+        The changes follow from the ``tangent`` of the law of friction. If contacts turn, they also
+        follow from the forces that act: the normal ``forces`` (n_c, L1, ..., Lp) and the tangential
+        ones, ``shears`` (n_s, n_c, L1, ..., Lp). ``free`` says whether the overlap y is a motion
+        too; otherwise it is held.
         """
         geometry = self.geometry
         stencils = geometry.stencils
@@ -287,7 +287,8 @@ class PressedTangent:
 
     def resist(self, balls: NDArray[Any], press: float, forces: NDArray[Any]) -> float:
         """Set ``forces`` to minus the changes of forces on balls by motions ``balls`` and by a
-        change ``press`` of the overlap; both arrays are (fields, L1, ..., Lp) or flat.
+        change ``press`` of the overlap y. Both arrays are (fields, L1, ..., Lp) or flat, in the
+        precision of the tangent.
 
         Return minus the change of the sum of the normal forces. If the overlap is held, ``press``
         is not read, and zero is returned.
@@ -303,9 +304,9 @@ class PressedTangent:
             forces.reshape(fields),
         )
 
-    def invert_alone(self, added: float) -> NDArray[Any]:
-        """Return the inverses (m, m, n) of the blocks of each ball and its own motions, to whose
-        diagonal the stiffness ``added`` is added first.
+    def invert_blocks_of_balls(self, added: float) -> NDArray[Any]:
+        """Return the inverses (m, m, n) of the blocks :attr:`diagonal`, in the precision of
+        ``product``. The stiffness ``added`` is first added to the diagonal of each block.
         """
         inverses = np.empty_like(self.product.diagonal)
         invert_blocks(self.diagonal, added, 1.0, inverses)

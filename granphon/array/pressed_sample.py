@@ -4,8 +4,8 @@ The forces of the contacts follow from a history (:mod:`granphon.array.history`)
 contact that carries load resists compression with its normal stiffness k, and slip with a
 tangential stiffness for which there are three choices:
 
-``slide``         eta k; none where the contact slides, that is, bears |T| = mu f
-``stick``         eta k, where the contact slides too: sound of small amplitude may not take it to
+``slide``         eta k; zero where the contact slides, that is, bears |T| = mu f
+``stick``         eta k, also where the contact slides: sound of small amplitude may not take it to
                   the limit again
 ``partial_slip``  eta k (1 - |T|/mu f)^(1/3), that of a contact whose T grows under constant f: an
                   annulus of it slips (C. Cattaneo, 1938; R. D. Mindlin, J. Appl. Mech. 16, 259,
@@ -56,12 +56,13 @@ class PressedEquilibrium(Equilibrium):
     Attributes
     ----------
     rotations : (n r, L1, ..., Lp) rotations about each of r axes, W over the diameter.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a
-        plane has one.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces along the n_s slips of each contact; n_s is 1
+        in a plane, 2 in space.
     mindlin_ratio, friction_coefficient : eta and mu.
     work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
     slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential
-        force, and to dashpots, between the gas and rest and where balls fall; as ``work``.
+        force, and to dashpots; means over contacts, in units of c W^(5/2). Dashpots act while balls
+        come to rest from a gas, and where balls fall.
     steps : number of steps of the load since the start.
     """
 
@@ -113,9 +114,9 @@ class PressedEquilibrium(Equilibrium):
         """
         super()._check()
         stencils = self.sheared
-        turns = stencils.n_fields - len(self.balls)
+        n_rotations = stencils.n_fields - len(self.balls)
         expected = (
-            (turns, *stencils.shape),
+            (n_rotations, *stencils.shape),
             (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape),
         )
         if (self.rotations.shape, self.shears.shape) != expected:
@@ -155,8 +156,8 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def contacts(self) -> Contacts:
-        """State of the contacts. Slips are those by the motions of the balls in the directions of
-        the lattice, in the true geometry too: only changes of slips count.
+        """State of the contacts. Also in the true geometry, slips are those that the motions of the
+        balls make in the directions of the lattice: only changes of slips count.
         """
         stencils = self.sheared
         motion = stencils.spread(self.balls, self.rotations)
@@ -186,11 +187,11 @@ class PressedEquilibrium(Equilibrium):
         return self.law.stored(self.contacts)
 
     def shear_ratios(self, response: str) -> Array:
-        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for a
-        ``response`` of :data:`~granphon.array.options.SHEAR_RESPONSES`.
+        """Return the ratio (n_c, L1, ..., Lp) of the tangential to the normal stiffness under
+        sound, for a ``response`` of :data:`~granphon.array.options.SHEAR_RESPONSES`.
 
-        "partial_slip" is the stiffness of each contact as if its tangential force were about to
-        grow, also where it has just become less.
+        With "partial_slip" each contact has the stiffness against a growing tangential force, also
+        if this force has just become less.
         """
         if response == "stick":
             return np.full(self.shears.shape[1:], self.mindlin_ratio)
@@ -205,21 +206,21 @@ class PressedEquilibrium(Equilibrium):
         bending: float = 0.0,
         reduction: float | None = None,
     ) -> Array:
-        """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of
+        """Return the elastic tensor (n, n), in Voigt order; ``shear`` are the ratios of
         :meth:`shear_ratios`.
 
         Other arguments, units and errors are those of
-        :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In the true geometry the
-        tensor is that of :func:`~granphon.statics.response.find_elastic_tensor`, of contacts with
-        the static forces that act.
+        :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In the true geometry
+        contacts also have the static forces that act, see
+        :func:`~granphon.statics.response.find_elastic_tensor`.
         """
         return super().find_elasticity(shear, torsion, bending, reduction)
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
-        """Return the contacts with their springs, in the true geometry with the static forces that
-        act; arguments are those of :meth:`find_elasticity`.
+        """Return the contacts with their springs and, in the true geometry, with the static forces
+        that act; arguments are those of :meth:`find_elasticity`.
         """
         if not self.ratio:
             return super()._list_contacts(shear, torsion, bending)
@@ -233,7 +234,7 @@ class PressedEquilibrium(Equilibrium):
 
 @result_class
 class PressedSample(Sample):
-    """One array of balls at rest under one load, which it has reached by a path of loads with
+    """One array of balls at rest under one load that has been reached by a path of loads with
     friction.
 
     Attributes
@@ -250,14 +251,14 @@ class PressedSample(Sample):
 
     @property
     def rotations(self) -> Array:
-        """(L1, ..., Lp) angles of the balls in a plane, rad; (L1, ..., Lp, 3) rotation vectors in
-        space. With n > 1 balls in the cell, the axis n comes after Lp.
+        """Rotations of the balls, rad: in a plane (L1, ..., Lp) angles; in space (L1, ..., Lp, 3)
+        rotation vectors. With n > 1 balls in the cell, the axis n comes after Lp.
         """
         n_balls = self.packing.structure.n_balls
         # (r, n, L1, ..., Lp), with r axes of rotation
         by_axis = self.equilibrium.rotations.reshape(n_balls, -1, *self.shape).swapaxes(0, 1)
-        in_order = self._order(by_axis if n_balls > 1 else by_axis[:, 0])
-        angles = self._units.width / self.packing.diameter * np.moveaxis(in_order, 0, -1)
+        ordered_values = self._order(by_axis if n_balls > 1 else by_axis[:, 0])
+        angles = self._units.width / self.packing.diameter * np.moveaxis(ordered_values, 0, -1)
         return angles[..., 0] if angles.shape[-1] == 1 else angles
 
     @property
@@ -267,8 +268,9 @@ class PressedSample(Sample):
         """
         equilibrium = self.equilibrium
         p = self.packing.structure.periods
-        on_balls_i = equilibrium.pressed_place.turn(equilibrium.shears)[:, :p]
-        by_kind = on_balls_i.reshape(-1, *self.shape, p)
+        # the forces T, which ball j exerts on ball i
+        forces = equilibrium.pressed_place.turn(equilibrium.shears)[:, :p]
+        by_kind = forces.reshape(-1, *self.shape, p)
         return np.asarray(-self._units.force * np.moveaxis(by_kind, 0, -2))
 
     @cached_property
@@ -286,22 +288,22 @@ class PressedSample(Sample):
 
     @property
     def sliding_fraction(self) -> float:
-        """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu
-        f.
+        """Fraction of contacts with a tangential force at Coulomb's limit, mu f, among those that
+        carry load.
         """
         return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
 
     def tangential_ratio_distribution(
         self, bins: int = 50, largest: float | None = None
     ) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f`` over the
-        contacts that carry load.
+        """Return the edges (bins + 1,) of bins, and the probability density (bins,) of ``|T|/f``
+        over the contacts that carry load.
 
         The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts
-        that slide have the ratio mu. Over all ratios the density integrates to one, over the bins
-        to less if there are ratios above ``largest``. Raises
+        that slide have the ratio mu. Over all ratios the density integrates to one; over the bins
+        it integrates to less if there are ratios above ``largest``. Raises
         :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
-        million, or ``largest`` not above zero and finite.
+        million, or if ``largest`` is not above zero and finite.
         """
         contacts = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
@@ -311,13 +313,11 @@ class PressedSample(Sample):
         return find_density(ratios, bins, 0.0, largest)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu
-        f)``.
+        """Return the edges (bins + 1,) of bins from 0 to 1, and the probability density (bins,) of
+        ``|T|/(mu f)`` over the contacts that carry load.
 
-        The density is over the contacts that carry load; sliding contacts are in the last bin.
-        Raises
-        :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole
-        number from 1 to a million.
+        Contacts that slide are in the last bin. Raises :class:`~granphon.base.errors.InputError` if
+        mu is zero or infinite, or if ``bins`` is no whole number from 1 to a million.
         """
         equilibrium = self.equilibrium
         contacts = equilibrium.contacts
@@ -331,8 +331,8 @@ class PressedSample(Sample):
 
     @property
     def work(self) -> float:
-        """Work of the load since the start, a mean over contacts, J: what the contacts store and
-        lose, and dashpots take.
+        """Work of the load since the start, a mean over contacts, J. It is the energy that contacts
+        have stored and lost since the start, and that dashpots have taken up.
 
         In the limit of short steps it is the integral of f over the overlap.
         """
@@ -351,11 +351,12 @@ class PressedSample(Sample):
     def normal_stiffness(self) -> float:
         """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
 
-        It is the derivative of f on a way up where no contact slides and none that bears T opens,
-        just after a turn too. It is not the slope of the path. Where the normal force of a contact
-        falls, T falls in proportion to k, which is not a linear response: on a way down the slope
-        is larger by some thousandths. On a way up, if contacts slide, it is larger by about a
-        hundredth.
+        It is the derivative of f while the load rises, if no contact slides and no contact that
+        bears T opens; this also holds just after the load has turned upwards. It is not the slope
+        of the path in general. While the load falls, the slope of the path is larger by some
+        thousandths: where the normal force of a contact falls, T falls in proportion to k, which is
+        not a linear response. While the load rises and contacts slide, the slope is larger by about
+        a hundredth.
         """
         return self._average_stiffness(self.elastic_tensor, self.force, self.overlap)
 
@@ -373,21 +374,22 @@ class PressedSample(Sample):
         return slope_in_log * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
-        """Return df/d(delta), N/m, the change of the mean force with the overlap, of an elastic
-        ``tensor`` (with the units of :attr:`elastic_tensor`), at a ``force``, N, and an
-        ``overlap``, m.
+        """Return df/d(delta), N/m: the derivative of the mean force with respect to the overlap, at
+        a ``force``, N, and an ``overlap``, m, where the elastic tensor is ``tensor``, in the units
+        of :attr:`elastic_tensor`.
 
-        The stiffness follows from the work of an even strain of the cell, in which only normal
-        forces take part. In the true geometry the tensor is the derivative of the stress, and the
-        boundary on which the stress acts shrinks, which the last line takes into account.
+        The derivative follows from the work of an even strain of the cell, in which only normal
+        forces take part.
         """
         structure = self.packing.structure
         p = structure.periods
         d = self.packing.diameter
-        of_even_strain = float(np.sum(tensor[:p, :p]))
-        stiffness = of_even_strain * d * structure.measure / len(structure.contacts)
+        even_modulus = float(np.sum(tensor[:p, :p]))
+        stiffness = even_modulus * d * structure.measure / len(structure.contacts)
         if not self.is_exact:
             return stiffness
+        # in the true geometry the tensor is the derivative of the stress, and the boundary on which
+        # the stress acts shrinks
         spacing = d - overlap
         return stiffness * (spacing / d) ** (p - 2) - (p - 1) * force / spacing
 
@@ -396,9 +398,10 @@ class PressedSample(Sample):
         """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as
         loading goes on from here.
 
-        Going back would be unloading, which is another state. The loading takes three steps,
-        equally long in log f, because the number of contacts that slide at the end of a step
-        depends a little on its length; the tensors are those after the first and the third.
+        Loads below that of the sample would be reached by unloading, which leads to other states.
+        The loading takes three steps that are equally long in log f, because the number of contacts
+        that slide at the end of a step depends a little on its length; the tensors are those after
+        the first and the third step.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if the loading finds no balance, or a
         linear response is not found.
@@ -418,7 +421,7 @@ class PressedSample(Sample):
             geometry=geometry,
         )
         states = list(history.path(loads, equilibrium.resume()))
-        beside = (
+        neighbours = (
             PressedEquilibrium.of(state, equilibrium.deviations, stencils, equilibrium.ratio)
             for state in states[::2]
         )
@@ -426,7 +429,7 @@ class PressedSample(Sample):
             self._compute_elastic_tensor(
                 neighbour.share(equilibrium.deviations, equilibrium.stencils)
             )
-            for neighbour in beside
+            for neighbour in neighbours
         ]
         stencils.forget()  # Green's function is large, and the equilibrium keeps its stencils
         return read_only(tensors)
@@ -446,22 +449,21 @@ class PressedSample(Sample):
         """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.
 
         ``rotations`` are the rotations of the balls since the start, rad. There are two more
-        arrays: ``tangential_force``, the mean size of the tangential forces on a ball over the mean
-        normal force of all contacts, and ``sliding_contacts``, the number of its contacts that
-        carry load and slide. The forces of single contacts are in :attr:`network`, and in its
-        tables.
+        arrays. ``tangential_force`` is the mean magnitude of the tangential forces on a ball over
+        the mean normal force of all contacts. ``sliding_contacts`` is the number of the contacts of
+        a ball that carry load and slide. The forces of single contacts are in :attr:`network`.
         """
         balls = super().atoms()
         equilibrium = self.equilibrium
         contacts = equilibrium.contacts
         stencils = self.equilibrium.stencils
-        slides = contacts.carried & (equilibrium.law.mobilise(contacts) >= SLIDES)
+        is_sliding = contacts.carried & (equilibrium.law.mobilise(contacts) >= SLIDES)
         shape = balls.arrays["rotations"].shape
         balls.set_array("rotations", self.rotations.reshape(shape))
         tangential = self._order(stencils.average_around(contacts.tangential / equilibrium.force))
         balls.set_array("tangential_force", tangential.ravel())
         balls.set_array(
-            "sliding_contacts", self._order(stencils.sum_around(slides.astype(int))).ravel()
+            "sliding_contacts", self._order(stencils.sum_around(is_sliding.astype(int))).ravel()
         )
         balls.info["friction_coefficient"] = equilibrium.friction_coefficient
         return balls

@@ -1,7 +1,7 @@
 """Arrays of balls that come to rest: as assemblies under loads, in units of W and c W^(3/2).
 
-Contacts keep the directions of the lattice, the limit of small spread, or turn with their balls: in
-the true geometry, with a given ratio W/d. The search for rest is that of
+In the limit of small spread contacts keep the directions of the lattice. In the true geometry, with
+a given ratio W/d, contacts turn with their balls. The search for rest is that of
 :func:`~granphon.statics.find_rest.find_rest`.
 
 The lengths of an assembly are in W. In the true geometry its contacts are as long as d/W at touch;
@@ -38,11 +38,11 @@ from granphon.statics.options import RestOptions
 from granphon.statics.response import find_elastic_tensor
 from granphon.statics.rest import Rest
 
-#: tolerance of the load over that of the forces on balls, in the directions of the lattice: the
-#: load is a number that the user gave
+#: tolerance of the load over that of the forces on balls, in the directions of the lattice: less
+#: than one, as the load is a number that the user gave
 _LOAD_PART = 1e-3
-#: largest force left on a ball over W/d times the mean force: the forces on loose balls are of the
-#: order of W/d times the mean force
+#: in the true geometry, largest force that may be left on a ball over W/d times the mean force: the
+#: forces on loose balls are of the order of W/d times the mean force
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 LEAST_TOLERANCE = 1e-12
@@ -56,31 +56,31 @@ def bring_to_rest(
     tolerance: float | None = None,
     ratio: float | None = None,
 ) -> Equilibrium:
-    """Return the equilibrium without friction of an array of balls under a load: the array's call
-    of :func:`~granphon.statics.find_rest.find_rest`, which says what its assembly, load and
-    tolerances are.
+    """Return the equilibrium without friction of an array of balls under a load, found by
+    :func:`~granphon.statics.find_rest.find_rest`.
 
     Parameters
     ----------
-    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
-        cell.
-    load : overlap or mean contact force, reduced. In the true geometry the overlap is that of the
-        spacing of the cell, and the force the mean normal force over all contacts.
+    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) if a cell has n > 1
+        balls.
+    load : overlap, mean contact force or pressure, reduced. In the true geometry the overlap y is
+        that by which the cell is compressed, and the force is the mean normal force over all
+        contacts. In the directions of the lattice a pressure is the same as its mean force.
     stencils : stencils of the array; by default those of the triangular lattice.
     start : equilibrium from which to begin, for example that of the same balls under a similar
         load; by default balls begin on their sites, or, in the true geometry, at the equilibrium on
         the lattice under the same load.
-    tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. On the
-        lattice it is over the rms difference of contact forces if that is less: at high loads the
-        effect of disorder is itself only a small part of the force. In the true geometry it is
-        1e-4 W/d if that is less.
-    ratio : W/d, from zero to 0.2, in the true geometry, which at zero is that of the lattice; None
-        where contacts keep the directions of the lattice.
+    tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. In the
+        directions of the lattice it is over the rms difference of contact forces if that is less:
+        at high loads the effect of disorder is only a small part of the force. In the true geometry
+        1e-4 W/d takes the place of a tolerance that is larger.
+    ratio : W/d, from zero to 0.2, in the true geometry, which at zero is that of the lattice. None,
+        by default: contacts keep the directions of the lattice.
 
     Returns
     -------
-    The equilibrium; a :class:`~granphon.array.true_equilibrium.TrueEquilibrium` if there is a
-    ``ratio``.
+    The equilibrium; a :class:`~granphon.array.true_equilibrium.TrueEquilibrium` if ``ratio`` is not
+    None.
 
     Raises
     ------
@@ -132,14 +132,14 @@ def bring_to_rest(
 
 
 def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions:
-    """Return the options of a search that ends at the ``tolerance`` of :func:`bring_to_rest`, at a
-    ``ratio`` W/d, zero in the directions of the lattice, with so many ``workers``.
+    """Return the options of a search that ends at the ``tolerance`` of :func:`bring_to_rest`.
+    ``ratio`` is W/d, zero in the directions of the lattice; ``workers`` is the number of threads.
     """
     if not ratio:
         return RestOptions(grid_tolerance=tolerance, workers=workers)
     required = min(tolerance, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
     return RestOptions(
-        # a tenth less is aimed at than is required
+        # the aim is a tenth below the requirement, so that the state at the end meets it
         tolerance=0.9 * required,
         negligible_force=required,
         of_all=True,
@@ -165,8 +165,8 @@ def _explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
 
 
 def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
-    """Return the equilibrium of the balls of a ``state``, in the directions of the lattice and at
-    the overlap of the state, found by a second way that shares no linear algebra with the first.
+    """Return the equilibrium of the balls of a ``state`` in the directions of the lattice, at the
+    overlap of the state, found in a way that shares no linear algebra with :func:`bring_to_rest`.
 
     Balls begin on their sites, contacts are a list that is no grid, and each step of Newton's
     method factorises its matrix.
@@ -200,11 +200,13 @@ def find_tensor_by_factors(state: Equilibrium, shear: float) -> Array:
 
 
 def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembly:
-    """Return the contacts of an array, whose length at touch is 1/``scale``, in W; ``scale`` is W/d
-    in the true geometry, and otherwise 1.
+    """Return the contacts of an array of balls with the ``deviations`` x, (L1, ..., Lp) or (n, L1,
+    ..., Lp). The length of a contact at touch is 1/``scale``, in W; ``scale`` is W/d in the true
+    geometry, and otherwise 1.
     """
     grid = find_lattice_grid(stencils.shape, stencils.lattice)
     p = stencils.lattice.periods
+    # of the size of the cell only the measure counts: a cube with the measure of the array
     size = (float(stencils.lattice.measure) * grid.n_cells) ** (1.0 / p) / scale
     return GridAssembly(
         grid if scale == 1.0 else grid.scale(1.0 / scale),
@@ -216,8 +218,8 @@ def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembl
 
 
 def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
-    """Return the overlap y of a ``rest`` whose contacts have the length 1/``scale``: that of the
-    ``load`` if this is an overlap, or else that of the strain.
+    """Return the overlap y of a ``rest`` whose contacts have the length 1/``scale`` at touch: that
+    of the ``load`` if it prescribes one, and otherwise that of the strain.
     """
     if load.overlap is not None:
         return float(load.overlap)
@@ -225,19 +227,19 @@ def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
 
 
 def find_residual(rest: Rest) -> float:
-    """Return the largest force left on a ball of a ``rest`` over the mean force of all contacts;
+    """Return the largest force left on a ball of a ``rest``, over the mean force of all contacts;
     infinite if all contacts are open.
 
-    The residual of the rest is over the mean force of closed contacts: that of all contacts, over
-    the share of contacts that are closed.
+    The residual of the rest is over the mean force of closed contacts, which is the mean force of
+    all contacts divided by the share of those that are closed.
     """
     closed_share = float(np.mean(rest.overlap > 0.0))
     return rest.residual / closed_share if closed_share else math.inf
 
 
 def gather_balls(rest: Rest, stencils: Stencils) -> Array:
-    """Return the displacements (n p, L1, ..., Lp) of the balls of a ``rest`` in the coordinates of
-    the stencils, less their mean.
+    """Return the displacements (n p, L1, ..., Lp) of the balls of a ``rest``, in the coordinates of
+    the stencils, less their mean; n balls in a cell have p displacements each.
     """
     p = rest.displacement.shape[1]
     motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
@@ -247,8 +249,8 @@ def gather_balls(rest: Rest, stencils: Stencils) -> Array:
 def apply_load(
     assembly: Assembly, load: ReducedLoad, scale: float, cell_tolerance: float
 ) -> AppliedLoad:
-    """Return the ``load`` on an assembly whose contacts have the length 1/``scale``; a load that is
-    not an overlap is met to ``cell_tolerance`` times the tolerance of forces.
+    """Return the ``load`` on an assembly whose contacts have the length 1/``scale`` at touch. A
+    load that is not an overlap is met to ``cell_tolerance`` times the tolerance of forces.
     """
     p = assembly.dimension
     no_force = np.broadcast_to(0.0, (assembly.n_balls * p,))  # takes no memory
@@ -258,7 +260,7 @@ def apply_load(
     if load.overlap is not None:
         strain = -scale * load.overlap * np.eye(p)
     elif load.on_boundary:
-        # that of equal forces, in a cell that keeps its size
+        # the stress of equal contact forces in a cell that keeps its size
         virial = load.force * assembly.n_contacts * assembly.mean_distance
         stress = -virial / (p * assembly.measure) * np.eye(p)
     else:
@@ -278,9 +280,9 @@ def take_up(
     assembly: Assembly, balls: Array, overlap: float, stencils: Stencils, scale: float
 ) -> Rest:
     """Return the state from which a search begins, with the displacements ``balls`` (n p, L1, ...,
-    Lp) in the coordinates of the stencils and the ``overlap`` y; contacts of the assembly have the
-    length 1/``scale``. The overlaps of contacts of the state are those on the sites, not those of
-    the displaced balls.
+    Lp), in the coordinates of the stencils, and the ``overlap`` y; contacts of the assembly have
+    the length 1/``scale`` at touch. The state has the overlaps of contacts on the sites, not those
+    of the displaced balls.
     """
     p = assembly.dimension
     return Rest(

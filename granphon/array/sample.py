@@ -37,9 +37,10 @@ if TYPE_CHECKING:
 #: a worse estimate: with a step of 0.002 exponents of 24^2 balls scatter up to 1.8 times as much,
 #: as contacts about to open or close count for more than their part
 STEP = 0.05
-#: force that may be left on a ball under the loads beside, over the mean force: exponents differ by
-#: 1e-7 or less from those found with 1e-10; in the true geometry at a few hundredths of f* = 1,
-#: where the places of loose balls and so the rests differ, by up to 6e-4 in every third sample
+#: force that may be left on a ball under the two loads beside that of the sample, over the mean
+#: force. Exponents differ by 1e-7 or less from those found with 1e-10. In the true geometry, at a
+#: few hundredths of f* = 1, loose balls come to rest at other places, and exponents differ by up to
+#: 6e-4 in every third sample
 _TOLERANCE = 1e-8
 #: the linear response under the loads beside is as exact as the rest, as its error enters squared
 _REDUCTION = math.sqrt(_TOLERANCE)
@@ -79,10 +80,10 @@ class Sample(Result):
     def _order(self, values: Array) -> Array:
         """Return ``values`` of balls with the axis of the n balls of a cell last: (..., n, L1, ...,
         Lp) becomes (..., L1, ..., Lp, n). With one ball in the cell there is no such axis, and
-        values are returned as they are.
+        ``values`` are returned as they are.
         """
-        several = self.packing.structure.n_balls > 1
-        return np.moveaxis(values, -1 - len(self.shape), -1) if several else values
+        has_axis = self.packing.structure.n_balls > 1
+        return np.moveaxis(values, -1 - len(self.shape), -1) if has_axis else values
 
     @property
     def diameters(self) -> Array:
@@ -101,8 +102,8 @@ class Sample(Result):
 
     @property
     def displacements(self) -> Array:
-        """(L1, ..., Lp, p) displacements from the sites, m; balls that nothing holds are where the
-        iteration left them.
+        """(L1, ..., Lp, p) displacements from the sites, m, of the evenly compressed cell. Balls
+        that nothing holds are where the iteration left them.
         """
         reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
         return self._units.width * np.moveaxis(self._order(reduced), 0, -1)
@@ -190,12 +191,14 @@ class Sample(Result):
     def force_distribution(
         self, bins: int = 60, largest: float = 6.0, least: float = 0.0
     ) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of
-        contacts that carry more than a part 1e-6 of the mean force.
+        """Return the edges (bins + 1,) of bins in f/<f>, and the probability density (bins,) of
+        f/<f>: f are the forces of the contacts that carry more than a part 1e-6 of the mean force,
+        and <f> is the mean force.
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
         density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is
-        no whole number from 1 to a million, or the range is empty.
+        no whole number from 1 to a million, or unless ``least`` and ``largest`` are finite and
+        ``largest`` is the greater.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > COUNTED_FORCE * self.equilibrium.force] / self.equilibrium.force
@@ -238,9 +241,9 @@ class Sample(Result):
         """Return the network of the balls and of the contacts that carry load.
 
         ``shear`` is the ratio of tangential to normal stiffness, a number or (L1, ..., Lp, n_c);
-        that of the packing if None. ``tangential`` (L1, ..., Lp, n_c, p) are tangential forces of
-        ball i on ball j, N. If they are None, the network has none, and zeros in the true geometry,
-        where static forces act on displacements.
+        None stands for that of the packing. ``tangential`` (L1, ..., Lp, n_c, p) are tangential
+        forces of ball i on ball j, N. If ``tangential`` is None, the network has no tangential
+        forces; in the true geometry, where static forces act on displacements, it has zeros.
         """
         packing = self.packing
         structure = packing.structure
@@ -248,15 +251,15 @@ class Sample(Result):
         p = structure.periods
         i, j, shift = _number_ends(structure, self.shape)
         stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
-        live = stiffness.reshape(i.shape) > 0.0
+        is_loaded = stiffness.reshape(i.shape) > 0.0
 
         def select(values: Array) -> Array:
             """Return the ``values`` (L1, ..., Lp, n_c, ...) of the contacts that carry load, with
             one axis in place of the first ones.
             """
-            return np.asarray(values.reshape(*i.shape, *values.shape[p + 1 :])[live])
+            return np.asarray(values.reshape(*i.shape, *values.shape[p + 1 :])[is_loaded])
 
-        normal, arm_i, arm_j = (values[live] for values in self._find_frames(i.shape))
+        normal, arm_i, arm_j = (values[is_loaded] for values in self._find_frames(i.shape))
         force = select(self.contact_forces)
         spring = select(stiffness)
         eta = packing.mindlin_ratio if shear is None else shear
@@ -276,9 +279,9 @@ class Sample(Result):
             radii=0.5 * self.diameters.ravel(),
             masses=mass,
             inertias=(GYRATION * d) ** 2 * mass,
-            i=i[live],
-            j=j[live],
-            shift=shift[live],
+            i=i[is_loaded],
+            j=j[is_loaded],
+            shift=shift[is_loaded],
             normal=normal,
             normal_force=force,
             normal_stiffness=spring,
@@ -305,8 +308,8 @@ class Sample(Result):
         return positions
 
     def _find_cell(self) -> Array:
-        """Return the vectors (3, 3) of the compressed cell of the array, m; rows of zeros where it
-        has no period.
+        """Return the vectors (3, 3) of the compressed cell of the array, m; the rows from p on are
+        zeros if the array has fewer than three periods.
         """
         structure = self.packing.structure
         p = structure.periods
@@ -339,15 +342,15 @@ class Sample(Result):
 
     @property
     def is_exact(self) -> bool:
-        """Whether directions, arms and overlaps of contacts follow from the positions of the balls,
-        not from the lattice.
+        """Whether directions, arms and overlaps of contacts follow from the positions of the balls;
+        otherwise contacts have the directions of the lattice.
         """
         return bool(self.equilibrium.ratio)
 
     @property
     def _deformation(self) -> Array:
-        """(p, p) symmetric matrix by which the load deforms the cell; the unit matrix where
-        contacts keep the directions of the lattice.
+        """(p, p) symmetric matrix that takes vectors of the lattice to those of the compressed
+        cell; the unit matrix if contacts keep the directions of the lattice.
         """
         equilibrium = self.equilibrium
         deformation = (1.0 - equilibrium.ratio * equilibrium.overlap) * np.eye(len(self.shape))
@@ -366,7 +369,7 @@ class Sample(Result):
         is_line = packing.structure.periods == 1
         scale = self._units.stiffness * d if is_line else self._units.stiffness / d
         torsion: Any = packing.torsion
-        if torsion == MINDLIN:  # it differs from contact to contact
+        if torsion == MINDLIN:  # the torsion then differs from contact to contact
             f = self._units.force * equilibrium.forces
             k = self._units.stiffness * equilibrium.stiffnesses
             torsion = packing.find_torsion(f, k)
@@ -396,46 +399,50 @@ class Sample(Result):
         packing = self.packing
         p = packing.structure.periods
         d = packing.diameter
-        cell = np.eye(3)
+        cell = np.eye(3)  # an axis without a period has the length one
         vectors = packing.structure.vectors[:, :p] @ self._deformation
         cell[:p, :p] = vectors * np.array(self.shape)[:, None]
-        moved, sites = np.zeros((2, self.equilibrium.deviations.size, 3))
-        moved[:, :p] = self.displacements.reshape(-1, p) / d
+        displacements, sites = np.zeros((2, self.equilibrium.deviations.size, 3))
+        displacements[:, :p] = self.displacements.reshape(-1, p) / d
         sites[:, :p] = self.sites.reshape(-1, p) @ self._deformation
         balls = Atoms(
             [BALL] * len(sites),
-            positions=sites + moved,
+            positions=sites + displacements,
             cell=cell,
             pbc=[axis < p for axis in range(3)],
         )
-        deviations = self._order(self.equilibrium.deviations).ravel()
-        arrays = {
-            "diameter_deviations": self._units.width / d * deviations,
-            "displacements": moved,
-            "slip_origin": moved.copy(),
-        }
-        take_arrays(
-            balls,
-            Units(d, self.normal_stiffness, packing.mass),
-            SAMPLE,
-            arrays,
-            count_coordinates(packing),
-        )
-        forces = self.equilibrium.forces / self.equilibrium.force
-        stencils = self.equilibrium.stencils
-        counts = stencils.sum_around((forces > COUNTED_FORCE).astype(int))
-        balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
-        balls.set_array("contacts", self._order(counts).ravel())
+        self._set_arrays(balls, displacements)
         balls.info["relative_overlap"] = self.overlap / d
         return balls
 
+    def _set_arrays(self, balls: Atoms, displacements: Array) -> None:
+        """Set the arrays of :meth:`atoms` on ``balls``; ``displacements`` (balls, 3) from the
+        sites are in diameters.
+        """
+        packing = self.packing
+        d = packing.diameter
+        equilibrium = self.equilibrium
+        deviations = self._order(equilibrium.deviations).ravel()
+        arrays = {
+            "diameter_deviations": self._units.width / d * deviations,
+            "displacements": displacements,
+            "slip_origin": displacements.copy(),
+        }
+        units = Units(d, self.normal_stiffness, packing.mass)
+        take_arrays(balls, units, SAMPLE, arrays, count_coordinates(packing))
+        forces = equilibrium.forces / equilibrium.force
+        stencils = equilibrium.stencils
+        counts = stencils.sum_around((forces > COUNTED_FORCE).astype(int))
+        balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
+        balls.set_array("contacts", self._order(counts).ravel())
+
 
 def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:
-    """Return (bins + 1,) edges from ``least`` to ``largest``, and the (bins,) probability density
-    of ``values``.
+    """Return the edges (bins + 1,) of equal bins from ``least`` to ``largest``, and the probability
+    density (bins,) of ``values``, of which there must be at least one.
 
-    Values beyond the edges count in the norm: over the bins the density then integrates to less
-    than one. There is at least one value.
+    Values beyond the edges count in the norm: if there are any, the density integrates over the
+    bins to less than one.
 
     Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
     million, or unless ``least`` and ``largest`` are finite and ``largest`` is the greater.
@@ -453,9 +460,9 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
 
 
 def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Index, Index]:
-    """Return the numbers (cells, n_c) of balls i and of balls j of all contacts of an array of
-    ``shape`` (L1, ..., Lp) cells, and the numbers (cells, n_c, 3) of periods of the array by which
-    the image of ball j that ball i touches is shifted.
+    """Return the numbers (cells, n_c) of balls i, and (cells, n_c) of balls j, of all contacts of
+    an array of ``shape`` (L1, ..., Lp) cells. Third, return the shifts (cells, n_c, 3): ball i
+    touches the image of ball j that is so many periods of the array away.
     """
     table = structure.contacts
     n = structure.n_balls

@@ -4,10 +4,10 @@ hydrostatic.
 Elsewhere the cell of an array keeps its shape: the mean of its principal stresses is the pressure,
 and a small sample of balls that differ bears some shear stress. Here all strains of the cell are
 free, as those of a crystal are. The balls, as an assembly (:mod:`granphon.contacts.assembly`), come
-to rest under a pressure (:mod:`granphon.statics.find_rest`). In the directions of the lattice the
-mean force follows from the pressure alone, by the virial, and of a given overlap the shears alone
-are free: one search is enough for either. In true directions the pressure is searched for under
-which the cell has a given overlap or mean force.
+to rest under a pressure (:mod:`granphon.statics.find_rest`). In the directions of the lattice one
+search for rest is enough: a mean force follows from the pressure alone, by the virial, and at a
+given overlap only the shears of the cell are free. In true directions the pressure under which the
+cell has a given overlap or mean force is searched for.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from granphon.statics.rest import Rest
 
 #: options of each search for rest, whose residuals are over the mean force of all contacts
 _OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, negligible_force=REST_TOLERANCE, of_all=True)
-#: pressures that are tried for a mean force or an overlap, at most: searches of 12 x 12 balls at
-#: f* from 1e-3 to 10, with W up to a tenth of d, took five or fewer
+#: greatest number of pressures that are tried for a mean force or an overlap: searches of 12 x 12
+#: balls at f* from 1e-3 to 10, with W up to a tenth of d, took five or fewer
 _MOST_PRESSURES = 40
 
 
@@ -82,18 +82,18 @@ def equilibrate_sheared(
         goal = load.force
 
         def measure(state: Equilibrium) -> float:
-            """Return the overlap of equal balls that have the mean force of a ``state``."""
+            """Return the overlap, in W, of equal balls that have the mean force of a ``state``."""
             return float(hertz.overlap_of(state.force))
 
         return search.find(goal, measure, float(hertz.overlap_of(goal)), explain_too_small(goal))
     # contacts that keep their directions bear no less than those that turn: if they bear nothing at
-    # this overlap, nothing is searched for
-    on_lattice = search.keep_size(load.overlap)
+    # this overlap, the search ends here with an error
+    lattice_rest = search.keep_size(load.overlap)
     if not ratio:
-        return search.make_state(on_lattice)
-    force_on_lattice = float(np.mean(hertz.force_of(np.maximum(on_lattice.overlap, 0.0))))
+        return search.make_state(lattice_rest)
+    guess = float(np.mean(hertz.force_of(np.maximum(lattice_rest.overlap, 0.0))))
     no_load = explain_no_load(load.overlap)
-    return search.find(force_on_lattice, lambda state: state.overlap, load.overlap, no_load)
+    return search.find(guess, lambda state: state.overlap, load.overlap, no_load)
 
 
 class _PressureSearch:
@@ -114,10 +114,11 @@ class _PressureSearch:
         self._iterations = 0
 
     def keep_size(self, overlap: float) -> Rest:
-        """Return the rest in the directions of the lattice of a cell of the ``overlap`` y, which
-        shears but keeps its size. Side effect: the rest is kept as the start of the next search.
+        """Return the rest, in the directions of the lattice, of a cell that shears but keeps the
+        size of the ``overlap`` y. Side effect: the rest is kept as the start of the next search.
 
-        Where the next search is one in true directions, the rest is a rough one.
+        For an array in true directions the rest is only a start, and is found with a looser
+        tolerance.
 
         Raises :class:`~granphon.base.errors.InputError` if the sample carries no load there.
         """
@@ -149,37 +150,38 @@ class _PressureSearch:
     ) -> Equilibrium:
         """Return the equilibrium whose ``measure``, an overlap in W, is the ``goal``.
 
-        The search begins at the pressure ``guess``, given as f*. It goes by secants in the overlap
-        that equal balls have under a pressure, of which the measure is a nearly linear function.
+        The search begins at the pressure ``guess``, given as f*. It goes by secants: the unknown is
+        the overlap that equal balls have under the pressure, and the measure is a nearly linear
+        function of it.
 
         Raises ``too_small`` where a pressure is so small that the sample carries no load, and
         :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.
         """
-        pressure = hertz.overlap_of(guess)  # as the overlap of equal balls
-        slope = 1.0  # of the pressure against the measure
-        last: tuple[float, float] | None = None  # pressure and lack
+        overlap = hertz.overlap_of(guess)  # of equal balls
+        slope = 1.0  # derivative of this overlap with respect to the measure
+        last_trial: tuple[float, float] | None = None  # overlap and lack
         for _ in range(_MOST_PRESSURES):
-            force = hertz.force_of(pressure)
+            force = hertz.force_of(overlap)
             if force < THRESHOLD_FORCE:
                 raise too_small
             state = self.press(force)
             lack = goal - measure(state)
             if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
                 return state
-            if last is not None:
-                last_pressure, last_lack = last
-                change = pressure - last_pressure
+            if last_trial is not None:
+                last_overlap, last_lack = last_trial
+                change = overlap - last_overlap
                 gain = last_lack - lack
                 slope = change / gain if gain * change > 0.0 else slope
-            last = (pressure, lack)
-            # above zero, and not far from the last pressure
-            pressure = min(max(pressure + slope * lack, 0.5 * pressure), 2.0 * pressure)
+            last_trial = (overlap, lack)
+            # above zero, and not far from the last trial
+            overlap = min(max(overlap + slope * lack, 0.5 * overlap), 2.0 * overlap)
         problem = "no pressure is found under which the sample has this load"
         raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
     def _keep(self, rest: Rest) -> Rest:
-        """Return a ``rest`` unchanged, after its steps are counted and it is kept as the start of
-        the next search.
+        """Keep a ``rest`` as the start of the next search, add its steps and iterations to those of
+        all searches, and return the rest.
         """
         self._last = rest
         self._steps += rest.steps
@@ -187,7 +189,9 @@ class _PressureSearch:
         return rest
 
     def make_state(self, rest: Rest) -> Equilibrium:
-        """Return the equilibrium of balls at ``rest``, with all steps of the search so far."""
+        """Return the equilibrium of balls at ``rest``; its numbers of steps are those of all
+        searches so far.
+        """
         stencils = self._stencils
         ratio = self._ratio
         overlap, strain = split_strain(rest.strain, ratio)
@@ -207,11 +211,12 @@ class _PressureSearch:
 
 
 def split_strain(strain: Array, ratio: float) -> tuple[float, Array]:
-    """Split the ``strain`` (p, p) of a cell into the overlap y, in W, of an evenly compressed cell
-    of the same size, and the strain (p, p) beside -y, in units of W/d; return both.
+    """Return the two parts of the ``strain`` (p, p) of a cell: the overlap y, in W, of an evenly
+    compressed cell of the same size, and the strain (p, p), in units of W/d, that is added to the
+    even one, -y.
 
-    ``ratio`` is W/d in the true geometry, where the contacts of the cell are as long as d/W.
-    Otherwise it is zero: strains are small, and contacts are as long as one.
+    ``ratio`` is W/d in the true geometry, where the length of contacts at touch is d/W. Otherwise
+    it is zero: strains are small, and the length of contacts is one.
     """
     p = len(strain)
     if ratio:  # cells of the same size have the same determinant of 1 + strain
@@ -228,10 +233,10 @@ def equilibrate_as(
     """Return the equilibrium of the balls of a ``state`` under a ``load`` near the one that it
     bears, in the same geometry and with the same boundary.
 
-    Where the cell keeps its shape, the search begins at the ``state``, in the true geometry where
-    its balls come to rest under the load to first order, and ends at the ``tolerance`` of
-    :func:`~granphon.array.rest.bring_to_rest`. Otherwise the balls come to rest anew, and the
-    tolerance is not used.
+    If the cell keeps its shape, the search begins at the ``state``; in the true geometry it begins
+    where the balls of the state rest under the ``load`` to first order. It ends at the
+    ``tolerance`` of :func:`~granphon.array.rest.bring_to_rest`. If the cell has sheared, the balls
+    come to rest anew, and the tolerance is not used.
     """
     if state.strain is not None:
         return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)

@@ -1,10 +1,11 @@
 """Conjugate gradients for the small motions of a large array whose balls turn, and whose contacts
 keep the directions of the lattice: no contact is spelled out.
 
-The product is that of shifts of whole arrays (:mod:`granphon.contacts.shift_product`), and the
-preconditioner the Green's function of the lattice with the blocks of single balls
-(:mod:`granphon.array.stencils`), or, where few contacts are stiff, the factors of these. Conjugate
-gradients take less memory than a list of contacts, and for large arrays less time than factors.
+The product is that of shifts of whole arrays (:mod:`granphon.contacts.shift_product`). The
+preconditioner is the sum of Green's function of the lattice and of the inverted blocks of single
+balls (:mod:`granphon.array.stencils`); if few contacts are stiff, it is made of the factors of the
+matrix of these contacts. Conjugate gradients take less memory than a list of contacts, and for
+large arrays less time than factors.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ class ShiftIteration(GridIteration):
 
     Attributes
     ----------
-    ahead, corner : the forces (n, m, s) on balls, and those (s, s) on strains, against unit strains
-        of the cell in Voigt order.
+    ahead : (n, m, s) forces on balls against unit strains of the cell, in Voigt order.
+    corner : (s, s) forces on strains against unit strains of the cell.
     """
 
     level = 1.0
@@ -46,18 +47,20 @@ class ShiftIteration(GridIteration):
         self._stencils = stencils
         self._mean = float(np.mean(springs[: stencils.n_contacts]))
         p = len(stencils.shape)
-        gradients = stencils.strains()
-        unit = np.array(
-            [0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)]
+        by_gradients = stencils.strains()
+        # (s, rows) deformations by unit strains
+        by_strains = np.array(
+            [0.5 * (by_gradients[:, a, b] + by_gradients[:, b, a]) for a, b in voigt_pairs(p)]
         )
         n_balls = stencils.n_balls * math.prod(stencils.shape)
-        self.ahead = np.empty((n_balls, stencils.motions.count, len(unit)))
-        for number, strain in enumerate(unit):
-            tension = springs * strain[(..., *(None,) * p)]
-            self.ahead[..., number] = stencils.list_forces(stencils.forces(tension))
+        self.ahead = np.empty((n_balls, stencils.motions.count, len(by_strains)))
+        for strain, deformations in enumerate(by_strains):
+            tension = springs * deformations[(..., *(None,) * p)]
+            self.ahead[..., strain] = stencils.list_forces(stencils.forces(tension))
             del tension  # arrays of contacts are the largest ones
-        self.corner = (unit * np.sum(springs, axis=tuple(range(1, 1 + p)))) @ unit.T
-        # single precision has no numbers below 1e-38
+        spring_sums = np.sum(springs, axis=tuple(range(1, 1 + p)))
+        self.corner = (by_strains * spring_sums) @ by_strains.T
+        # over the mean stiffness: single precision has no numbers below 1e-38
         scaled = springs / self._mean
         self._product = stencils.hessian(scaled)
         self._inverse = _find_inverse(stencils, scaled.astype(np.float32))
@@ -86,8 +89,8 @@ class ShiftIteration(GridIteration):
         """Set ``forces`` to C^T K C times ``motions``, over the mean stiffness, both (f, 1,
         cells).
         """
-        against, _ = self._product(self._shape(motions))
-        forces[:] = self._flatten(against)
+        products, _ = self._product(self._shape(motions))
+        forces[:] = self._flatten(products)
 
     def find_motions(self, forces: Array) -> Values:
         """Return approximate motions under ``forces``, both (f, 1, cells): the preconditioner, in
@@ -100,27 +103,25 @@ class ShiftIteration(GridIteration):
 
 
 def _find_inverse(stencils: Stencils, springs: Values) -> Callable[[Values], Values]:
-    """Return an approximate inverse of C^T K C, a function of forces (f, L1, ..., Lp), both in
-    single precision.
+    """Return an approximate inverse of C^T K C: a function of forces (f, L1, ..., Lp) that returns
+    motions (f, L1, ..., Lp), both in single precision.
 
-    Where few contacts are stiff and the array is small enough, it consists of factors of the stiff
-    contacts' matrix, otherwise of Green's function. ``springs`` (rows, L1, ..., Lp) are the
-    diagonal of K.
+    If few contacts are stiff and the array is small enough, the function solves with factors of the
+    matrix of the stiff contacts; otherwise it is :meth:`Stencils.preconditioner`. ``springs``
+    (rows, L1, ..., Lp) are the diagonal of K.
     """
     options = RestOptions()
     grid = find_lattice_grid(stencils.shape, stencils.lattice)
     if not may_factorise(grid, springs[: stencils.n_contacts], options):
         return stencils.preconditioner(springs)
-    groups = stencils.sort_springs(springs.astype(float))
-    contacts = list_on_lattice(
-        stencils.shape, stencils.lattice, stencils.motions, Springs.of(*groups)
-    )
+    by_kind = Springs.of(*stencils.sort_springs(springs.astype(float)))
+    contacts = list_on_lattice(stencils.shape, stencils.lattice, stencils.motions, by_kind)
     solve = factorise_stiff(contacts.columns, contacts.axes, contacts.n_balls, options)
 
     def apply(force: Values) -> Values:
         """Return approximate motions under a ``force``, both (f, L1, ..., Lp)."""
         motions = solve(stencils.list_forces(force).ravel())
-        laid = stencils.gather_motions(motions.reshape(contacts.n_balls, -1))
-        return laid.astype(np.float32)
+        fields = stencils.gather_motions(motions.reshape(contacts.n_balls, -1))
+        return fields.astype(np.float32)
 
     return apply

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: largest number of motions of a matrix that is factorised, for balls on a line, in a plane, in
-#: space, if the matrix is not symmetric: its factors take 5 GB at most. SuperLU, which factorises
-#: such matrices and stands in for rslab, makes factors with ten times as many entries in space
+#: largest number of motions of a matrix that is factorised if it is not symmetric, by dimension:
+#: its factors take 5 GB at most. SuperLU factorises such matrices, and all matrices if rslab is not
+#: installed; in space its factors have ten times as many entries as those of rslab
 LARGEST_UNSYMMETRIC = {1: 1_000_000, 2: 300_000, 3: 12_000}
-#: the same number, if the matrix is symmetric
+#: largest number of motions of a matrix that is factorised if it is symmetric, by dimension
 LARGEST_FACTORS = LARGEST_UNSYMMETRIC | ({3: 120_000} if find_spec("rslab") else {})
 #: c and p, by dimension: to make complex factors of n motions takes c n^p seconds for each motion
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (2.1e-8, 1.0)}
@@ -31,18 +31,18 @@ _FACTORS_BYTES = (
     if find_spec("rslab")
     else {1: (2.5e3, 0.0), 2: (700.0, 0.05), 3: (8.5, 0.67)}  # of SuperLU
 )
-#: bytes that the library of factors takes when it is loaded, and at its first factors
+#: bytes that the library of factors takes as it is loaded and makes its first factors
 _LIBRARY_BYTES = 8e7
 
 
 def compose(
     parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tuple[int, int]
 ) -> csr_array[Any]:
-    """Return a sparse matrix (CSR) of a ``shape`` from ``parts``, at least one, (lines, columns,
-    entries) each; the three arrays of a part broadcast to one shape.
+    """Return a sparse matrix (CSR) of a ``shape`` from at least one of ``parts``. A part is (lines,
+    columns, entries): three arrays that broadcast to one shape.
 
-    Entries at the same line and column add up: a ball that touches itself across the boundary has
-    several. Entries whose sum is zero are not stored.
+    Entries at the same line and column add up, as those of a ball that touches itself across the
+    boundary. Entries whose sum is zero are not stored.
     """
     from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
@@ -55,11 +55,12 @@ def compose(
 
 
 def share_places(matrices: Iterable[Any]) -> list[Any]:
-    """Return a list: first a sparse matrix (CSC) of zeros that stores an entry wherever one of the
-    square sparse ``matrices``, at least one, does; then, for each matrix, the array of its entries
-    in the order of that matrix, zeros where it stores none.
+    """Return a list that begins with a sparse matrix (CSC) of zeros, the shared one, and goes on
+    with an array for each of the square sparse ``matrices``, of which there must be at least one.
 
-    Sums of the matrices are then sums of these arrays.
+    The shared matrix stores an entry wherever one of the ``matrices`` does. An array has the
+    entries of its matrix in the order of the shared one, and zeros where its matrix stores none. So
+    sums of the matrices are sums of these arrays.
     """
     from scipy.sparse import csc_array
 
@@ -79,8 +80,10 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
 
 def estimate_factors(motions: int, dimension: int, contacts: float) -> tuple[float, float]:
     """Return the time, s, and the memory, bytes, of the factors of a complex symmetric matrix of so
-    many ``motions`` of balls, with a mean number of ``contacts`` per ball, on a line, in a plane or
-    in space (``dimension``). Both are infinite if the matrix is too large to be factorised.
+    many ``motions`` of balls. Both are infinite if the matrix is too large to be factorised.
+
+    ``dimension`` is 1, 2 or 3: balls lie on a line, in a plane or in space. ``contacts`` is the
+    mean number of contacts of a ball.
     """
     if motions > LARGEST_FACTORS[dimension]:
         return math.inf, math.inf

@@ -3,11 +3,12 @@
 The array is L1 x ... x Lp cells of a lattice with p periods. Motions are arrays (fields, L1, ...,
 Lp): for each ball of the cell first the projections of its displacement on p normals of the contact
 table, so that many elongations are plain differences; then, if contacts resist them, its rotations.
-Deformations of contacts are arrays (rows, L1, ..., Lp): the elongation of each kind of contact,
-then its slips, twist and rolls, stored at the cell of ball i, from which the contact starts. No
-matrix is stored: C and its transpose are shifts of whole arrays
-(:mod:`granphon.contacts.shift_product`). The inverse of C^T C for equal contacts, the lattice
-Green's function, is a product in Fourier space.
+Deformations of contacts are arrays (rows, L1, ..., Lp): first the elongations of all kinds of
+contacts, then their slips, twists and rolls, each stored at the cell of ball i, where the contact
+starts. No matrix is stored: C and its transpose are shifts of whole arrays
+(:mod:`granphon.contacts.shift_product`). K is the diagonal matrix of the stiffnesses against all
+deformations. The inverse of C^T K C for equal contacts, the lattice Green's function, is a product
+in Fourier space.
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ from granphon.statics.options import RestOptions
 CACHED = 2**15
 #: numbers of preconditioners on a grid, which have one table with those of the search for rest
 OPTIONS = RestOptions()
-#: difference of a coefficient of C from a whole number that is rounding
+#: difference of a coefficient of C from a whole number up to which it is rounding
 _ROUNDED = 1e-12
-#: least sine of the angle between a normal and those before it, for displacements to be projected
-#: on it
+#: least sine of the angle between a normal and the space of the normals chosen before, for
+#: displacements to be projected on this normal too
 _INDEPENDENT = 0.1
 
 
@@ -55,10 +56,10 @@ class Stencils:
     """Compatibility matrix C of an array of ``shape`` (L1, ..., Lp) cells of a lattice; the unit of
     length is the diameter.
 
-    With a ``mindlin_ratio`` eta, a ``torsion`` or a ``bending`` (over k d^2) above zero, C also has
-    slips, twists or rolls, and rotations. The stiffness against a slip, twist or roll is that
-    number times the normal stiffness of the contact. ``workers`` threads share each Fourier
-    transform.
+    C also has slips, twists or rolls if ``mindlin_ratio`` eta, ``torsion`` or ``bending`` is above
+    zero, and then balls have rotations. The stiffness against a slip, twist or roll is that number
+    times the normal stiffness k of the contact, for ``torsion`` and ``bending`` times k d^2.
+    ``workers`` threads share each Fourier transform.
     """
 
     def __init__(
@@ -105,8 +106,8 @@ class Stencils:
         self._green_tables: dict[Any, NDArray[Any]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickles the stencils without Green's function, which is large and quickly
-        computed again.
+        """Return the class and the arguments from which the stencils are made again when they are
+        unpickled. Green's function is large and quickly computed again, and is not pickled.
         """
         return Stencils, (
             self.shape,
@@ -127,8 +128,8 @@ class Stencils:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(2, rows, fields) coefficients in each kind of deformation: first those of the motions
-        of ball j, then those of the motions of ball i.
+        """(2, rows, fields) coefficients of the motions of all balls of a cell in each deformation:
+        first those in the cell of ball j, then those in the cell of ball i.
         """
         p = len(self.basis)
         n = self.n_contacts
@@ -139,13 +140,13 @@ class Stencils:
         balls_i, balls_j = zip(*self.ends, strict=True)
         for number, row in enumerate(self._rows):
             for end, balls, in_space in ((0, balls_j, row.head), (1, balls_i, row.tail)):
-                of_contacts = in_space @ to_space
+                values = in_space @ to_space  # (n_c, m)
                 # whole numbers without rounding, so that motions of the whole deform nothing
-                whole = np.rint(of_contacts)
-                of_contacts = np.where(np.abs(of_contacts - whole) < _ROUNDED, whole, of_contacts)
+                rounded = np.rint(values)
+                values = np.where(np.abs(values - rounded) < _ROUNDED, rounded, values)
                 for contact, ball in enumerate(balls):
                     fields = slice(m * ball, m * (ball + 1))
-                    coefficients[end, number * n + contact, fields] = of_contacts[contact]
+                    coefficients[end, number * n + contact, fields] = values[contact]
         return coefficients
 
     @cached_property
@@ -166,19 +167,20 @@ class Stencils:
         return self.shape if self.n_balls == 1 else (self.n_balls, *self.shape)
 
     def by_ball(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return an array of :attr:`ball_shape` with the ball of the cell as its first axis,
-        (balls, L1, ..., Lp).
+        """Return ``values`` of :attr:`ball_shape` with the ball of the cell as their first axis,
+        (balls, L1, ..., Lp), also if there is only one.
         """
         return values.reshape(self.n_balls, *self.shape)
 
     def weights(self, stiffness: Array, **ratios: Any) -> Array:
         """Return the stiffnesses (rows, L1, ..., Lp) against all deformations, from the
-        ``stiffness`` against elongations (contacts, L1, ..., Lp).
+        ``stiffness`` against elongations (contacts, L1, ..., Lp). If C has elongations alone, the
+        result is ``stiffness`` itself.
 
-        A stiffness is that against elongation times the ratio with which the stencils were made:
-        eta, the torsion or the bending. ``ratios``, by the name of the deformation ("slip",
-        "twist"), take the place of these, each a number or (contacts, L1, ..., Lp); the ratio of a
-        deformation that C does not have is not used.
+        The stiffness against a slip, twist or roll is that against elongation times eta, the
+        torsion or the bending of the stencils. ``ratios`` by the kind of the deformation ("slip",
+        "twist", "roll") take the place of these; each is a number or (contacts, L1, ..., Lp). The
+        ratio of a deformation that C does not have is not read.
         """
         if self.n_rows == self.n_contacts:
             return stiffness
@@ -192,24 +194,25 @@ class Stencils:
         deformations; zeros for deformations that C does not have. The two slips of a contact in
         space have the same stiffness, and so have its two rolls.
         """
+        springs_of_rows = np.split(springs, len(self._rows))
         by_kind = {
-            row.kind: of_row
-            for row, of_row in zip(self._rows, np.split(springs, len(self._rows)), strict=True)
+            row.kind: row_springs
+            for row, row_springs in zip(self._rows, springs_of_rows, strict=True)
         }
         zeros = np.zeros_like(springs[: self.n_contacts])
         return [by_kind.get(kind, zeros) for kind in ("elongation", "slip", "twist", "roll")]
 
     def strains(self) -> Array:
-        """Return the deformations (rows, p, p) of the contacts that start in one cell under unit
-        displacement gradients u_a,b = du_a/dx_b, without rotation.
+        """Return the deformations (rows, p, p) of the contacts that start in one cell by each
+        component of a displacement gradient, du_a/dx_b = 1, while balls do not rotate.
         """
         return np.concatenate([strain_rows(row, self._vector, self.motions) for row in self._rows])
 
     # -- C and its transpose -----------------------------------------------------------------------
 
     def deformations(self, motion: Motion) -> Array:
-        """Return the deformations C u (rows, L1, ..., Lp) by the balls of a ``motion``, with its
-        compression subtracted from elongations, which are then losses of overlap.
+        """Return the deformations C u (rows, L1, ..., Lp) by a ``motion``: u are the motions of its
+        balls. The compression is subtracted from elongations, which are then losses of overlap.
         """
         out = self.operator.deform(motion.balls)
         if motion.compression:
@@ -218,7 +221,8 @@ class Stencils:
 
     def forces(self, *tensions: Array) -> Array:
         """Return the forces C^T f (fields, L1, ..., Lp) on balls, in the coordinates of their
-        motions, for tensions f whose rows are given in parts (n, L1, ..., Lp), one after the other.
+        motions, of the ``tensions`` f. The rows of f are given in parts (n, L1, ..., Lp), one after
+        the other.
         """
         return self.operator.pull(*tensions)
 
@@ -229,8 +233,8 @@ class Stencils:
         return ContactHessian(self.operator, [stiffness], precision=stiffness.dtype)
 
     def sum_around(self, contacts: Array) -> Array:
-        """Return the sum over the contacts of each ball, an array of :attr:`ball_shape`, of values
-        of ``contacts`` (contacts, L1, ..., Lp).
+        """Return, for each ball, the sum over its contacts of the values ``contacts`` (contacts,
+        L1, ..., Lp), in an array of :attr:`ball_shape`.
         """
         out = np.zeros((self.n_balls, *self.shape), contacts.dtype)
         axes = tuple(range(len(self.shape)))
@@ -240,8 +244,8 @@ class Stencils:
         return out.reshape(self.ball_shape)
 
     def average_around(self, contacts: Array) -> Array:
-        """Return the mean over the contacts of each ball, an array of :attr:`ball_shape`, of values
-        of ``contacts`` (contacts, L1, ..., Lp).
+        """Return, for each ball, the mean over its contacts of the values ``contacts`` (contacts,
+        L1, ..., Lp), in an array of :attr:`ball_shape`. Open contacts count.
         """
         counts = np.bincount(np.ravel(self.ends), minlength=self.n_balls).astype(float)
         counts_of_balls = counts.reshape(-1, *(1,) * len(self.shape))
@@ -249,8 +253,8 @@ class Stencils:
         return np.asarray(means.reshape(self.ball_shape))
 
     def average_pairs(self, values: Array) -> Array:
-        """Return the mean (contacts, L1, ..., Lp) over the two balls of each contact of ``values``
-        of balls, of :attr:`ball_shape`.
+        """Return, for each contact, the mean over its two balls of ``values`` of balls: (contacts,
+        L1, ..., Lp). ``values`` have :attr:`ball_shape`.
         """
         balls = self.by_ball(values)
         axes = tuple(range(len(self.shape)))
@@ -274,8 +278,9 @@ class Stencils:
         return np.asarray(in_space.reshape(len(from_coordinates), *self.ball_shape))
 
     def spread(self, displacements: Array, rotations: Array | None = None) -> Array:
-        """Return the motions (fields, L1, ..., Lp) that combine ``displacements`` (n p, L1, ...,
-        Lp), in the coordinates of motions, and ``rotations`` (n r, L1, ..., Lp), zeros if None.
+        """Return the motions (fields, L1, ..., Lp) with these ``displacements`` (n p, L1, ..., Lp),
+        in the coordinates of motions, and these ``rotations`` (n r, L1, ..., Lp), of n balls in a
+        cell with p displacements and r rotations each. Without ``rotations`` these are zeros.
         """
         fields = np.zeros((self.n_balls, self.motions.count, *self.shape))
         fields[:, self.motions.translating] = displacements.reshape(self.n_balls, -1, *self.shape)
@@ -284,103 +289,105 @@ class Stencils:
         return fields.reshape(self.n_fields, *self.shape)
 
     def centre(self, balls: Array) -> Array:
-        """Return motions less the mean displacement, or forces less the mean force, (fields, L1,
-        ..., Lp): nothing resists translations of the whole array.
+        """Return motions ``balls`` less the mean displacement of all balls, or forces ``balls``
+        less the mean force, (fields, L1, ..., Lp): nothing resists translations of the whole array.
+        Rotations and torques stay as they are.
         """
         fields = balls.reshape(self.n_balls, self.motions.count, *self.shape).copy()
-        moved = fields[:, self.motions.translating]
-        moved -= np.mean(moved, axis=(0, *range(2, moved.ndim)), keepdims=True)
+        translations = fields[:, self.motions.translating]
+        translations -= np.mean(translations, axis=(0, *range(2, translations.ndim)), keepdims=True)
         return fields.reshape(balls.shape)
 
     def list_forces(self, forces: Array) -> Array:
-        """Return the forces (n_balls cells, motions) along the axes of space on balls one after
-        the other, from ``forces`` (fields, L1, ..., Lp) in the coordinates of motions.
+        """Return the forces on balls along the axes of space, (n_balls cells, motions), from
+        ``forces`` (fields, L1, ..., Lp) in the coordinates of motions. The line of ball b of cell c
+        is b cells + c.
         """
         return self._list(self.basis.T, forces)
 
     def list_motions(self, motions: Array) -> Array:
-        """Return the motions (n_balls cells, motions) along the axes of space of balls one after
-        the other, from ``motions`` (fields, L1, ..., Lp) in their coordinates.
+        """Return the motions of balls along the axes of space, (n_balls cells, motions), from
+        ``motions`` (fields, L1, ..., Lp) in the coordinates of motions; lines are those of
+        :meth:`list_forces`.
         """
         return self._list(np.asarray(np.linalg.inv(self.basis), float), motions)
 
     def gather_forces(self, forces: Array) -> Array:
-        """Return the forces (fields, L1, ..., Lp) in the coordinates of motions, from ``forces``
-        (n_balls cells, motions) along the axes of space on balls one after the other.
+        """Return the forces (fields, L1, ..., Lp) in the coordinates of motions: the inverse of
+        :meth:`list_forces`.
         """
         return self._gather(np.asarray(np.linalg.inv(self.basis).T, float), forces)
 
     def gather_motions(self, motions: Array) -> Array:
-        """Return the motions (fields, L1, ..., Lp) in their coordinates, from ``motions`` (n_balls
-        cells, motions) along the axes of space of balls one after the other.
+        """Return the motions (fields, L1, ..., Lp) in the coordinates of motions: the inverse of
+        :meth:`list_motions`.
         """
         return self._gather(self.basis, motions)
 
     def _list(self, matrix: Array, fields: Array) -> Array:
-        """Return the numbers of balls one after the other, (n_balls cells, motions), of the
-        ``fields`` (fields, L1, ..., Lp); ``matrix`` (p, p) multiplies those of displacements.
+        """Return ``fields`` (fields, L1, ..., Lp) with a line for each ball, (n_balls cells,
+        motions); ``matrix`` (p, p) multiplies the components of its displacement or force.
         """
         values = fields.reshape(self.n_balls, self.motions.count, -1).copy()
-        moved = self.motions.translating
+        translating = self.motions.translating
         # the sum over components a, of each ball b of each cell c
-        values[:, moved] = np.einsum("ka,bac->bkc", matrix, values[:, moved])
+        values[:, translating] = np.einsum("ka,bac->bkc", matrix, values[:, translating])
         return values.swapaxes(1, 2).reshape(-1, self.motions.count)
 
     def _gather(self, matrix: Array, values: Array) -> Array:
-        """Return the fields (fields, L1, ..., Lp) of ``values`` (n_balls cells, motions) of balls
-        one after the other; ``matrix`` (p, p) multiplies those of displacements.
+        """Return ``values`` (n_balls cells, motions), a line for each ball, as fields (fields, L1,
+        ..., Lp); ``matrix`` (p, p) multiplies the components of displacements or forces.
         """
         fields = values.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
-        moved = self.motions.translating
+        translating = self.motions.translating
         # the sum over components a, of each ball b of each cell c
-        fields[:, moved] = np.einsum("ka,bac->bkc", matrix, fields[:, moved])
+        fields[:, translating] = np.einsum("ka,bac->bkc", matrix, fields[:, translating])
         return fields.reshape(self.n_fields, *self.shape)
 
     # -- solving -----------------------------------------------------------------------------------
 
     @cached_property
     def _green(self) -> NDArray[Any]:
-        """The lattice Green's function: the inverse of C^T K C of equal contacts of stiffness one,
-        in Fourier space.
+        """(fields, fields, L1, ..., Lp/2 + 1) the lattice Green's function: the inverse of C^T K C
+        of equal contacts of stiffness one, for each of the waves of a real Fourier transform.
 
-        Entries [a][b] over pairs of fields have the shape (L1, ..., Lp/2 + 1) of the waves of real
-        arrays. They are zero for translations of the whole array, and for other waves that deform
-        no contact: where no ring of contacts is odd, balls can turn like gears, each against its
-        neighbours. With one ball in the cell entries are real: rotations are multiplied by i. With
-        several they are complex.
+        Entries are zero for translations of the whole array, and for other waves that deform no
+        contact: where no ring of contacts is odd, balls can turn like gears, each against its
+        neighbours. With one ball in the cell entries are real, as rotations are multiplied by i.
+        With several balls they are complex.
         """
         shape = self.shape
         fields = self.n_fields
-        real = self.n_balls == 1
-        waves = (*shape[:-1], shape[-1] // 2 + 1)
-        entries = np.zeros((fields, fields, *waves), float if real else complex)
-        still = self._project_on_translations()
-        # layers of waves along the first axis, which together have about OPTIONS.grid.batch
-        step = max(1, OPTIONS.grid.batch * shape[0] // math.prod(waves))
-        for first in range(0, waves[0], step):
-            ticks = [np.arange(count) for count in waves]  # numbers of the waves along each axis
-            ticks[0] = ticks[0][first : first + step]
+        is_real = self.n_balls == 1
+        counts = (*shape[:-1], shape[-1] // 2 + 1)  # of waves along each axis
+        entries = np.zeros((fields, fields, *counts), float if is_real else complex)
+        translations = self._project_on_translations()
+        # layers of waves along the first axis, which together have about OPTIONS.grid.batch waves
+        step = max(1, OPTIONS.grid.batch * shape[0] // math.prod(counts))
+        for first in range(0, counts[0], step):
+            waves = [np.arange(count) for count in counts]  # numbers of the waves along each axis
+            waves[0] = waves[0][first : first + step]
             half_phases = np.meshgrid(
-                *(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
+                *(np.pi / length * numbers for length, numbers in zip(shape, waves, strict=True)),
                 indexing="ij",
             )
             matrix = self._find_wave_matrices(half_phases)
-            # at wave vector zero the matrix is singular: a projection makes it regular, and is
-            # subtracted from the inverse again
+            # at wave vector zero the matrix is singular: the projection on translations makes it
+            # regular, and is its own inverse among translations
             if first == 0:
-                matrix[(0,) * len(shape)] += still
+                matrix[(0,) * len(shape)] += translations
             inverse = invert_hermitian(matrix)
             if first == 0:
-                inverse[(0,) * len(shape)] -= still
+                inverse[(0,) * len(shape)] -= translations
             entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
-        if real:  # symmetric, to the last digit
+        if is_real:  # symmetric, to the last digit
             for a, b in combinations(range(fields), 2):
                 entries[b, a] = entries[a, b]
         return entries
 
     @property
     def _ratios(self) -> Array:
-        """(rows,) stiffnesses against each deformation over that against elongation."""
+        """(rows,) ratio of the stiffness against each deformation to that against elongation."""
         return np.repeat([float(row.stiffness) for row in self._rows], self.n_contacts)
 
     def _project_on_translations(self) -> Array:
@@ -395,16 +402,15 @@ class Stencils:
         return projection
 
     def _find_wave_matrices(self, half_phases: Sequence[Array]) -> NDArray[Any]:
-        """Return the matrices C^T K C (L1, ..., fields, fields) of equal contacts for waves, with
-        the real entries of :attr:`_green` if the cell has one ball.
+        """Return the matrices C^T K C (L1, ..., fields, fields) of equal contacts of stiffness one,
+        for some waves. They are real if the cell has one ball, as those of :attr:`_green`.
 
-        ``half_phases`` are, for each axis, half of the phases (L1, ...) of the waves from cell to
-        cell.
+        ``half_phases`` are, for each axis, half of the phases (L1, ...) of the waves from one cell
+        to the next along this axis.
         """
-        real = self.n_balls == 1
-        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
+        is_real = self.n_balls == 1
         size = (self.n_fields, self.n_fields)
-        matrix = np.zeros((*half_phases[0].shape, *size), float if real else complex)
+        matrix = np.zeros((*half_phases[0].shape, *size), float if is_real else complex)
         deformations = zip(*self.coefficients, self._ratios, strict=True)
         for number, (head, tail, ratio) in enumerate(deformations):
             shift = self.shifts[number % self.n_contacts]
@@ -412,34 +418,42 @@ class Stencils:
             angle: Any = sum(
                 steps * half_phase for steps, half_phase in zip(shift, half_phases, strict=True)
             )
-            moved: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
-            if real:
-                # the deformation about the middle of the contact, by a wave z exp(i q r) of
-                # each field, less a common phase. A displacement deforms by 2i sin. A rotation
-                # deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
-                # by i, and by 2i sin in twist and roll
-                sine = 2.0 * np.sin(angle)
-                cosine = 2.0 * np.cos(angle)
-                factors = {
-                    field: head[field]
-                    * (cosine if is_rotation[field] and head[field] == -tail[field] else sine)
-                    for field in moved
-                }
-            else:  # the deformation by a wave exp(i q R), R being the site of the cell of a ball
-                ahead = np.exp(2.0j * angle)
-                factors = {field: head[field] * ahead - tail[field] for field in moved}
+            if is_real:
+                factors = self._find_real_factors(head, tail, angle)
+            else:
+                factors = _find_complex_factors(head, tail, angle)
             for a, factor_a in factors.items():
                 for b, factor_b in factors.items():
                     matrix[..., a, b] += ratio * np.conj(factor_a) * factor_b
         return matrix
 
-    def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
-        """Return an approximate inverse of C^T K C, a function of a force that returns the motion,
-        both (fields, L1, ..., Lp), in the precision of ``stiffness`` (rows, L1, ..., Lp).
+    def _find_real_factors(self, head: Array, tail: Array, angle: Array) -> dict[int, Array]:
+        """Return, by the numbers of the fields that deform a contact, its deformation by a wave of
+        that field with amplitude one, over i and a phase that all fields share: that of the wave in
+        the middle of the contact. The cell has one ball.
 
-        Green's function of the mean stiffness carries stress across the array; the motion of each
-        ball while its neighbours are held takes account of contacts that differ. The inverse is the
-        sum of both; where contacts are nearly alike, it is Green's function alone.
+        ``head`` and ``tail`` (fields,) are the coefficients of balls j and i in the deformation,
+        and ``angle`` (L1, ...) is half of the phase from ball i to ball j. A displacement deforms
+        by 2i sin(angle), and so does a rotation in twist and roll. In a slip, where the two
+        coefficients are opposite, a rotation deforms by 2 cos(angle): this becomes 2i cos(angle),
+        as rotations are multiplied by i.
+        """
+        sine = 2.0 * np.sin(angle)
+        cosine = 2.0 * np.cos(angle)
+        is_slip_by_rotation = self.motions.is_rotation & (head == -tail)
+        return {
+            field: head[field] * (cosine if is_slip_by_rotation[field] else sine)
+            for field in _list_moving_fields(head, tail)
+        }
+
+    def preconditioner(self, stiffness: Array) -> Callable[[Array], Array]:
+        """Return an approximate inverse of C^T K C: a function of a force (fields, L1, ..., Lp)
+        that returns the motion (fields, L1, ..., Lp). ``stiffness`` (rows, L1, ..., Lp) is the
+        diagonal of K; force and motion have its precision.
+
+        The motion is the sum of two. Green's function of the mean stiffness carries stress across
+        the array; the motion of each ball while its neighbours are held takes account of contacts
+        that differ. If contacts are nearly alike, it is that by Green's function alone.
         """
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
@@ -459,9 +473,10 @@ class Stencils:
     def green_preconditioner(
         self, precision: DTypeLike, stiffness: float
     ) -> Callable[[NDArray[Any]], NDArray[Any]]:
-        """Return the inverse of C^T K C for contacts of equal ``stiffness``, Green's function, as
-        a function of a force that returns the motion, both (fields, L1, ..., Lp) in a
-        ``precision``. The table of each precision is kept for further calls.
+        """Return the inverse of C^T K C for contacts of equal ``stiffness``, Green's function: a
+        function of a force (fields, L1, ..., Lp) that returns the motion (fields, L1, ..., Lp),
+        both in a ``precision``, single or double. The table of each precision is kept for further
+        calls.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
@@ -490,10 +505,10 @@ class Stencils:
 
     def block_jacobi(self, stiffness: Array) -> Callable[[Array, Array], None]:
         """Return a function of a ``force`` and ``out``, both (fields, L1, ..., Lp), that adds to
-        ``out`` the motion of each ball while its neighbours are held.
+        ``out`` the motion of each ball under the force while its neighbours are held.
 
-        Displacements and rotations of a ball do not couple in it. ``stiffness`` (rows, L1, ..., Lp)
-        is the diagonal of K.
+        The displacement of a ball is found as if it did not rotate, and the rotation as if it did
+        not move. ``stiffness`` (rows, L1, ..., Lp) is the diagonal of K.
         """
         inverses = self._invert_blocks(stiffness)
         slabs = list(self._slabs())
@@ -513,9 +528,9 @@ class Stencils:
         return add
 
     def _invert_blocks(self, stiffness: Array) -> list[tuple[slice, Array]]:
-        """Return, for each group of fields that couple, its slice of the fields and the inverses
-        (size, size, L1, ..., Lp) of the blocks of C^T K C of single balls, in the precision of the
-        ``stiffness`` (rows, L1, ..., Lp), the diagonal of K.
+        """Return, for each group of :attr:`_groups`, the group and the inverses (size, size, L1,
+        ..., Lp) of the blocks of C^T K C of its fields, with weak springs added; they have the
+        precision of the ``stiffness`` (rows, L1, ..., Lp), the diagonal of K.
         """
         # the entries of the upper triangles of all blocks, group after group, row after row
         pairs_of_groups = [
@@ -530,8 +545,8 @@ class Stencils:
         # weak springs at all contacts, so that no block is singular: the sum over both ends e and
         # all deformations r
         spring = OPTIONS.grid.spring * float(np.mean(stiffness[: self.n_contacts]))
-        held = np.einsum("r,erp->p", spring * self._ratios, products)
-        entries += held.reshape(-1, *(1,) * len(self.shape))
+        spring_entries = np.einsum("r,erp->p", spring * self._ratios, products)
+        entries += spring_entries.reshape(-1, *(1,) * len(self.shape))
         inverses = []
         first_entries = np.cumsum([len(pairs) for pairs in pairs_of_groups])[:-1]
         entries_of_groups = np.split(entries, first_entries)
@@ -550,8 +565,8 @@ class Stencils:
         return inverses
 
     def _slabs(self) -> Iterator[slice]:
-        """Yield slices of layers along the first axis, of :data:`CACHED` elements at most where a
-        layer has no more: in space in all fields together, on a line or in a plane in each field.
+        """Yield slices of layers along the first axis. A slice has at most :data:`CACHED` elements,
+        or one layer: in space in all fields together, on a line or in a plane in each field.
         """
         n_fields = self.n_fields if len(self.shape) == 3 else 1
         step = max(1, CACHED // (n_fields * math.prod(self.shape[1:])))
@@ -560,8 +575,8 @@ class Stencils:
 
     @cached_property
     def _groups(self) -> list[slice]:
-        """Slices of the fields that couple in the blocks of single balls: for each ball of the cell
-        those of its displacements, and those of its rotations if it has any.
+        """Slices of the fields that the motion of single balls couples: for each ball of the cell
+        that of its displacements, and that of its rotations if it has any.
         """
         count = self.motions.count
         n_translations = len(self.motions.translations)
@@ -574,7 +589,7 @@ class Stencils:
 
 
 def dot(first: Array, second: Array) -> float:
-    """Return the sum of the products of the elements of two arrays of one shape.
+    """Return the scalar product of two arrays of one shape, with at most five axes.
 
     BLAS is not used: its threads wait for each other, and their number changes the last digit.
     """
@@ -583,8 +598,8 @@ def dot(first: Array, second: Array) -> float:
 
 
 def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
-    """Return the numbers (shifts, cells) of the cells that lie, from each cell of a periodic array
-    of ``shape`` (L1, ..., Lp) cells, ahead by each of the ``shifts``, p numbers of cells.
+    """Return the numbers (shifts, cells) of the cells that lie ahead of each cell by each of the
+    ``shifts``, p numbers of cells each, in a periodic array of ``shape`` (L1, ..., Lp) cells.
     """
     cells = np.arange(math.prod(shape)).reshape(shape)
     # an array rolled back by a shift has, at each cell, what lies ahead by the shift
@@ -592,9 +607,31 @@ def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArr
     return np.stack([numbers.ravel() for numbers in ahead])
 
 
+def _list_moving_fields(head: Array, tail: Array) -> list[int]:
+    """Return the numbers of the fields with a coefficient in a deformation: ``head`` and ``tail``
+    (fields,) are those of balls j and of balls i.
+    """
+    fields: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
+    return fields
+
+
+def _find_complex_factors(head: Array, tail: Array, angle: Array) -> dict[int, Array]:
+    """Return, by the numbers of the fields that deform a contact, its deformation by a wave of that
+    field with the phase zero in the cell of ball i.
+
+    ``head`` and ``tail`` (fields,) are the coefficients of balls j and of balls i in the
+    deformation, and ``angle`` (L1, ...) is half of the phase from the cell of ball i to that of
+    ball j.
+    """
+    phase_factor = np.exp(2.0j * angle)
+    return {
+        field: head[field] * phase_factor - tail[field] for field in _list_moving_fields(head, tail)
+    }
+
+
 def _invert_symmetric(entries: Array, size: int) -> None:
-    """Invert symmetric matrices of ``size`` one to three in place; the first axis of ``entries``
-    runs over the upper triangle, row after row.
+    """Replace symmetric matrices of ``size`` one to three by their inverses; the first axis of
+    ``entries`` runs over the upper triangle, row after row.
     """
     if size == 1:
         entries[0] = 1.0 / entries[0]
@@ -621,15 +658,16 @@ def _invert_symmetric(entries: Array, size: int) -> None:
 
 
 def _choose_independent(normals: Array) -> Array:
-    """Return the first p of the ``normals`` (n_c, p), as rows (p, p), of which each makes an angle
-    with the space of those chosen before whose sine is above :data:`_INDEPENDENT`. The normals of a
-    rigid lattice contain as many.
+    """Return p independent ones of the ``normals`` (n_c, p), as rows (p, p).
+
+    A normal is chosen if the sine of its angle with the space of those chosen before is above
+    :data:`_INDEPENDENT`. The normals of a rigid lattice contain p such normals.
     """
     p = normals.shape[1]
     basis = np.empty((0, p))
     for normal in normals:
-        chosen = np.linalg.qr(basis.T)[0].T  # orthonormal vectors of the space of those chosen
-        across = normal - (chosen @ normal) @ chosen
+        orthonormal = np.linalg.qr(basis.T)[0].T  # vectors of the space of the normals chosen
+        across = normal - (orthonormal @ normal) @ orthonormal
         if len(basis) < p and np.linalg.norm(across) > _INDEPENDENT:
             basis = np.append(basis, [normal], axis=0)
     return basis

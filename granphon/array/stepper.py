@@ -2,12 +2,12 @@
 under a new load.
 
 Newton's method (:mod:`granphon.array.load_step`) solves the balance of forces and torques; it
-begins on the polynomial in the load through the last states, three at most. Where it fails, balls
-are slowed by dashpots; where that fails too, the step is taken in two halves.
+begins on the polynomial in the load through the last states, at most three. If it fails, balls are
+slowed by dashpots; if that fails too, the step is taken in two halves.
 
-The work of the load is what the contacts store and lose. Where dashpots act, the work is found as
-the integral of f* dy for each contact, and dashpots take the rest. Between two states f* is then
-taken from the parabola through them and the one before.
+The work of the load is the energy that contacts store and lose. If dashpots act, the work is found
+as the integral of f* dy for each contact, and dashpots take the rest. Between two states f* is then
+that of the parabola through these two states and the state before them.
 
 Where a ball loses what held it, there is no equilibrium near the one before, and Newton's method
 does not find the next one. A real ball falls, and damping brings it to rest. Here dashpots do: in a
@@ -17,9 +17,9 @@ weaker dashpots is one of a longer time. Dashpots are weakened from step to step
 load, until the array is in balance without them. While balls fall, and too long a step finds no
 balance, they are made stronger again.
 
-Dashpots take what the load gives and contacts neither store nor lose, and no less than they would
-if balls moved evenly through the step: where balls hardly move, the error of the work of the load
-is larger than that.
+Dashpots take what the load gives and contacts neither store nor lose. They take at least what they
+would if balls moved evenly through the step: where balls hardly move, this least energy is smaller
+than the error of the work of the load.
 
 A loading history may begin at the gas: balls apart on their sites, pressed with friction until they
 stand. Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array
@@ -32,13 +32,13 @@ next to nothing they are taken away. If the array then bears at least half of th
 balance, it stands, and its history begins there; if it gives way before, or is not at rest after
 many steps, it is pressed on.
 
-In the true geometry contacts push balls aside, with W/d of their force. In space, where too few
-contacts resist, as in sc of which half are open, an array gives way however slowly it is let go.
-Dashpots are there not weakened below that stiffness times the contacts of a ball: if balls move
-faster from one step to the next, the array gives way.
+In the true geometry contacts push balls aside, with the stiffness W/d times their force. In space,
+if too few contacts resist, as in sc with half of its contacts open, an array gives way however
+slowly it is let go. There, dashpots are not weakened below that stiffness times the number of
+contacts of a ball: if balls then move faster from one step to the next, the array gives way.
 
-The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter
-of percents in small arrays; the tests state it.
+The drag, the step of the overlap and the standing force are conventions. In small arrays f* at
+higher loads depends on them by some percents; the tests state how much.
 """
 
 from __future__ import annotations
@@ -77,11 +77,13 @@ class Stepper:
     ----------
     geometry : geometry of the contacts.
     law : law of the contacts.
-    from_gas : whether balls were pressed from the gas; only errors differ, in how to mend them.
+    from_gas : whether balls were pressed from the gas: errors then advise another seed, and
+        Newton's method is less patient (``is_patient`` of
+        :meth:`~granphon.array.load_step.LoadStep.solve`).
     options : numbers of the loading.
 
-    A *trail* is a sequence of the last states, the newest last: at least one, of which the last
-    three count.
+    A *trail* is a sequence of at least one of the last states, the newest last; its last three
+    count.
     """
 
     geometry: PressedGeometry
@@ -104,8 +106,8 @@ class Stepper:
         return PressedArray(overlap, motion, contacts, self.law, residual)
 
     def halve(self, here: PressedArray, load: ReducedLoad) -> ReducedLoad:
-        """Return the load half-way from what the state ``here`` bears to a ``load``, of the kind of
-        this load.
+        """Return the load half-way between what the state ``here`` bears and a ``load``; it is an
+        overlap, a mean force or a pressure as the ``load`` is.
         """
         if load.overlap is None:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
@@ -116,9 +118,9 @@ class Stepper:
     ) -> PressedArray:
         """Return the equilibrium under a ``load`` to which the last state of the ``trail`` leads.
 
-        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two
-        steps or more. With a ``drag`` dashpots of this stiffness act in each step, and the state is
-        no equilibrium of the contacts.
+        If Newton's method fails, balls are slowed by dashpots, or the load is reached in two or
+        more steps. With a ``drag`` above zero dashpots of this stiffness act in each step, and the
+        state is not an equilibrium of the contacts alone.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if no load is left on the balls, or
         no balance is found however short the steps.
@@ -127,39 +129,39 @@ class Stepper:
         # which steps with dashpots do not have: so balls are not slowed by dashpots then
         options = self.options
         relaxes = not drag and self.law.friction_coefficient >= options.small_friction
-        ahead = [load]  # loads still to be reached, the nearest last
+        loads_ahead = [load]  # loads still to be reached, the nearest last
         halvings = 0  # of the present step
-        n_failed = 0  # steps without a balance
-        while ahead:
+        n_failed = 0  # number of steps without a balance
+        while loads_ahead:
             state = trail[-1]
             # halves of a step are first tried without finding limits of sliding anew, which takes
             # long and has failed in the whole step
             finds_limits = not relaxes or not 0 < halvings < options.halvings // 2
-            balls, overlap = self._extrapolate(trail, ahead[-1])
-            step = self._make_step(state, ahead[-1], drag)
+            balls, overlap = self._extrapolate(trail, loads_ahead[-1])
+            step = self._make_step(state, loads_ahead[-1], drag)
             # where friction alone holds balls, shorter steps of the load help sooner
             trial = step.solve(balls, overlap, finds_limits, is_patient=not self.from_gas)
             at_rest = None
-            if not trial.is_balanced and relaxes and trial.left < math.inf:
-                at_rest = self.relax_overdamped(trail, ahead[-1])
+            if not trial.is_balanced and relaxes and trial.imbalance < math.inf:
+                at_rest = self.relax_overdamped(trail, loads_ahead[-1])
             if trial.is_balanced:
                 end = self._damp(trail, trial) if drag else self._arrive(state, trial)
                 trail = [*trail[-2:], end]
             elif at_rest is not None:
                 trail = [at_rest]
             else:
-                if trial.left == math.inf and state.force < THRESHOLD_FORCE:
+                if trial.imbalance == math.inf and state.force < THRESHOLD_FORCE:
                     raise self._explain_loss(load, state)
-                has_no_length = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
+                has_no_length = self.measure(state, loads_ahead[-1]) == find_aim(loads_ahead[-1])
                 is_shortest = has_no_length or halvings == options.halvings
                 if is_shortest or n_failed == options.tries:
                     raise self._explain_failure(load, state)
                 halvings += 1
                 n_failed += 1
-                ahead.append(self.halve(state, ahead[-1]))
+                loads_ahead.append(self.halve(state, loads_ahead[-1]))
                 continue
             halvings = max(0, halvings - 1)
-            ahead.pop()
+            loads_ahead.pop()
         return trail[-1]
 
     def settle(
@@ -186,39 +188,39 @@ class Stepper:
         ``trail``; None if it is not found.
 
         Balls are slowed by dashpots in each step. Dashpots are weakened from step to step as long
-        as a balance is found, and made stronger where none is found. Once the forces of dashpots
-        have fallen in ``options.calm_steps`` steps in a row, the balance without dashpots is tried.
+        as a balance is found, and made stronger if none is found. Once the forces of dashpots have
+        not grown in ``options.calm_steps`` steps in a row, the balance without dashpots is tried.
         No state is found if there is no balance with dashpots of stiffness ``options.drag`` or
-        stronger, if there is none directly after a step in which their forces have fallen, or
+        stronger, if there is none directly after a step in which their forces have not grown, or
         after ``options.tries`` steps.
         """
         options = self.options
         drag = options.drag
-        too_weak = 0.0  # largest drag that has found no balance
-        push = math.inf  # largest force of a dashpot in the last step
-        calm_steps = 0  # in a row, in each of which the push has fallen
+        weak_drag = 0.0  # the drag with which no balance was last found
+        dashpot_force = math.inf  # largest force of a dashpot in the last step
+        n_calm = 0  # number of steps in a row in which the force of dashpots has not grown
         for _ in range(options.tries):
             start = trail[-1]
             end = self.settle(trail, load, drag)
             if end is None:
                 # balls do not fall, or dashpots do not hold them: shorter steps of the load help
-                if calm_steps or drag >= options.drag:
+                if n_calm or drag >= options.drag:
                     return None
-                too_weak = drag
+                weak_drag = drag
                 drag = drag / options.weakening
                 continue
             damped = start.damped + _find_even_loss(start, end, drag)
             trail = [replace(end, damped=max(end.damped, damped))]
-            last_push = push
-            push = drag * end.measure_motion(start)
-            calm_steps = calm_steps + 1 if push <= last_push else 0
-            if calm_steps:
-                too_weak = 0.0
-                is_calm = calm_steps % options.calm_steps == 0
+            last_force = dashpot_force
+            dashpot_force = drag * end.measure_motion(start)
+            n_calm = n_calm + 1 if dashpot_force <= last_force else 0
+            if n_calm:
+                weak_drag = 0.0
+                is_calm = n_calm % options.calm_steps == 0
                 at_rest = self.settle(trail, load, 0.0) if is_calm else None
                 if at_rest is not None:
                     return replace(at_rest, damped=max(at_rest.damped, trail[-1].damped))
-            if options.weakening * drag > too_weak:
+            if options.weakening * drag > weak_drag:
                 drag *= options.weakening
         return None
 
@@ -239,7 +241,7 @@ class Stepper:
 
     @staticmethod
     def name_load(load: ReducedLoad) -> str:
-        """Return a load in words."""
+        """Return the ``load`` in words, for messages."""
         if load.overlap is None:
             return f"f* = {load.force:.6g}"
         return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
@@ -279,8 +281,9 @@ class Stepper:
         return place
 
     def measure(self, state: PressedArray, load: ReducedLoad) -> float:
-        """Return what the ``load`` prescribes, as the ``state`` has it: its overlap y, its mean
-        force f*, or the mean force that has its pressure in a cell that keeps its size.
+        """Return the number of the ``state`` that the ``load`` prescribes: the overlap y, the mean
+        force f*, or the mean force that has the pressure of the state in a cell that keeps its
+        size.
         """
         if load.overlap is not None:
             return state.overlap
@@ -295,8 +298,8 @@ class Stepper:
         balance under a ``load`` begins.
 
         They are on the parabola in the load through the last three states of the ``trail``, on the
-        line through two, or those of the last state: only states are used from which the path has
-        not turned, and whose steps are similar in length to the step to the load.
+        line through the last two, or those of the last state. States count as far back as the path
+        has not turned and each step is similar in length to the step to the load.
         """
         loads = [self.measure(state, load) for state in trail[-3:]]
         aim = find_aim(load)
@@ -317,7 +320,8 @@ class Stepper:
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state that a ``trial`` in balance has reached from the state ``here``, with
-        the energies lost on the way and the work of the load: what contacts store and lose.
+        the energies lost on the way and the work of the load: the energy that contacts store and
+        lose.
 
         The configuration of the trial is kept for :meth:`locate`.
         """
@@ -327,7 +331,7 @@ class Stepper:
             balls=trial.balls,
             contacts=trial.contacts,
             law=self.law,
-            residual=trial.left,
+            residual=trial.imbalance,
             work=here.work + slid + loosened,
             slid=here.slid + slid,
             loosened=here.loosened + loosened,
@@ -348,13 +352,17 @@ class Stepper:
         state = self._arrive(trail[-1], trial)
         states = [*trail[-2:], state]
         presses = [
-            self.locate(passed).press(passed.contacts.forces, passed.contacts.shears)
-            for passed in states
+            self.locate(state_on_way).press(
+                state_on_way.contacts.forces, state_on_way.contacts.shears
+            )
+            for state_on_way in states
         ]
-        overlaps = [passed.overlap for passed in states]
-        pressed = integrate_last(overlaps, presses, self.options.similar)
-        released = pressed - (state.work - trail[-1].work)
-        return replace(state, work=state.work + released, damped=state.damped + released)
+        overlaps = [state_on_way.overlap for state_on_way in states]
+        work_of_step = integrate_last(overlaps, presses, self.options.similar)
+        dashpot_energy = work_of_step - (state.work - trail[-1].work)
+        return replace(
+            state, work=state.work + dashpot_energy, damped=state.damped + dashpot_energy
+        )
 
     # -- from the gas ------------------------------------------------------------------------------
 
@@ -402,9 +410,9 @@ class Stepper:
         bearing at least half of ``options.standing_force``; None if they give way, or are not at
         rest after ``options.tries`` steps.
 
-        Dashpots are weakened from step to step, and taken away when balls hardly move. In space, in
-        the true geometry, they stay stronger than the pushes of contacts, and balls that move more
-        there from one step to the next give way.
+        Dashpots are weakened from step to step, and taken away when balls hardly move. In space and
+        in the true geometry dashpots stay as stiff as contacts that push balls aside; balls give
+        way there if they move more in one step than in the step before.
         """
         load = ReducedLoad(overlap=state.overlap)
         options = self.options
@@ -441,8 +449,8 @@ class Stepper:
 
 
 def goes_on(loads: Sequence[float], similar: float) -> bool:
-    """Return whether there are three ``loads``, of which the last continues the way of the first
-    two by a step of similar length, at most the factor ``similar`` longer or shorter.
+    """Return whether there are three ``loads`` with two steps in the same direction and of similar
+    length: at most the factor ``similar`` apart.
     """
     if len(loads) != 3:
         return False
@@ -452,8 +460,8 @@ def goes_on(loads: Sequence[float], similar: float) -> bool:
 
 
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
-    """Return the weights of the values at different ``loads`` in the polynomial of Lagrange through
-    all of them, at a ``load``.
+    """Return the weights with which values at different ``loads`` add up to the value at a
+    ``load``, on the polynomial of Lagrange through all of them.
     """
     weights = []
     for node in loads:
@@ -466,8 +474,8 @@ def integrate_last(loads: Sequence[float], values: Sequence[float], similar: flo
     """Return the integral between the last two of two or three ``loads`` of a function whose
     ``values`` at the loads are known.
 
-    The function is taken for the parabola through three values, or, with two values and after a
-    turn of the path, for the straight line through the last two.
+    The function is taken for the parabola through three values if :func:`goes_on`, with the factor
+    ``similar``, is true of the loads, and otherwise for the straight line through the last two.
     """
     start, end = loads[-2:]
     value_at_start, value_at_end = values[-2:]

@@ -535,6 +535,7 @@ class TabulatedLaw(EnergyLaw):
     def _energies(self) -> Array:
         """Energies (n,) at the points of the table, J."""
         knots, _ = self._knots
+        # below the first point the force is a power of the overlap
         energy_at_first_point = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         differences = self._integrate(knots[:-1], knots[1:])
         return energy_at_first_point + np.concatenate([[0.0], np.cumsum(differences)])
@@ -888,7 +889,7 @@ class NamedLaw:
     law : the law, or a class of laws.
     numbers : how a scene gives each argument of the class, by the name of the argument: a quantity,
         a tuple of one quantity for a list of such values, or a rule for a number without a unit;
-        empty for a law that is no class.
+        empty for a law that is no class, and for a class that takes none.
     """
 
     law: Any
@@ -976,6 +977,7 @@ def find_law(law: Any) -> Any:
             f"the contact law {law!r} has numbers: {numbers}",
             mend=f"Give it as {named_law.law.__name__}({numbers})",
         )
+    # a class without numbers, such as Hertz, has the name of the only law that it makes
     return named_law.law() if isinstance(named_law.law, type) else named_law.law
 
 

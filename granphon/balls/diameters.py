@@ -486,16 +486,26 @@ def _raise_to_power(root: Array, exponent: int) -> Array:
 
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
-    """Return the index at which the running sum of the ``weights`` (n,) exceeds each probability;
-    of the shape of ``probability``.
+    """Return the index at which the running sum of the ``weights`` (n,) first exceeds each
+    probability, or n - 1 if it never does; of the shape of ``probability``.
     """
     indices = np.searchsorted(np.cumsum(weights), probability, side="right")
     return np.minimum(indices, weights.size - 1)
 
 
+def subtract_mean(values: Array) -> Array:
+    """Return the ``values``, of any shape, less their mean.
+
+    The mean is subtracted twice, so that what remains of it is zero to the rounding of the
+    differences, not of the values, which may be far larger.
+    """
+    differences = values - np.mean(values)
+    return np.asarray(differences - np.mean(differences))
+
+
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Return the different ``places`` with weight above zero, ascending, and the sums of the
-    ``weights`` of equal places.
+    """Return the places (m,) that have a weight above zero, each once and ascending, and the sums
+    (m,) of the weights at each of them, from ``places`` (n,) and their ``weights`` (n,).
     """
     has_weight = weights > 0.0
     different_places, index = np.unique(places[has_weight], return_inverse=True)
@@ -841,10 +851,10 @@ class _Listed(Spread):
         diameters, weights = merge(np.array(self.diameters), self._compute_shares())
         # differences are exact if diameters differ by less than a factor of 2, so that equal balls
         # have width 0
-        above_least = diameters - diameters[0]
-        mean_above_least = math.fsum(weights * above_least)
-        mean = float(diameters[0]) + mean_above_least
-        return mean, above_least - mean_above_least, weights
+        excesses = diameters - diameters[0]  # over the least diameter
+        mean_excess = math.fsum(weights * excesses)
+        mean = float(diameters[0]) + mean_excess
+        return mean, excesses - mean_excess, weights
 
     def _compute_deviations(self, probability: Array) -> Array:
         """Return the deviation, m, of a listed diameter for each ``probability``, from 0 to 1; the

@@ -24,7 +24,7 @@ EDGES = ("free", "clamped", "floor")
 _LEVEL = 1e-12
 #: part of a layer by which sites at one height may differ
 _SITE = 1e-9
-#: largest Miller index
+#: largest Miller index, of either sign
 _MOST_INDEX = 100
 #: largest number of rounds in which two vectors are shortened; rounding may let two of one length
 #: change places for ever
@@ -56,7 +56,7 @@ class Layers:
         space.
 
         ``axis`` is the number of the vector along which layers follow each other, or integer Miller
-        indices (p,), of a hexagonal cell in space also the four h, k, i, l. Raises
+        indices (p,) from -100 to 100; of a hexagonal cell in space also the four h, k, i, l. Raises
         :class:`~granphon.base.errors.InputError` for another ``axis``, and for a cell without
         periods.
         """
@@ -87,8 +87,8 @@ class Layers:
         return cls(basis, turn, layer_cell, turned_vectors[-1])
 
     def split(self, shift: Index) -> tuple[Index, Index]:
-        """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
-        other cells, ``shift`` (n_c, p).
+        """Return by how many cells within a layer, (n_c, p - 1), and by how many layers, (n_c,),
+        each contact leads that leads to another cell by ``shift`` (n_c, p).
         """
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]
@@ -250,7 +250,7 @@ def _find_basis(axis: Any, cell: Array) -> Index:
 
 def _read_miller_indices(axis: Any, cell: Array) -> Index:
     """Return the Miller indices (p,) of a plane, of a ``cell`` (p, d); InputError if ``axis`` is
-    not a list of such indices.
+    not a list of such indices, if all are zero, or one is beyond :data:`_MOST_INDEX`.
     """
     periods = len(cell)
     entries = axis.tolist() if isinstance(axis, np.ndarray) else axis
@@ -264,7 +264,8 @@ def _read_miller_indices(axis: Any, cell: Array) -> Index:
         count = counted(periods, "Miller index", "Miller indices")
         raise InputError(
             f"axis is {brief(axis)}",
-            mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {count}",
+            mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {count}"
+            f" from -{_MOST_INDEX} to {_MOST_INDEX}, not all zero",
         )
     return np.asarray(indices)
 

@@ -145,8 +145,8 @@ class Load:
         return self.kind, shape, self.values, self.balls_per_side, self.tensor, self.gravity
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the load with some of its values, selected by an index as of an array; InputError
-        for an index that selects none.
+        """Return the load with some of its values, selected by an index as of an array. Raises
+        InputError for an index that selects none, and IndexError for one outside of the values.
         """
         return replace(self, array=self.array[index])
 

@@ -104,7 +104,8 @@ def read_on_site(value: Any, motions: Motions, n: int) -> Array | None:
 
 def _read_springs(value: Any, motions: Motions) -> list[float]:
     """Return the stiffness of the spring of each of the ``motions`` of a ball, from what
-    :func:`read_on_site` takes for a ball, or from a list of these stiffnesses.
+    :func:`read_on_site` takes for a ball, or from a list of these stiffnesses; InputError for
+    another value.
     """
     names = name_springs(motions)
     if isinstance(value, list | tuple) and len(value) == len(names):

@@ -566,9 +566,7 @@ class Axis:
 
     @cached_property
     def unit(self) -> str | None:
-        """SI unit of the values; None where they are not numbers: "mindlin" may be among those of
-        torsion.
-        """
+        """SI unit of the values; None if a value is no number, as the torsion "mindlin"."""
         has_word = any(isinstance(value, str) for value in self.values)
         return None if has_word else find_unit(self.name)
 
@@ -732,8 +730,8 @@ def combine(
     units: Mapping[str, str] = _NO_UNITS,
 ) -> list[tuple[tuple[tuple[str, str], ...], ChangedT]]:
     """Return one pair for each combination of the values of all ``axes``, of which the last runs
-    fastest: the combination in words, which is a pair of a name and a text for each parameter, and
-    the object that ``change`` returns for the values by name.
+    fastest. The first entry of a pair is the combination in words: the name of each parameter with
+    the text of its value. The second is the object that ``change`` returns for the values by name.
 
     ``units`` are the units of the texts, by the name of the parameter; by default they are SI units
     with decimal prefixes. Raises :class:`InputError` if there are too many combinations, and, with

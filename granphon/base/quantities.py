@@ -265,7 +265,7 @@ class Quantity:
 
     def write(self, value: float) -> str:
         """Return the text of an SI value, from which :meth:`read` returns the same value, to the
-        last bit.
+        last bit, if such a quantity has a unit and may have the value; but zero loses its sign.
         """
         number = float(value)  # as the repr of NumPy's float64 is no text of a number
         return f"{number!r} {self.unit}"

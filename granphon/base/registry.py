@@ -149,19 +149,6 @@ class Registry(Mapping[str, T]):
         words = f"the {self.noun} {name!r}"
         return words if source == _PROGRAM else f"{words} of {source}"
 
-    @property
-    def failures(self) -> str:
-        """The plug-ins that failed, and why, in a sentence for the error about a name that is
-        missing here, as one of them may have it; empty if no plug-in failed. Plug-ins are loaded
-        first.
-        """
-        clauses = []
-        for plugin, why in load_plugins().items():
-            if why:
-                clauses.append(f"{plugin} could not be loaded: {one_line(why)}")
-        sentence = "; ".join(clauses)
-        return sentence[:1].upper() + sentence[1:]
-
     def drop(self, source: str) -> None:
         """Take out all entries that the plug-in ``source``, in words, has added."""
         names = [name for name, origin in self._sources.items() if origin == source]
@@ -254,6 +241,19 @@ def _load_plugin(point: EntryPoint) -> None:
             registry.drop(source)
     finally:
         _plugins.loading = ""
+
+
+def describe_failures() -> str:
+    """Return the plug-ins that failed, and why, in a sentence for the error about a name that is
+    missing, as one of them may have the name; empty if no plug-in failed. Plug-ins are loaded
+    first.
+    """
+    clauses = []
+    for plugin, why in load_plugins().items():
+        if why:
+            clauses.append(f"{plugin} could not be loaded: {one_line(why)}")
+    sentence = "; ".join(clauses)
+    return sentence[:1].upper() + sentence[1:]
 
 
 def list_added(noun: str) -> tuple[str, ...]:

@@ -109,8 +109,11 @@ def describe_value(value: Any) -> str:
 
 
 def _describe_list(values: Sequence[Any]) -> str:
-    """Return the first entries of a list as text, with the number of entries if more follow. A long
-    list of numbers is described as an array, and objects of one dataclass by their number.
+    """Return the first ``_MOST_ENTRIES`` entries of a list as text, with the number of entries if
+    more follow; "none" for an empty list.
+
+    A longer list of numbers or truth values is described as an array. Several objects of one
+    dataclass are described by their number.
     """
     if not values:
         return "none"
@@ -325,9 +328,9 @@ class Result:
         """The result as plain data: class name, schema, the units of fields and properties, the
         fields, and a digest of all these.
 
-        Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a
-        packing, its scales) become mappings of their own. The digest stays valid through JSON and
-        YAML.
+        Complex arrays become a mapping of ``real`` and ``imag`` lists, empty arrays of several axes
+        one of their ``shape``; objects in fields (a packing, its scales) become mappings of their
+        own. The digest stays valid through JSON and YAML.
         """
         data = {**plain(self), "schema": self._schema, "units": self._field_units()}
         return data | {"digest": digest(data)}
@@ -584,12 +587,13 @@ def _is_scalar_of(value: Any, kind: Any) -> bool:
 
 
 def _restore_one_of(value: Any, kinds: list[Any], name: str) -> Any:
-    """Build an object of the first of the ``kinds`` that takes plain data; the error of the last
-    kind is raised if none does.
+    """Build an object of the first of the ``kinds`` that takes the plain data ``value``. If none
+    does, the InputError of the last is raised, which calls the value ``name``. Data that name a
+    class among the ``kinds`` are taken by that class alone.
     """
     candidates = kinds
     if isinstance(value, Mapping):
-        # if the value names a class among the kinds, it must be an object of that class
+        # the error of this class says more than those of the others
         class_name = _read_class_name(value)
         namesakes = [kind for kind in kinds if getattr(kind, "__name__", None) == class_name]
         candidates = namesakes or kinds
@@ -648,9 +652,12 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
 
 
 def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
-    """Return plain data, lists of any depth, as an array of ``dtype``, or of the type of its
-    entries if that is None; None if lists are ragged, or entries are no such numbers, or whole
-    numbers are too large for the type.
+    """Return a ``value`` of plain data as an array of ``dtype``, or of the type of its entries if
+    ``dtype`` is None.
+
+    The value is an array; lists of any depth; {"shape": ...} of an empty array; or {"real": ...,
+    "imag": ...}. Any other value gives None. So do ragged lists, entries of another kind than
+    ``dtype``, truth values among numbers, and whole numbers beyond 64 bits.
     """
     if isinstance(value, Mapping) and set(value) == {"shape"}:
         return _make_empty_array(value["shape"], dtype)
@@ -679,8 +686,8 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
 
 
 def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
-    """Return the empty array of a ``shape``; None if that is no shape, or not that of an empty
-    array that NumPy can make.
+    """Return the empty array of a ``shape`` and ``dtype``, float if that is None; None if the
+    ``shape`` is no list of lengths, or not that of an empty array that NumPy can make.
     """
     is_shape = isinstance(shape, list | tuple) and all(
         type(length) is int and 0 <= length < _MOST_OF_EMPTY for length in shape

@@ -109,12 +109,15 @@ def write_uncertain(value: float, error: float, unit: str) -> str:
     """Return the text of a value with its standard error, both in the SI unit ``unit``, such as
     "1.11180 +/- 0.00039 km/s": the error has two digits, three from a hundred multiples on.
 
-    Value and error have one multiple of the unit, that of the larger of the two. An error below a
-    millionth of the value, or of a thousand multiples and more, has a multiple of its own.
+    Value and error have one multiple of the unit, that of the larger of the two. Each has a
+    multiple of its own if the error is at most a millionth of the value, if one of the two is nan,
+    or if the unit takes no larger multiple and the error is a thousand units or more.
     """
-    size, name = prefixed(max(abs(value), error), unit)
-    is_tiny = not 1e-6 * abs(value) < error  # so is an error of nan, or that of a value of nan
-    if is_tiny or error >= 1e3 * size:
+    # the multiple is that of the rounded error: 999.6 m are 1.0 km
+    rounded_error = float(f"{error:.3g}")
+    size, name = prefixed(max(abs(value), rounded_error), unit)
+    is_tiny = not 1e-6 * abs(value) < error  # true also if one of the two is nan
+    if is_tiny or rounded_error >= 1e3 * size:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
     two_digits = float(f"{error / size:.1e}")  # 0.0996 has become 0.10
     decimals = max(1 - math.floor(math.log10(two_digits)), 0)

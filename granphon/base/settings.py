@@ -273,15 +273,15 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
     """Return plain data that :func:`read_values` reads as the same one or more ``values``: a single
-    value, a range whose points are the values to the last bit, or else a list. ``write`` returns
-    the plain data of one value.
+    value, a range whose points are the values to the last bit, or else a list, as of more values
+    than a range may have points. ``write`` returns the plain data of one value.
     """
     first = values[0]
     last = values[-1]
     count = len(values)
     if count == 1:
         return write(first)
-    may_be_range = count > 2 and first != last
+    may_be_range = 2 < count <= _MOST_POINTS and first != last
     for scale in SCALES if may_be_range else ():
         has_scale = scale == "linear" or min(first, last) > 0.0
         if has_scale and space_evenly(first, last, count, scale) == tuple(values):
@@ -411,7 +411,9 @@ def list_settings(block_class: type[Block]) -> Mapping[str, Setting]:
 
 
 def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rule]:
-    """Return the rule that reads each setting of a block from where ``context`` says, by name."""
+    """Return for each setting of a block, by name, the rule that reads the value of the setting
+    from a file or from Python, as ``context`` says.
+    """
     settings = list_settings(block_class)
     return {name: declared.kind.rule(context) for name, declared in settings.items()}
 

@@ -395,30 +395,31 @@ def _finish(target: Path, is_alone: bool = False) -> None:
 
 
 def _move_files(new_folder: Path, target: Path) -> None:
-    """Move the files of a ``new_folder`` into the folder ``target``, where old ones make way, and
-    remove the ``new_folder``.
+    """Move the files of a ``new_folder`` into the folder ``target``, and remove the ``new_folder``.
 
-    An earlier call may have been interrupted at any line: the files that it has moved are not in
-    the ``new_folder`` any more.
+    The old files in ``target`` that the list in the ``new_folder`` names are removed first, unless
+    they have been changed since that list was written. Where a file of the user stands, the new
+    file of that name is removed instead of moved. An earlier call may have been interrupted at any
+    line: the files that it has moved are not in the ``new_folder`` any more.
     """
-    files = read_written_files(new_folder)
-    old = read_written_files(new_folder, "old")
-    waiting = []
-    for name in files:
+    new_digests = read_written_files(new_folder)
+    old_digests = read_written_files(new_folder, "old")
+    waiting_names = []
+    for name in new_digests:
         path = new_folder / name
         if path.is_file() and not path.is_symlink():
-            waiting.append(name)
-    for name, digest in old.items():
+            waiting_names.append(name)
+    for name, digest in old_digests.items():
         # a new file that does not wait any more has been moved, and stays
-        is_in_the_way = name in waiting or name not in files
+        is_in_the_way = name in waiting_names or name not in new_digests
         if is_in_the_way and _is_written(target / name, digest):
             (target / name).unlink()
-    for name in waiting:
+    for name in waiting_names:
         if os.path.lexists(target / name):  # the user has put a file of this name there meanwhile
             (new_folder / name).unlink()
         else:
             os.rename(new_folder / name, target / name)
-    if files or old:
+    if new_digests or old_digests:
         os.replace(new_folder / LIST, target / LIST)
     with suppress(OSError):  # a folder with files of another program is not empty, and stays
         new_folder.rmdir()

@@ -161,8 +161,8 @@ class Table:
         are compared by :attr:`Heading.key`: case does not matter. ``mend`` is the advice of the
         message if the column is not found. Raises
         :class:`~granphon.base.errors.InputError` if there is no such column or more than one, if
-        the column has no unit, if there are no rows, or if the kind does not allow the text of a
-        cell.
+        the column has no unit or one of another kind, if there are no rows, or if the kind does not
+        allow the text of a cell.
         """
         requested = Heading.parse(name)
         index = self._require_column(name, kind, mend)
@@ -176,15 +176,18 @@ class Table:
             raise InputError(
                 f"{self.name}: the column {heading.name!r} has no unit",
                 mend=f"Write the heading '{heading.name} ({kind.unit})', or with the unit that is"
-                f" meant",
+                " meant",
             )
+        # the unit that counts here is the file's own: a scene may have made up the requested one,
+        # to have any file quoted
         may_quote = self.quoted or kind.measures(heading.unit)
+        # where errors may quote, _read_cells refuses such a unit with the first cell
         if not may_quote and not kind.measures(unit):
             raise InputError(
                 f"{self.name}: the column {requested.name!r} has a unit that is not a unit of"
                 f" {kind.name}",
                 mend=f"Write the heading '{requested.name} ({kind.unit})', or with another unit of"
-                f" this kind",
+                " this kind",
             )
         values = kind.read_many(self.columns[index], unit)
         if values is None:  # one by one all texts are read, and the error names the first bad cell

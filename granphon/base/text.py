@@ -281,7 +281,9 @@ def parse_yaml(text: str, name: str) -> Document:
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
-    """Return the data of a YAML file, read as :func:`plain_yaml` does."""
+    """Return the data of a YAML file; errors are those of :func:`read_utf8` and
+    :func:`plain_yaml`.
+    """
     return plain_yaml(read_utf8(path), path)
 
 
@@ -389,7 +391,7 @@ class _Builder:
         return "Indent with spaces" if "\t" in indent else ""
 
     def _read_event(self) -> Any:
-        """Return the next event of the parser."""
+        """Return the next event of the parser, and keep it as ``event``, whose line errors name."""
         self.event = next(self.events)
         return self.event
 
@@ -405,7 +407,12 @@ class _Builder:
         return InputError(f"{place}{found}; allowed: {allowed}", mend=mend)
 
     def _build_value(self, event: Any) -> Any:
-        """Return the data that begin with an ``event``: a scalar, a list or a mapping."""
+        """Return the data that begin with an ``event``: a scalar, a list or a mapping. Lists and
+        mappings read on to the event that ends them.
+
+        Raises :class:`InputError` for anchors, aliases and tags, for a whole number of too many
+        digits, and for lists and mappings in more than ``MAX_DEPTH`` others.
+        """
         self._refuse_special(event)
         self._note_line(event)
         if type(event) is self.scalar:
@@ -421,7 +428,7 @@ class _Builder:
         return self._build_list() if type(event) is self.list_start else self._build_mapping()
 
     def _build_list(self) -> list[Any]:
-        """Return the list whose first event was read."""
+        """Return the list whose first event was read; errors are those of :meth:`_build_value`."""
         items: list[Any] = []
         while type(event := self._read_event()) is not self.list_end:
             self.path.append(len(items))
@@ -430,7 +437,11 @@ class _Builder:
         return items
 
     def _build_mapping(self) -> dict[str, Any]:
-        """Return the mapping whose first event was read."""
+        """Return the mapping whose first event was read.
+
+        Raises :class:`InputError` for a key that is a list or block, and for one that is given
+        twice; other errors are those of :meth:`_build_value`.
+        """
         mapping: dict[str, Any] = {}
         while type(event := self._read_event()) is not self.mapping_end:
             if type(event) is not self.scalar:
@@ -684,8 +695,9 @@ def counted(number: int, one: str, many: str = "") -> str:
 
 
 def list_names(names: Iterable[object], most_names: int = 10) -> str:
-    """Return names from a file as a message lists them: the first ``most_names``, and how many more
-    there are; "none" if there are none.
+    """Return names from a file as a message lists them: the first ``most_names``, one at least, and
+    how many more there are; "none" if there are none. A name of more than ``_LONGEST_NAME`` letters
+    is cut, and ends with three dots.
     """
     texts = [str(name) for name in names]
     if not texts:

@@ -98,7 +98,7 @@ def hold_back_signals() -> Iterator[None]:
     an open mask, may take the signal, and Python then runs the handler in the main thread.
     """
     arrived_signals = list[int]()
-    handlers = dict[signal.Signals, Any]()
+    handlers = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():  # no other thread may set handlers
         for number in _STOPS:
             handler = signal.getsignal(number)

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import NUMBER, is_si
+from granphon.base.registry import Registry, describe_failures
 from granphon.base.text import closest, show
 
 Rule = Callable[[Any], Any]
@@ -162,7 +163,7 @@ def choice(value: Any, options: Collection[str]) -> str:
     if is_one_of(value, options):
         return str(value)
     suggestions = []
-    failures = getattr(options, "failures", "")
+    failures = describe_failures() if isinstance(options, Registry) else ""
     if failures:
         suggestions.append(failures)
     guess = closest(value, options) if isinstance(value, str) else None
@@ -172,22 +173,24 @@ def choice(value: Any, options: Collection[str]) -> str:
 
 
 def text(value: Any) -> str:
-    """Return a text, as it is; a blank one and one with a null character are refused."""
+    """Return a text, as it is. Refused are a blank text, a text with a null character, and any
+    value that is no text.
+    """
     if isinstance(value, str) and value.strip() and "\0" not in value:
         return value
     raise Refused(show(value), "a name")
 
 
 def label(value: Any) -> str:
-    """Return a name that stands in tables, as it is; refused are a name with a letter that cannot
-    be seen and one that a spreadsheet takes for a formula, and what :func:`text` refuses.
+    """Return a name that stands in tables, as it is. A name with a character that cannot be printed
+    is refused, one that a spreadsheet takes for a formula, and what :func:`text` refuses.
     """
     name = text(value)
     if not name.isprintable():
         raise Refused(show(value), "a name of letters that can be seen")
     # spreadsheets also take the wide forms of these signs, which NFKC makes plain
-    first_letter = normalize("NFKC", name).strip()[:1]
-    if first_letter in ("=", "+", "-", "@"):
+    first_character = normalize("NFKC", name).strip()[:1]
+    if first_character in ("=", "+", "-", "@"):
         raise Refused(
             show(value),
             "a name that does not begin with =, +, - or @",

@@ -43,9 +43,11 @@ class _Grouped:
     """
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, the options without a group, and then the other options and the
-        subcommands by groups. Click calls this method, which replaces the one of click's commands,
-        for the help of the command in ``ctx``.
+        """Write into the ``formatter`` the arguments, the options without a group, and then the
+        other options and the subcommands by groups.
+
+        Click calls this method for the help of the command in ``ctx``; it takes the place of the
+        method of click's own commands.
         """
         # rows of a name and its help, by group
         rows_of_groups: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
@@ -94,7 +96,7 @@ command = partial(app.command, cls=_Command)
 
 
 def _print_version(is_requested: bool) -> None:
-    """Print the version of granphon, and end the command, if the option was given."""
+    """If the option --version was given, print the version of granphon and end the command."""
     if is_requested:
         from granphon import __version__
 

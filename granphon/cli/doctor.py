@@ -43,7 +43,8 @@ def describe_system() -> None:
     ]
     rows += [(name, find_version(name)) for name in PACKAGES]
     for name, failure in load_plugins().items():
-        # the text of a failure may hold the folder of a user, in whose name may be spaces
+        # A failure may name folders. The user's own is taken out first, as its name may hold
+        # spaces, at which the search for other folders ends.
         words = (failure or "loaded").replace(str(Path.home()), "")
         rows.append((name, re.sub(r"\S*[\\/]", "", words)))
     rows.append(("cores", f"{os.cpu_count()}, of which {count_processors()} may be used"))
@@ -59,8 +60,8 @@ def describe_system() -> None:
 
 
 def _list_thread_counts() -> list[str]:
-    """Return the variables of the environment that set numbers of threads, "OMP_NUM_THREADS=1"; a
-    variable whose value is no number is left out.
+    """Return each variable of the environment that sets a number of threads, with its value, as
+    "OMP_NUM_THREADS=1". A variable whose value is no number is left out.
     """
     variables = os.environ.items()
     return [f"{name}={n}" for name, n in variables if name.endswith("_THREADS") and n.isdigit()]

@@ -53,12 +53,13 @@ _USAGE_ERROR = next(
 @contextmanager
 def _take_signals_and_warnings() -> Iterator[None]:
     """Within the with-block, treat SIGTERM (a batch system's time limit, ``kill``) as an
-    interruption, so that the work is cleaned up; in another thread than the main one, which cannot
-    set a handler, signals are left as they are.
+    interruption, so that the work is cleaned up. Only the main thread can set a handler: in any
+    other thread signals are left as they are.
 
-    A warning about a file that carries no digest or whose numbers contradict each other, or about
-    the folder in which numba keeps compiled loops, is printed as one line, once; other warnings are
-    shown as usual.
+    Each of these warnings is printed once, as one line: about a file that carries no digest, about
+    a file whose numbers contradict each other, and about the folder in which numba keeps compiled
+    loops. Other warnings are shown as usual. Which warnings were printed before the block is
+    forgotten.
     """
     show_as_usual = warnings.showwarning
 
@@ -85,7 +86,7 @@ def _take_signals_and_warnings() -> Iterator[None]:
         earlier_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with warnings.catch_warnings():
-            # each file is told, also where Python would show warnings of one line of code once
+            # Python would show once what one line of code says of several files
             for category in (UnverifiedFileWarning, InconsistencyWarning):
                 warnings.simplefilter("always", category)
             warnings.showwarning = show_warning

@@ -58,8 +58,8 @@ Along = Annotated[
 
 
 def _make_out(words: str) -> Any:
-    """Return the option --out, the file that a command writes; ``words`` say in its help which
-    ending the name of the file has.
+    """Return the option --out, which names the file that a command writes. Its help ends with
+    ``words`` on the ending of the name.
     """
     return typer.Option("--out", "-o", metavar="FILE", help=f"The file to write; {words}.")
 

@@ -56,7 +56,7 @@ def write_report(
         if target.suffix not in (".html", ".md"):
             problem = f"--out is {target}, whose ending names no format of a report"
             raise InputError(problem, mend="Use .html or .md")
-    # read before the folder of the report is made, which is not to stay if the reading fails
+    # read before the folder of the report is made: if the reading fails, no empty folder is left
     title, sections = read_report(folder)
     # the report links to tables, and in Markdown to pictures, by their paths from its own folder
     path_of_results = os.path.relpath(folder, targets[0].parent)

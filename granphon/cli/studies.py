@@ -197,10 +197,13 @@ def _fit_velocities(
     columns: Mapping[str, str],
     options: _VelocityOptions,
 ) -> tuple[WidthFit, list[str], list[tuple[str, str]]]:
-    """Return the fit to the velocities of a ``table``, the file ``data`` with these ``columns``, or
-    to the one velocity of a table of traces; notes on what the fit takes that was not given, and on
-    what it does not use; and the rows of inputs of :func:`_fit_with_errors`. Warnings on traces are
-    printed before the fit.
+    """Return the fit to the velocities in a ``table``, or to the one velocity of a table of traces;
+    notes on what the fit takes that was not given, or does not use; and the rows of inputs of
+    :func:`_fit_with_errors`.
+
+    ``data`` is the file of the table, and ``columns`` are its headings as in
+    :func:`_read_velocities`. Warnings on traces are printed before the fit. InputError for what a
+    fit of velocities cannot use: several media, packings, directions, or nothing to fit.
     """
     from granphon.fits.fit import fit_width
     from granphon.fits.trace_files import has_traces
@@ -282,9 +285,9 @@ def _fit_velocities(
 def _list_notes(
     scene_file: str, scene: Scene, data: str, fit: WidthFit, *, names_direction: bool
 ) -> list[str]:
-    """Return a note if the ``scene`` has several loads, which a fit to the table ``data`` does not
-    use, and one if sound depends on its direction and neither the scene nor an option
-    ``names_direction``.
+    """Return a note if the ``scene`` has several loads, because a fit takes those of the table
+    ``data``; and a note if sound depends on its direction and none was given. ``names_direction``
+    says whether the scene or an option gives one.
     """
     notes = list[str]()
     n_loads = len(scene.load.values)
@@ -424,9 +427,8 @@ def _refuse_options(options: Mapping[str, str | None], data: str, content: str) 
 
 
 def _require_fitted(width: bool, parameters: Sequence[str]) -> None:
-    """Raise InputError if nothing is fitted, neither the width, which --no-width keeps if ``width``
-    is false, nor any of the ``parameters``; or if --no-width keeps the width and the parameters
-    name it.
+    """Raise InputError if neither the width nor any of the ``parameters`` is fitted, and if the
+    ``parameters`` name the width although it is kept. ``width`` is false where --no-width keeps it.
     """
     if "width" in parameters and not width:
         problem = "--no-width keeps the width, and --parameter width fits it"
@@ -449,12 +451,13 @@ def _read_velocities(
     direction: Sequence[float] | None,
 ) -> Measurements:
     """Return the measured velocities in the table ``data``, m/s, with the contact forces of their
-    loads, N. The ``columns`` are the headings, by what the columns hold, of columns whose names are
-    not the usual ones; ``distance`` is the text of the option --distance.
+    loads, N.
 
-    Side forces are converted for the frame of the ``scene``; pressures and cutoff frequencies are
-    converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted. ``branch`` and
-    ``direction`` (p,) are those of the sound.
+    ``columns`` has the headings of columns whose names are not the usual ones, by what the columns
+    hold, and ``distance`` is the text of the option --distance. Side forces are converted for the
+    frame of the ``scene``. Pressures and cutoff frequencies are converted for the ``packing`` in
+    the ``medium``; ``parameters`` names what is fitted of the packing. ``branch`` and ``direction``
+    (p,), one component for each of p periods, are those of the sound.
     """
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import LENGTH
@@ -489,12 +492,12 @@ def _place_traced(
     medium: Any,
     parameters: tuple[str, ...],
 ) -> Measurements:
-    """Return as one measurement the velocity ``traced``, which the traces in the file ``data``
-    show, with its standard error, and the contact force of the one load of the ``scene``.
+    """Return as one measurement the velocity that the traces in the file ``data`` show,
+    ``traced``, with its standard error, and the contact force of the one load of the ``scene``.
 
-    A pressure is converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
-    InputError if the scene, of the file ``scene_file``, has several loads, or a load that is no
-    force, pressure or side_force.
+    A pressure is converted for the ``packing`` in the ``medium``; ``parameters`` names what is
+    fitted of the packing. InputError if the scene, of the file ``scene_file``, has several loads,
+    or a load that is no force, pressure or side_force.
     """
     import numpy as np
 
@@ -543,9 +546,9 @@ def _choose_sigma_and_frequency(
 
 
 def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[float] | None:
-    """Return the direction of sound (p,): that of the ``option`` --direction, or without the option
-    that of the scene in the file ``path``; None if neither names a direction. InputError if the
-    scene names several and the option is not given.
+    """Return the direction of sound (p,), a component for each of p periods: that of the ``option``
+    --direction, or without the option that of the ``scene`` in the file ``path``; None if neither
+    names a direction. InputError if the scene names several and the option is not given.
     """
     from granphon.base.validation import require
 
@@ -616,8 +619,8 @@ def _finish_fit(
     table: list[tuple[str, str]],
 ) -> None:
     """Write the ``files`` of a ``fit`` into the folder ``out``; both are None without the option
-    --out. Then print the ``notes`` as warnings, with the reason if the figure could not be drawn,
-    the rows of the ``table``, and the names of the files.
+    --out. Then print the ``notes`` as warnings, the reason if the figure could not be drawn, the
+    rows of the ``table``, and the names of the files.
     """
     failures: dict[str, str] = {}
     if files is not None:
@@ -631,9 +634,8 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
-    """Return the components (p,) of a direction from a text of numbers between spaces or commas.
-
-    Raises Refused for another text.
+    """Return the components of a direction from the text ``value``, in which spaces or commas part
+    the numbers; how many they are is not checked. Raises Refused for another text.
     """
     try:
         return [float(word) for word in value.replace(",", " ").split()]
@@ -787,8 +789,9 @@ def _say_written(out: str | None, name: str, failures: Mapping[str, str]) -> Non
 
 
 def _require_one_packing(study: str, scene_file: str, scene: Scene) -> Packing:
-    """Return the packing of the scene, of the file ``scene_file``; InputError for a crystal and for
-    a sweep over parameters, as the ``study`` is for one packing.
+    """Return the packing of the ``scene`` in the file ``scene_file``. InputError for a crystal and
+    for a sweep over parameters; the message says that the ``study``, such as "A fit", is for one
+    packing.
     """
     why = f"{study} is for one packing"
     if scene.packing.kind_names:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 
-#: numbers of the contacts of a state, and their SI units
-_OF_CONTACTS = (
+#: quantities of the contacts of a state, and their SI units
+_CONTACT_QUANTITIES = (
     ("force", "N"),
     ("overlap", "m"),
     ("normal_stiffness", "N/m"),
@@ -36,7 +36,7 @@ _NAME_WIDTH = 22
 #: greatest number of chosen media that a line names; the others are counted together
 _MOST_CHOICES = 4
 #: warnings about files that the command has printed already
-_PRINTED: list[str] = []
+_PRINTED_WARNINGS: list[str] = []
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
 #: addition to that message if tasks have been finished
@@ -44,10 +44,10 @@ GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
-    """Print ``rows`` of a name and a text each in two columns, of which the first is as wide as the
-    longest name, and at least ``_NAME_WIDTH`` characters.
+    """Print ``rows``, each a name and a text, in two columns. The first column has room for the
+    longest name and a space, and at least ``_NAME_WIDTH`` characters.
     """
-    width = max(_NAME_WIDTH, *(len(name) + 1 for name, _ in rows)) if rows else 0
+    width = max([_NAME_WIDTH, *(len(name) + 1 for name, _ in rows)])
     for name, text in rows:
         say(f"  {name:<{width}}{text}")
 
@@ -61,22 +61,22 @@ def say(text: str) -> None:
 
 
 def warn_of_file(text: str) -> None:
-    """Print a warning, ``text``, about a file that is read, once in a command; what it says is not
-    repeated by :func:`warn`.
+    """Print the ``text`` of a warning about a file that is read, unless this command has printed
+    it. :func:`warn` does not repeat what the text says.
     """
-    if text not in _PRINTED:
+    if text not in _PRINTED_WARNINGS:
         warn([text])
-        _PRINTED.append(text)
+        _PRINTED_WARNINGS.append(text)
 
 
 def forget_warnings() -> None:
     """Forget which warnings about files have been printed: a new command begins."""
-    _PRINTED.clear()
+    _PRINTED_WARNINGS.clear()
 
 
 def warn(warnings: Sequence[str], most: int = 10) -> None:
-    """Print at most ``most`` warnings on standard error, and then how many more there are. What a
-    warning about a file has said before is left out.
+    """Print at most ``most`` of the ``warnings`` on standard error, and then how many more there
+    are. What :func:`warn_of_file` has printed is left out.
     """
     new_warnings = [warning for warning in warnings if not _was_printed(warning)]
     lines = new_warnings[:most]
@@ -87,11 +87,10 @@ def warn(warnings: Sequence[str], most: int = 10) -> None:
 
 
 def _was_printed(warning: str) -> bool:
-    """Whether a warning about a file has said what this ``warning`` says: a warning about a file
-    begins with the name of the file, and goes on with a small letter.
-    """
+    """Whether :func:`warn_of_file` has printed what this ``warning`` says."""
+    # a warning about a file has the name of the file before it, and goes on with a small letter
     end = f": {warning[:1].lower()}{warning[1:]}"
-    return any(printed.endswith(end) for printed in _PRINTED)
+    return any(printed.endswith(end) for printed in _PRINTED_WARNINGS)
 
 
 def fail(text: str, code: int) -> int:
@@ -101,9 +100,11 @@ def fail(text: str, code: int) -> int:
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the ``path`` given for ``option``, None if
-    none is given, is empty or consists of dashes alone: other programs take one dash for a stream,
-    and two dashes for the end of the options, so that neither is meant as a name.
+    """Raise :class:`~granphon.base.errors.InputError` if the ``path`` of an ``option`` is empty or
+    consists of dashes alone; do nothing if the path is None, as of an option that is not given.
+
+    Other programs take one dash for a stream, and two dashes for the end of the options: neither is
+    meant as a name.
     """
     if path == "":
         mend = "Name a file or folder; perhaps a shell variable is not set"
@@ -169,8 +170,8 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 
 
 def write_range(value: Any, unit: str, digits: int = 5) -> str:
-    """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and so many
-    ``digits``; of several values in any shape the text of the least and the greatest, "1 N to 2 N".
+    """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and this number of
+    ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N".
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
@@ -237,8 +238,8 @@ def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
 
 def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
     """Return the row on the media that automatic media of a scene have chosen: the number of states
-    that each serves, and the least and the greatest expected error; no row if no medium is
-    automatic.
+    that each serves, and the least and the greatest expected error. There is no row if no medium
+    is automatic.
     """
     chosen_media = [
         serving
@@ -263,9 +264,9 @@ def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _name_media(counts: dict[str, int]) -> str:
-    """Return the labels of media with the number of states that each serves, from these ``counts``
-    by label: "ema at 3 states, afa at 2 states"; of one medium the label alone. The states of the
-    media beyond the first few are counted together.
+    """Return the labels of media with the number of states that each serves, "ema at 3 states, afa
+    at 2 states", from these ``counts`` by label. One medium has the label alone. The states of the
+    media beyond the first ``_MOST_CHOICES`` are counted together.
     """
     if len(counts) == 1:
         return next(iter(counts))
@@ -277,12 +278,13 @@ def _name_media(counts: dict[str, int]) -> str:
 
 
 def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
-    """Return the rows on force, overlap and stiffnesses of the contacts in the states of a scene:
-    of several states the least and the greatest of each, and if the scene has standard errors also
-    those of these numbers and the parameters that cause most of them. No rows if some states are
-    not quick to find.
+    """Return the rows on force, overlap and stiffnesses of the contacts in the states of a scene;
+    several states have the least and the greatest of each.
+
+    If the scene has standard errors, the rows have those of these numbers too, and the parameters
+    that cause most of them. There are no rows if some states are not quick to find.
     """
-    numbers = scene.plan.collect([name for name, _ in _OF_CONTACTS])
+    numbers = scene.plan.collect([name for name, _ in _CONTACT_QUANTITIES])
     if not numbers:
         return []
     errors: dict[str, Any] = {"errors_from": {}}
@@ -292,7 +294,7 @@ def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
         errors = find_state_errors(scene, numbers)
     texts = {
         name: _write_number(numbers[name], errors.get(f"{name}_error"), unit, 5)
-        for name, unit in _OF_CONTACTS
+        for name, unit in _CONTACT_QUANTITIES
     }
     sources = {spell(name): parameter for name, parameter in errors["errors_from"].items()}
     return [
@@ -352,6 +354,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         text = _write_number(numbers[name], numbers.get(f"{name}_error"), entry.unit, entry.digits)
         if entry.zero and not any(np.ravel(numbers[name])):
             text = entry.zero
+        # a wave of an edge runs along the path, whatever direction the scene has
         if entry.unit == "m/s" and entry.cost != "surface":
             text += direction
         rows.append((entry.label.lower(), text))
@@ -408,11 +411,11 @@ def _describe_design(numbers: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     """Return the text of a ``value`` in the SI ``unit``, or of the least and the greatest of
-    several values, with so many ``digits``.
+    several values, with this number of ``digits``.
 
-    If the standard ``error``, of the same shape, is not None, it is written too. It then decides
-    how many digits a single value has; several values have five, and behind them stand the least
-    and the greatest error.
+    A standard ``error`` that is not None has the shape of the value, and is written too. The error
+    then decides how many digits a single value has. Several values then have five digits, followed
+    by the least and the greatest error.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
@@ -429,9 +432,9 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
 
 
 def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) -> str:
-    """Return in words the three widest ``gaps``, lower and upper edges (n, 2) Hz, in ascending
-    order, and the number of the others. The standard ``errors`` of the edges, (n, 2) Hz, are
-    written too if they are not None.
+    """Return in words the three widest of n ``gaps``, in ascending order, and the number of the
+    other gaps; "none" without a gap. ``gaps`` are the lower and upper edges, (n, 2), Hz; standard
+    ``errors`` of the edges, (n, 2), Hz, are written too unless they are None.
     """
     # numbers of the gaps; the least of lower minus upper edge is the widest gap
     widest = sorted(range(len(gaps)), key=lambda number: gaps[number][0] - gaps[number][1])[:3]
@@ -449,7 +452,9 @@ def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) ->
 
 
 def write_direction(direction: Any) -> str:
-    """Return the text of one direction, (p,), as "(1, 0)", or of several, (n, p), their number."""
+    """Return the text of a direction, "(1, 0)", from its components; of several directions, (n,
+    components), return their number, "3 directions".
+    """
     if isinstance(direction[0], float | int):
         return f"({', '.join(f'{x:g}' for x in direction)})"
     return counted(len(direction), "direction")
@@ -485,8 +490,9 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 
 def _write_valued(value: float, error: float, unit: str) -> str:
-    """Return the text of a fitted value with its standard error, both in the SI ``unit``, which is
-    empty for a number; an error that is nan or infinite is not known.
+    """Return the text of a fitted ``value`` with its standard ``error``, both in the SI ``unit``,
+    which is empty for a plain number. Of an error that is nan or infinite the text says that it is
+    not known.
     """
     if not math.isfinite(error):
         return f"{write_quantity(value, unit)}, error not known"

@@ -20,7 +20,7 @@ from granphon.cli.terminal import require_name, say, say_table, warn
 if TYPE_CHECKING:
     from granphon.fits.traces import Traces, TraceVelocity
 
-#: values of ``--lowpass`` that are no frequency
+#: value of ``--lowpass`` for traces that are not filtered
 _NO_FILTER = "none"
 
 
@@ -88,7 +88,7 @@ def find_velocity(
     if not target.suffix:
         raise InputError(f"--out is {out}, without an ending", mend="Use .png, .pdf or .svg")
     files = ResultFiles(target.parent, [target.name], force, inputs=data)
-    files.require_free()  # before the traces are read, and their velocity is found many times
+    files.require_free()  # before the velocity is found, which takes longer
     # without the option, the distances are those in the headings of the table
     places, errors = (None, []) if distances is None else _read_distances(distances)
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
@@ -113,8 +113,8 @@ def _read_options(
     lowpass: str,
     quiet_until: str | None,
 ) -> dict[str, Any]:
-    """Return the options of :meth:`Traces.velocity`, SI, from those of :func:`find_velocity`;
-    without the options that are not given.
+    """Return the keywords of :meth:`Traces.velocity`, with values in SI units, from the options of
+    :func:`find_velocity`; an option that is None has no keyword.
     """
     from granphon.base.quantities import FREQUENCY
     from granphon.base.validation import require
@@ -151,10 +151,11 @@ def _read_distances(option: str) -> tuple[list[float], list[float]]:
 
 
 def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:
-    """Return for each of the m sensors by how much the velocity, m/s, changes if the distance of
-    the sensor is larger by its standard error, in ``errors`` (m,), m: half the difference of the
-    velocities for the larger and the smaller distance. The ``options`` are those of
-    :meth:`Traces.velocity`.
+    """Return the change of the velocity, m/s, by an error of the distance of each of n sensors.
+
+    ``errors`` (n,), m, are the standard errors of the distances, in the order of the traces. A
+    change is half the difference of the velocities for the larger and the smaller distance. The
+    ``options`` are those of :meth:`Traces.velocity`.
     """
     effects = []
     for sensor, error in enumerate(errors):
@@ -180,8 +181,8 @@ def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:
 
 
 def _describe(traces: Traces, velocity: TraceVelocity) -> list[tuple[str, str]]:
-    """Return rows (name, text) on the velocity that traces show: how it was found, the arrival at
-    each sensor, and how well a straight line fits, if degrees of freedom are left.
+    """Return rows (name, text) on the ``velocity`` that ``traces`` show: how it was found, the
+    arrival at each sensor, and, if degrees of freedom are left, how well a straight line fits.
     """
     rows = [
         ("velocity", write_uncertain(velocity.velocity, velocity.stderr, "m/s")),

@@ -1,15 +1,15 @@
 """Balls, walls and a cell that touch: what comes to rest under a load.
 
 An assembly is a list of contacts between bodies. Its bodies are the balls that move, each with a
-displacement u; then the walls, each of which moves along one line; and last what is held, as a
-floor is. The cell strains uniformly. A contact whose vector from body to body is v at touch has,
-with small displacements and a small strain E,
+displacement u; then the walls, each of which moves along one line; and last one body for all that
+is held, as a floor is. The cell strains uniformly. A contact has the vector v from body i to body j
+at touch. With small displacements and a small strain E,
 
     w = u_j - u_i + E v,    overlap = o - n.w,    n = v/|v|
 
-with the overlap o of the bodies on their sites, zero but where their radii differ from those that
-touch. In exact directions the contact turns with its balls: n = (v + w)/|v + w|, and the overlap is
-o - (|v + w| - |v|). A contact with a flat wall does not turn.
+where o is the overlap of the bodies on their sites: zero if the bodies just touch there. In exact
+directions the contact turns with its balls: n = (v + w)/|v + w|, and the overlap is o - (|v + w| -
+|v|). A contact with a flat wall does not turn.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Assembly:
     cell : (p, p) the periods, m, along the first p axes.
     dimension : number d of axes along which balls move.
     directions : (k, d) unit vectors along which the walls move.
-    wall_balls : (k,) how many balls lean on each wall, or ride with the wall.
+    wall_balls : (k,) number of balls that lean on each wall or ride with the wall.
     grid : the contacts kind by kind, if they are those of an array of equal cells without walls;
         None otherwise.
     """
@@ -67,8 +67,8 @@ class Assembly:
     grid: Grid | None = None
 
     def __post_init__(self) -> None:
-        """Take read-only views of the numbers of bodies, as a grid gives them: for arrays that can
-        be written, loops would be compiled a second time.
+        """Replace ``i`` and ``j`` by read-only views. Those of a grid are read-only: for arrays
+        that can be written, loops would be compiled a second time.
         """
         for name in ("i", "j"):
             numbers = getattr(self, name).view()
@@ -122,11 +122,11 @@ class Assembly:
 
     @cached_property
     def standing(self) -> set[int]:
-        """How many strains of the cell may be free so that, while all contacts touch, no motion but
-        those of the whole costs no energy.
+        """Numbers of free strains of the cell with which the assembly stands while all contacts
+        touch: all motions but those of the whole cost energy.
 
-        Each element is such a number of free strains. The set is empty at first: a search for
-        motions without energy adds the number of free strains with which it has found none.
+        The set is empty at first. A search for motions that cost no energy adds to it the number of
+        free strains with which it has found none.
         """
         return set()
 
@@ -138,27 +138,29 @@ class Assembly:
     @cached_property
     def free_axes(self) -> list[int]:
         """The axes along which no wall and nothing held resists a motion of all balls together."""
-        hindering = np.abs(self.normal[~self.is_between_balls]) > ROUNDING
-        hindered = np.any(hindering, axis=0)
-        return [axis for axis in range(self.dimension) if not hindered[axis]]
+        has_component = np.abs(self.normal[~self.is_between_balls]) > ROUNDING
+        is_resisted = np.any(has_component, axis=0)
+        return [axis for axis in range(self.dimension) if not is_resisted[axis]]
 
     @cached_property
     def n_touching(self) -> Index:
-        """(n,) how many contacts each ball has, as :meth:`count_contacts` counts them."""
+        """(n,) number of all contacts of each ball, as :meth:`count_contacts` counts them."""
         return self.count_contacts(np.ones(self.n_contacts, bool))
 
     def count_contacts(self, chosen: Flags) -> Index:
-        """Return how many of the contacts that are ``chosen`` (n_c,) each ball (n,) has; contacts
-        of a ball with its own image, which hold no ball, are not counted.
+        """Return the number (n,) of contacts of each ball among those where ``chosen`` (n_c,) is
+        true. A contact of a ball with its own image holds no ball, and is not counted.
         """
-        counted = chosen & (self.i != self.j)
-        ends = np.concatenate([self.i[counted], self.j[counted]])
+        is_counted = chosen & (self.i != self.j)
+        ends = np.concatenate([self.i[is_counted], self.j[is_counted]])
         return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
 
     def find_stress(self, overlap: Array, normal: Array, deformation: Array) -> Array:
-        """Return the stress (p, p) on the cell, below zero where balls are pressed together: the
-        symmetric part of the virial of all contacts but those with flat walls, over the length,
-        area or volume of the cell; N, N/m or Pa with one, two or three periods.
+        """Return the stress (p, p) on the cell, N, N/m or Pa with one, two or three periods; it is
+        below zero where balls are pressed together.
+
+        The stress is minus the symmetric part of the virial over the length, area or volume of the
+        cell. Contacts with flat walls do not count in the virial.
 
         The contacts have the ``overlap`` (n_c,), m, and the ``normal`` (n_c, 3); the matrix
         ``deformation`` F (p, p) takes vectors of the cell at touch to those of the present cell.
@@ -263,12 +265,12 @@ class GridAssembly(Assembly):
 
     @cached_property
     def i(self) -> NDArray[np.int64]:
-        """(n_c,) numbers of the first balls of contacts."""
+        """(n_c,) numbers of the balls i of contacts."""
         return self.grid.ends[0]
 
     @cached_property
     def j(self) -> NDArray[np.int64]:
-        """(n_c,) numbers of the second balls of contacts."""
+        """(n_c,) numbers of the balls j of contacts."""
         return self.grid.ends[1]
 
     @cached_property
@@ -293,7 +295,7 @@ class GridAssembly(Assembly):
 
     @cached_property
     def is_flat(self) -> Flags:
-        """(n_c,) whether contacts are with flat walls: none is."""
+        """(n_c,) false: no contact is with a flat wall."""
         return np.zeros(self.n_contacts, bool)
 
     @cached_property
@@ -303,7 +305,7 @@ class GridAssembly(Assembly):
 
     @cached_property
     def free_axes(self) -> list[int]:
-        """The axes along which nothing hinders all balls together: all."""
+        """The axes along which nothing resists a motion of all balls together: all d axes."""
         return list(range(self.dimension))
 
     def spell_out(self) -> Assembly:

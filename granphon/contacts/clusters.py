@@ -1,9 +1,10 @@
-"""Loops over clusters of balls, compiled: the groups that contacts join, a step of Newton's method
+"""Compiled loops over clusters of balls: the groups that contacts join, a step of Newton's method
 for each group, and the slope of its energy along the step.
 
-Balls of a cluster are few, or have few contacts that are closed, so that they make chains: ordered
-from neighbour to neighbour (E. Cuthill and J. McKee, 1969) their matrix has all entries near the
-diagonal, and its factors L D L^T have entries between the first of a row and the diagonal alone.
+Arrays over balls are (n,) or (n, d), those over contacts (n_c,). The balls of a cluster are few, or
+they have few closed contacts and make chains. If balls are ordered from neighbour to neighbour (E.
+Cuthill and J. McKee, 1969), all entries of their matrix are near the diagonal, and a row of its
+factor L in L D L^T begins where the row of the matrix begins.
 """
 
 from __future__ import annotations
@@ -58,9 +59,9 @@ def join_balls(
 
 @compiled
 def find_largest(vectors: Array, group: NDArray[np.int64], largest: Array) -> None:
-    """Set ``largest`` (groups,) to the length of the longest of the ``vectors`` (n, d) of the balls
-    of each group, or to nan if a vector of the group is nan; ``group`` (n,) numbers the group of
-    each ball. Groups have the ``largest`` zero before.
+    """Set ``largest`` (groups,), which must be zeros before, to the greatest length of the
+    ``vectors`` (n, d) of the balls of each group, or to nan if a vector of the group is nan.
+    ``group`` (n,) is the number of the group of each ball.
     """
     n, d = vectors.shape
     for ball in range(n):
@@ -107,10 +108,10 @@ def _order_balls(
 
 @compiled
 def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
-    """Return the sum of the products of ``count`` numbers of ``values`` from ``start`` on with as
-    many from ``other_start`` on.
+    """Return the scalar product of two stretches of ``values``: ``count`` numbers from ``start``
+    on, and as many from ``other_start`` on.
     """
-    # four sums, which do not wait for each other, take less time than one
+    # four sums take less time than one: the processor adds to one while it still adds to another
     first = 0.0
     second = 0.0
     third = 0.0
@@ -131,14 +132,14 @@ def _list_neighbours(
     i: NDArray[np.int64], j: NDArray[np.int64], along: Array, n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``starts`` (n + 2,) and ``neighbours``: the neighbours of ball b are
-    ``neighbours[starts[b] : starts[b + 1]]``.
+    ``neighbours[starts[b] : starts[b + 1]]``. The last number of ``starts`` is not used.
 
-    Neighbours are balls that share a closed contact, one whose stiffness ``along`` (n_c,) its
-    normal is above zero. Bodies from number n on are no neighbours.
+    Neighbours are balls that share a closed contact. A contact is closed if its stiffness ``along``
+    (n_c,) the normal is above zero. Bodies from number n on are no neighbours.
     """
-    # how many neighbours ball b has is counted in starts[b + 2]; the sums over balls are the starts
-    # of ball b in starts[b + 1], each of which counts up, as neighbours are written, to the start
-    # of the next ball
+    # starts[b + 2] first counts the neighbours of ball b. After the sums over balls, starts[b + 1]
+    # is the start of ball b. It counts up as neighbours of ball b are written, and is the start of
+    # ball b + 1 in the end
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
         if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
@@ -161,11 +162,11 @@ def _order_clusters(
     starts: NDArray[np.int64], neighbours: NDArray[np.int64], moves: Flags
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``order``, the balls of all clusters cluster after cluster, and ``place`` (n,), the
-    index of each ball in ``order``, which is -1 for balls that do not move.
+    index of each ball in ``order``, which is -1 for balls of no cluster.
 
-    The balls that move are those where ``moves`` (n,) is true; a cluster is all balls that closed
-    contacts join to one of them. Each cluster is ordered from one of its ends, which keeps the
-    entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are those of
+    A cluster is a ball where ``moves`` (n,) is true with all balls that closed contacts join to it,
+    whether ``moves`` is true for these or not. Each cluster is ordered from one of its ends, which
+    keeps the entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are those of
     :func:`_list_neighbours`.
     """
     n = len(moves)
@@ -194,10 +195,11 @@ def _lay_rows(
     """Return how the lower triangle of the matrix of all clusters is stored: ``first`` (rows,),
     ``row_starts`` (rows,) and the number of entries.
 
-    Ball ``order[e]`` has the ``d`` rows from d e on. Each row is stored from column ``first[row]``,
-    the earliest one of a neighbour, to the diagonal; the entry of a column has the index
-    ``row_starts[row] + column`` among all entries. ``starts`` and ``neighbours`` are those of
-    :func:`_list_neighbours`, ``order`` and ``place`` those of :func:`_order_clusters`.
+    Ball ``order[e]`` has the ``d`` rows from d e on. Each row is stored from column ``first[row]``
+    to the diagonal. This column is the first one of the ball itself or, if that is earlier, of a
+    neighbour. The entry of a column has the index ``row_starts[row] + column`` among all entries.
+    ``starts`` and ``neighbours`` are those of :func:`_list_neighbours`, ``order`` and ``place``
+    those of :func:`_order_clusters`.
     """
     size = d * len(order)
     first = np.empty(size, np.int64)
@@ -230,10 +232,11 @@ def _add_contacts(
     """Add the stiffness matrix of each closed contact, ``along`` nn + ``across`` (1 - nn), to the
     entries ``values`` of the lower triangle.
 
-    ``ends`` are the numbers (n_c,) of the two bodies of contacts, ``normal`` (n_c, 3) their unit
-    vectors, ``along`` and ``across`` (n_c,) their stiffnesses. ``place`` (n,) is that of
+    ``ends`` are the numbers (n_c,) of bodies i and of bodies j; ``normal`` (n_c, 3) are unit
+    vectors n, and ``along`` and ``across`` (n_c,) stiffnesses. ``place`` (n,) is that of
     :func:`_order_clusters`, ``row_starts`` (rows,) that of :func:`_lay_rows`, and ``d`` the number
-    of axes. A body without a place does not move: then only the block of the other one is added.
+    of axes. A body without a place does not move: the contact then adds only the block of its other
+    body.
     """
     i, j = ends
     n = len(place)
@@ -273,7 +276,7 @@ def _solve(
     """
     size = len(first)
     diagonal = np.empty(size)
-    # row by row: the entries of L D, then those of L, then L^-1 of the right side
+    # row by row: the entries of L D, then those of L, and L^-1 times the right side
     for row in range(size):
         row_start = row_starts[row]
         begin = first[row]
@@ -290,7 +293,7 @@ def _solve(
         diagonal[row] = pivot
     for row in range(size):
         solution[row] /= diagonal[row]
-    # L^-T of D^-1 L^-1 of the right side
+    # L^-T times what D^-1 L^-1 makes of the right side
     for row in range(size - 1, -1, -1):
         for column in range(first[row], row):
             solution[column] -= values[row_starts[row] + column] * solution[row]
@@ -314,11 +317,13 @@ def find_cluster_steps(
 
     Parameters
     ----------
-    i, j : (n_c,) numbers of the two bodies of each contact; those from n on are held.
-    normal : (n_c, 3) unit vectors.
+    i, j : (n_c,) numbers of the two bodies of each contact; bodies from number n on are held.
+    normal : (n_c, 3) unit vectors from body i to body j.
     along, across : (n_c,) stiffnesses along normals and across them, zero or above; contacts
         with ``along`` zero are open.
     springs : (n,) stiffnesses, above zero, that hold balls to the ground.
+    moves : (n,) whether each ball moves.
+    forces, steps : (n, d) forces on balls, and displacements, set.
     """
     n, d = forces.shape
     steps[:] = 0.0
@@ -358,11 +363,12 @@ def measure_slopes(
     contacts per unit of the length of each group's step, and ``rise`` (groups,) to the rate at
     which ``work`` falls with the length.
 
-    The step of a ball is its length times ``steps`` (n, d). Contacts (n_c,) have the numbers ``i``
-    and ``j`` of their bodies, the ``current`` vectors (n_c, 3) from body to body of the length
-    ``distance``, a ``force`` and a ``stiffness``; ``group`` (n,) numbers the group of each ball.
-    Bodies from number n on do not move; two balls of a contact that acts are in one group. Changes
-    of directions are left out of ``rise``.
+    A ball moves by the length of its group's step times ``steps`` (n, d); ``group`` (n,) is the
+    number of the group of each ball. Contacts have the bodies ``i`` and ``j``, the ``current``
+    vector (n_c, 3) from body i to body j, its length ``distance``, a ``force``, above zero where it
+    pushes, and a ``stiffness``, (n_c,) each. Bodies from number n on do not move. A contact with a
+    force or a stiffness must have a ball, and two balls of it must be in one group. The rate leaves
+    out that directions change.
     """
     n, d = steps.shape
     work[:] = 0.0
@@ -402,24 +408,24 @@ def choose_lengths(
     high: Array,
     is_done: Flags,
 ) -> bool:
-    """Choose the ``length`` (groups,) of the step that each group tries next; return whether all
+    """Set the ``length`` (groups,) of the step that each group tries next; return whether all
     groups are done.
 
     Parameters
     ----------
-    work, rise : (groups,) the work at the present length and its fall with the length, of
-        :func:`measure_slopes`.
+    work, rise : (groups,) work at the present length, and the rate at which it falls with the
+        length: those of :func:`measure_slopes`.
     first : (groups,) work at length zero.
-    exponent : of a contact's force as a function of its overlap. While a single contact closes on
-        the way, the work is first - c (length - closing length)^exponent: the root of this
-        function is the next trial.
-    slope : part of ``first``; a group is done where the magnitude of its work is at most this part.
-    length : (groups,) present lengths, which are set to the next ones.
-    low, high : (groups,) lengths between which the work passes zero, which are narrowed; ``high``
-        is infinite until a trial has gone too far. No trial is longer than one.
-    is_done : (groups,) set to true where a group is done: also where its work is not below zero,
-        so that its energy still falls, and no trial of the group has gone too far. Groups that are
-        done before are left as they are.
+    exponent : exponent of the force of a contact as a function of its overlap. If a single contact
+        closes as the step grows, the work is first - c (length - closing length)^exponent: where
+        the work is below zero, the root of this function is the next trial.
+    slope : a group is done if the magnitude of its work is at most ``slope`` times ``first``.
+    length : (groups,) present lengths, set to the next ones.
+    low, high : (groups,) lengths between which the work passes zero, narrowed; ``high`` is infinite
+        until a trial has gone too far. No trial is longer than one.
+    is_done : (groups,) set to true where a group is done by ``slope``, or where its work is not
+        below zero and no trial of the group has gone too far: its energy still falls at the present
+        length. Groups that are done before are left as they are.
     """
     all_done = True
     for group in range(len(work)):
@@ -435,13 +441,15 @@ def choose_lengths(
             is_done[group] = True
             continue
         all_done = False
-        change = -work[group]
-        if change > 0.0:
-            # beyond the root, Newton's step would be too short: the root of the power instead
-            fall = first[group] + change
-            change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
-        root = trial - change / rise[group] if rise[group] > 0.0 else trial
-        # at least a tenth of the interval is cut off at either end, so that trials come to its end
+        # the root is the length less `excess` over the rate at which the work falls
+        excess = -work[group]
+        if excess > 0.0:
+            # beyond the root Newton's step would be too short: the root of the power instead
+            fall = first[group] + excess
+            excess = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
+        root = trial - excess / rise[group] if rise[group] > 0.0 else trial
+        # a trial stays a tenth of the interval away from either end, so that each trial narrows the
+        # interval by at least a tenth
         end = min(high[group], 1.0)
         least = 0.9 * low[group] + 0.1 * end
         most = 0.1 * low[group] + 0.9 * end

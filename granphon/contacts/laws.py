@@ -112,14 +112,15 @@ class ContactLaws:
         return bool(np.any(self.tension > 0.0))
 
     def size(self, force: Array) -> float:
-        """Return the size of forces by which residuals are measured, N: the mean magnitude of the
-        forces (n_c,) that are not zero, or the mean :attr:`adhesion` of all contacts if that is
-        larger.
+        """Return the size of forces by which residuals are measured, N. It is the larger of two
+        means: that of the magnitudes of the forces ``force`` (n_c,), N, that are not zero, and that
+        of the :attr:`adhesion` of all contacts.
 
         The size is zero if no force acts and no contact adheres.
         """
-        loaded = np.abs(force[force != 0.0])
-        return max(float(np.mean(loaded)) if loaded.size else 0.0, self._mean_adhesion)
+        magnitudes = np.abs(force[force != 0.0])
+        mean_magnitude = float(np.mean(magnitudes)) if magnitudes.size else 0.0
+        return max(mean_magnitude, self._mean_adhesion)
 
     @cached_property
     def _mean_adhesion(self) -> float:
@@ -127,9 +128,9 @@ class ContactLaws:
         return float(np.mean(self.adhesion))
 
     def among(self, contacts: Index) -> ContactLaws:
-        """Return the laws of the chosen ``contacts``, whose numbers differ from each other,
-        numbered anew from zero in this order. A law of which no contact is chosen stays, without
-        contacts.
+        """Return the laws of the chosen ``contacts``, numbers that differ from each other; contacts
+        are numbered anew from zero in the order of ``contacts``. A law without a chosen contact
+        keeps a group, which is empty.
         """
         new_number = np.full(self.count, -1)
         new_number[contacts] = np.arange(len(contacts))
@@ -140,9 +141,11 @@ class ContactLaws:
         return ContactLaws(groups, len(contacts), self.modulus[contacts], self._limits)
 
     def append(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> ContactLaws:
-        """Return the laws of these contacts and, numbered after them, of ``count`` further ones.
+        """Return the laws of these contacts and of ``count`` further ones, which are numbered after
+        these.
 
-        ``groups`` are the laws of the further contacts, numbered from zero; their ``modulus`` is 1.
+        ``groups`` are the laws of the further contacts, with their indices from zero; their
+        ``modulus`` is 1 Pa.
         """
         if not count:
             return self
@@ -173,11 +176,11 @@ class ContactLaws:
         return self._evaluate(overlap, ENERGY)
 
     def _evaluate(self, overlap: Array, order: int) -> Array:
-        """Return the energy of each contact (n_c,), J, by its law, or the derivative of ``order`` 1
-        to 3: force, stiffness or its slope, J/m^order.
+        """Return the derivative of ``order`` 0 to 3 of the energy of each contact (n_c,), by its
+        law: energy, force, stiffness or slope of the stiffness, J/m^order.
 
-        Trials of a solver may leave the floating range, which the solver notices: laws of granphon
-        are evaluated without checks.
+        Laws of granphon are evaluated without checks of the overlaps: trials of a solver may leave
+        the range of floating numbers, and the solver notices that itself.
         """
         if self._law is not None:
             return np.asarray(self._law._evaluate(overlap, order))
@@ -196,8 +199,8 @@ class ContactLaws:
         return values
 
     def overlap(self, forces: Array) -> Array:
-        """Return the overlaps (n_c,), m, at ``forces`` (n_c,), N, that contacts can bear; zero for
-        contacts without a law.
+        """Return the overlaps (n_c,), m, at which contacts have the ``forces`` (n_c,), N, which the
+        contacts must be able to bear; zero for contacts without a law.
         """
         overlaps = np.zeros(self.count)
         for law, contacts in self.groups:

@@ -106,7 +106,8 @@ class MovingContacts:
         punches; rows is 4, or 8 with twist and rolling.
     held : (rows - 1, n_c) forces across contacts at rest.
     springs : (n, m) stiffnesses of springs to the ground; None without such springs.
-    on_balls : (n, m) forces of contacts and of springs to the ground on balls, set by each step.
+    on_balls : (n, m) forces of contacts, their dashpots, and springs to the ground on balls, set by
+        each step.
     still : (n, m) the same forces at rest.
     dash : (rows, n_c) forces of dashpots, set by each step with dashpots; (rows, 0) without any.
     stiffest : greatest stiffness of a contact, or of a flat punch as wide, after the last step,
@@ -132,7 +133,7 @@ class MovingContacts:
             self.springs = network.on_site[:, : len(self.axes)]
         self._is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
-        self.held = _find_held(network, self.ratios.shape)
+        self.held = _find_rest_forces(network, self.ratios.shape)
         geometry = _find_true_geometry(network, pairs) if rules.turns else _find_geometry(network)
         columns = _list_columns(geometry, law, self.ratios, self._is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
@@ -156,19 +157,20 @@ class MovingContacts:
 
     def make_moment(self) -> Moment:
         """Return the moment of rest: no motions, and the forces across contacts at rest.
-        Stiffnesses are ones, which the caller has to set; ``punch`` is ``k`` itself if the law does
-        not know the radii of contacts.
+        Stiffnesses are ones, which the caller has to replace; ``punch`` is the array ``k`` itself
+        if the law does not know the radii of contacts.
         """
         n_contacts = len(self._columns.i)
         pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
         k = np.ones(n_contacts)
-        # laws that do not know radii have k for punches
+        # a law that does not know radii takes the normal stiffness for that of a punch
         punch = np.ones(n_contacts) if self.law.know_radii else k
         return Moment(np.zeros_like(self.on_balls), np.zeros(n_contacts), pull, k, punch)
 
     def make_spare(self, moment: Moment, has_pull: bool) -> Moment:
-        """Return a moment with arrays like those of another ``moment``, whose values the caller has
-        to set; ``pull`` is a new array if ``has_pull``, and otherwise that of the other moment.
+        """Return a new moment whose arrays have the shapes of those of ``moment``; the caller has
+        to set their values. ``pull`` is a new array if ``has_pull``, and otherwise the array of
+        ``moment``.
         """
         k = np.empty_like(moment.k)
         return Moment(
@@ -186,7 +188,7 @@ class MovingContacts:
     def press(self, moment: Moment, joined: Any) -> None:
         """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
 
-        ``joined`` (n_c,) says which contacts whose force jumps are joined: see
+        ``joined`` (n_c,) says which contacts whose force jumps are joined, None that all are: see
         :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise they
         are the normal stiffnesses, in the same array.
         """
@@ -198,8 +200,8 @@ class MovingContacts:
         """Set all of a ``moment`` but its motions, as if balls had come to these motions from rest
         in one step; return which contacts (n_c,) are joined, None if no force jumps.
 
-        In the step contacts are as stiff as at its end, and forces beyond Coulomb's limit slide to
-        it. The step also sets :attr:`on_balls`.
+        In the step contacts are as stiff as at its end, and forces across contacts stay within
+        Coulomb's limit. The step also sets :attr:`on_balls` and :attr:`stiffest`.
         """
         self.measure(moment)
         joined = self.law.begin(moment.e)
@@ -209,11 +211,12 @@ class MovingContacts:
         return joined
 
     def act(self, moment: Moment, speeds: Array) -> None:
-        """Set :attr:`on_balls` to the forces of contacts at a ``moment``, and of their dashpots at
-        the ``speeds`` (n, m) of the balls, and with it :attr:`dash` and :attr:`stiffest`; the
-        moment is not changed.
+        """Set :attr:`on_balls` to the forces at a ``moment``, with those of dashpots at the
+        ``speeds`` (n, m) of the balls; also set :attr:`dash` and :attr:`stiffest`. The moment is
+        not changed.
         """
-        after = moment._replace(pull=moment.pull.copy())  # of a step without motion
+        # a step without motion
+        after = moment._replace(pull=moment.pull.copy())
         self._advance(moment, after, self._stick, speeds=speeds)
 
     def follow(
@@ -223,9 +226,9 @@ class MovingContacts:
         it, with those of dashpots at the ``speeds`` (n, m) after it. Return the energy, J, that
         slip, twist and roll take up in the step, and that which dashpots take up.
 
-        The motions ``after`` are given, and so are elongations, normal forces and stiffnesses,
-        unless ``knows_law``: then loops find them by Hertz's law, and do not set them. The caller
-        may ask for this if :attr:`knows_law` is true.
+        The moment ``after`` has to have its motions, and unless ``knows_law`` also its elongations,
+        normal forces and stiffnesses. If ``knows_law``, loops find these by Hertz's law and do not
+        set them; the caller may ask for this if :attr:`knows_law` is true.
         """
         return self._advance(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
 
@@ -259,11 +262,12 @@ class MovingContacts:
         the two energies of :meth:`follow`.
 
         ``mean``, ``speeds`` and ``step`` are those of the loop
-        :func:`~granphon.contacts.motion_loops.follow`; without ``mean`` and ``speeds`` dashpots do
-        not act. Sets :attr:`on_balls` and :attr:`stiffest`, and :attr:`dash` if dashpots act.
+        :func:`~granphon.contacts.motion_loops.follow`. If both ``mean`` and ``speeds`` are None,
+        dashpots do not act. Sets :attr:`on_balls` and :attr:`stiffest`, and :attr:`dash` if
+        dashpots act.
         """
         has_dash = speeds is not None or mean is not None
-        spent, damped, self.stiffest = loops.follow(
+        side_energy, dashpot_energy, self.stiffest = loops.follow(
             self._columns,
             rules,
             self.axes,
@@ -276,19 +280,20 @@ class MovingContacts:
             self.on_balls,
         )
         if self.springs is not None:
-            # the mean of a force that is linear is that of both ends
-            moved = after.motions if mean is None else 0.5 * (before.motions + after.motions)
-            self.on_balls -= self.springs * moved
-        if not rules.is_hertz:
+            # the mean of a linear force over the step is the mean of the forces at its two ends
+            motions = after.motions if mean is None else 0.5 * (before.motions + after.motions)
+            self.on_balls -= self.springs * motions
+        if not rules.is_hertz:  # by Hertz's law, normal stiffnesses are those of punches
             self.stiffest = max(self.stiffest, float(np.max(after.k, initial=0.0)))
-        return spent, damped
+        return side_energy, dashpot_energy
 
     def rest_energy(self, moment: Moment) -> float:
         """Return the part, J, of the energy at a ``moment`` that the laws of contacts do not count:
-        that of the loads which hold the balls at rest, and of springs to the ground.
+        that of the loads which hold the balls at rest, and that of springs to the ground.
 
         The energy of a law contains that of a load f_0 along its contact. Where directions turn,
-        the loads on balls take the place of these, which are subtracted.
+        the balls are held by other loads, which do not turn: the energies of the loads f_0 are
+        subtracted.
         """
         energy = float(np.sum(self.still * moment.motions))
         if self.springs is not None:
@@ -298,14 +303,14 @@ class MovingContacts:
         return energy
 
     def shear_energy(self, moment: Moment) -> float:
-        """Return the energy, J, that all contacts together store by slip, twist and rolling,
-        T^2/2k_t for each force T of a ``moment``.
+        """Return the energy, J, that all contacts together store by slip, twist and rolling at a
+        ``moment``: the sum of T^2/2k_t over all forces and torques T.
         """
-        sides = moment.pull[1:]
+        forces = moment.pull[1:]
         double_stiffness = 2.0 * self.ratios * moment.punch
         is_closed = double_stiffness > 0.0
         energies = np.divide(
-            sides * sides, double_stiffness, out=np.zeros_like(sides), where=is_closed
+            forces * forces, double_stiffness, out=np.zeros_like(forces), where=is_closed
         )
         return float(np.sum(energies))
 
@@ -314,8 +319,8 @@ class MovingContacts:
         return np.asarray(np.sqrt(np.sum(moment.pull[1:_ROWS_OF_SLIP] ** 2, axis=0)))
 
     def pass_ends(self, e: Array, joined: Any) -> Array:
-        """Return how far, m, each contact whose force jumps has passed the elongation at which it
-        joins or parts, see :meth:`PairLaws.pass_ends`; (0,) if no force jumps.
+        """Return how far (n_jumps,), m, each contact whose force jumps has passed its end at
+        elongations e (n_c,), m: see :meth:`PairLaws.pass_ends`; (0,) if no force jumps.
         """
         if isinstance(self.law, PairLaws):
             return self.law.pass_ends(e, joined)
@@ -325,25 +330,25 @@ class MovingContacts:
         """Join or part the contacts of a ``moment`` that have passed their ends, of a law with
         forces that jump; ``joined`` (n_c,) says which are joined before, and is not changed.
 
-        Return which contacts are joined after that, the numbers of those that have joined or
-        parted, and the energy lost, J. The forces across these contacts are set to zero, and the
-        normal forces and stiffnesses of the moment to those of contacts as they are now joined.
+        Return which contacts (n_c,) are joined after that, the numbers of those that have joined or
+        parted, and the energy lost, J. In the moment, the forces across contacts that have joined
+        or parted are set to zero, and all normal forces and stiffnesses are set anew.
         """
         law = self.law
-        have_passed = self.pass_ends(moment.e, joined) > 0.0
-        switched = law.jumps[have_passed]
-        renewed = joined.copy()
-        renewed[switched] = ~renewed[switched]
-        moment.pull[1:, switched] = 0.0
-        self.press(moment, renewed)
-        energy_before = law.store(moment.e, joined)[switched]
-        energy_after = law.store(moment.e, renewed)[switched]
-        return renewed, switched, float(np.sum(energy_before - energy_after))
+        has_passed = self.pass_ends(moment.e, joined) > 0.0
+        switched_contacts = law.jumps[has_passed]
+        is_joined = joined.copy()
+        is_joined[switched_contacts] = ~is_joined[switched_contacts]
+        moment.pull[1:, switched_contacts] = 0.0
+        self.press(moment, is_joined)
+        energy_before = law.store(moment.e, joined)[switched_contacts]
+        energy_after = law.store(moment.e, is_joined)[switched_contacts]
+        return is_joined, switched_contacts, float(np.sum(energy_before - energy_after))
 
 
 def measure_along(network: ContactNetwork, motions: Array) -> Array:
-    """Return the elongations (n_c,), m, of the contacts of a network, in the directions of rest,
-    whose balls have moved by ``motions`` (n, m) since rest.
+    """Return the elongations (n_c,), m, of the contacts of a ``network`` along their directions at
+    rest, if its balls have moved by ``motions`` (n, m) since rest.
     """
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
@@ -361,12 +366,13 @@ def _list_axes(network: ContactNetwork) -> Index:
     return np.array([*motions.translations, *(3 + axis for axis in motions.rotations)])
 
 
-def _find_held(network: ContactNetwork, shape: tuple[int, ...]) -> Array:
+def _find_rest_forces(network: ContactNetwork, shape: tuple[int, ...]) -> Array:
     """Return the forces across contacts at rest, in an array of this ``shape`` (3 or 7, n_c):
-    against slip (3) and, with 7 rows, torques against twist and against roll (3); zero of pairs
+    against slip (3) and, with 7 rows, torques against twist and against roll (3); zero for pairs
     that may meet.
 
-    The static force and torque of a contact act on ball j, and those that resist are opposite.
+    The static force and torque of a contact are those on ball j; the forces and torques that resist
+    slip, twist and roll have the opposite sign.
     """
     held = np.zeros(shape)
     n_contacts = network.n_contacts
@@ -439,7 +445,7 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
 
 
 def _find_geometry(network: ContactNetwork) -> _Geometry:
-    """Return the contacts of a network as contacts that keep their directions at rest: r is the
+    """Return the contacts of a ``network`` as contacts that keep their directions at rest: r is the
     normal, and arms are lengths, m.
     """
     zeros = np.zeros(network.n_contacts)
@@ -455,8 +461,8 @@ def _find_geometry(network: ContactNetwork) -> _Geometry:
 
 
 def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
-    """Return the contacts of a network and of ``pairs`` that may meet, which turn with their balls
-    unless they are with flat walls.
+    """Return the contacts of a ``network`` and, behind them, the ``pairs`` that may meet, as
+    contacts that turn with their balls. Those with flat walls keep their directions.
     """
     i = pairs.i
     j = pairs.j
@@ -464,19 +470,19 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
     is_wall = np.isinf(network.radii[j])
     radii_j = np.where(is_wall, 0.0, network.radii[j])
     vectors = np.where(is_flat[:, None], network.normal, network.vector)
-    apart = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
-    gap = np.linalg.norm(apart, axis=1) - network.radii[i] - radii_j - pairs.bulge
+    pair_vectors = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
+    gap = np.linalg.norm(pair_vectors, axis=1) - network.radii[i] - radii_j - pairs.bulge
     for wall, (wall_point, wall_normal) in network.walls.items():
         at_wall = j == wall
         balls = i[at_wall]
         to_wall = (wall_point - network.positions[balls]) @ wall_normal
-        apart[at_wall] = wall_normal
+        pair_vectors[at_wall] = wall_normal
         gap[at_wall] = to_wall - network.radii[balls]
-    r = np.concatenate([vectors, apart])
+    r = np.concatenate([vectors, pair_vectors])
     is_flat = np.append(is_flat, is_wall)
     # arms share the distance, so that torques balance the moment of forces across contacts
     arm_i = np.append(network.arm_i, network.radii[i])
-    near = np.where(is_flat, arm_i, arm_i / _find_arms(network, pairs))
+    near = np.where(is_flat, arm_i, arm_i / _find_arm_sums(network, pairs))
     levers = np.zeros((2, len(r)))
     if network.lever_excesses is not None:
         ends = np.stack([np.append(network.i, i), np.append(network.j, j)])
@@ -493,25 +499,25 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
     )
 
 
-def _find_arms(network: ContactNetwork, pairs: MetPairs) -> Array:
-    """Return the sum of both arms (n_c,), m, of each contact of the network and then of each pair,
-    whose arms are the radii; a flat wall has none.
+def _find_arm_sums(network: ContactNetwork, pairs: MetPairs) -> Array:
+    """Return the sums of both arms (n_c,), m, of each contact of the ``network`` and, behind, of
+    each of the ``pairs``. The arms of a pair are its radii; the arm of a flat wall is zero.
     """
     radii_j = np.where(np.isinf(network.radii[pairs.j]), 0.0, network.radii[pairs.j])
-    sums_of_pairs = network.radii[pairs.i] + radii_j
-    return np.append(network.arm_i + network.arm_j, sums_of_pairs)
+    pair_sums = network.radii[pairs.i] + radii_j
+    return np.append(network.arm_i + network.arm_j, pair_sums)
 
 
 def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Array:
-    """Return the stiffnesses of contacts and pairs against slip (3, n_c), or against slip, twist
-    and roll (7, n_c) if some contact resists twist or roll, or has a static torque on balls that
-    rotate, over those of flat punches.
+    """Return the stiffnesses of contacts and of pairs over those of flat punches, ``punch`` (n_c,),
+    N/m: (3, n_c), against slip; or (7, n_c), against slip (3), twist and roll (3), m^2. There are 7
+    rows if some contact resists twist or roll, or if it has a static torque and balls rotate.
 
-    The ratios of twist and roll of a pair, m^2, are the square of the distance of its balls at
-    touch times the mean over contacts of the ratio over that square.
+    The ratio of twist or roll of a pair is in proportion to the square of the distance of its balls
+    at touch; the factor is the mean over contacts.
     """
     slip = np.append(network.shear_stiffness / punch, pairs.slip_ratio)
-    squares, pair_squares = np.split(_find_arms(network, pairs) ** 2, [network.n_contacts])
+    squares, pair_squares = np.split(_find_arm_sums(network, pairs) ** 2, [network.n_contacts])
 
     def append_pairs(stiffness: Array) -> Array:
         """Return the ratios of a ``stiffness`` of contacts (n_c,), N m, and of pairs behind."""

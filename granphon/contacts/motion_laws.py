@@ -1,12 +1,12 @@
 """The laws of contacts that move, as functions of the elongations of contacts since rest.
 
-A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap
-is h = h_0 - e. It pushes by its law and is open where that is zero.
+A contact at rest has the overlap h_0 and the force f_0. An elongation e leaves it the overlap h =
+h_0 - e. Arrays over the contacts of a law are (n,).
 
-Some laws jump: of balls that adhere, the force is not zero where they touch or part. Such a contact
-is joined or not. It joins where the balls come to touch, and parts where the law ends, which may be
-farther apart: what that takes of the energy is lost. Forces are those of contacts as they are
-joined, until a step ends at which they join or part.
+Some laws jump: if balls adhere, their force is not zero where they touch or part. Such a contact is
+joined or not. It joins where the balls come to touch, and parts where the law ends, which may be
+farther apart: the energy that lies between is lost. Within a step a contact stays joined or not as
+it was before; it joins or parts at the end of a step.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from granphon.contacts.laws import ContactLaws
 #: the least normal number: divisor in place of zero, where the numerator is zero too, and least
 #: force, N, that counts as a jump
 _LEAST_NORMAL = hertz.LEAST_NORMAL
-#: change of an overlap, over the overlap, up to which the mean force is that of Gauss's two points:
-#: a difference of energies would lose more digits
+#: ratio of a change of an overlap to the overlap up to which a mean force is that of Gauss's two
+#: points: a difference of energies would lose more digits
 _CLOSE = 2e-3
 #: distance of Gauss's two points from the middle of an interval, over its length
 _GAUSS = 0.5 / math.sqrt(3.0)
 
 
 def share(values: Array) -> Array:
-    """Return the array ``values`` (..., n) of contacts; where all n contacts have the same value,
-    as a read-only view of the first number, which the processor reads faster.
+    """Return the array ``values`` (..., n) of contacts. If all n contacts have the same values, the
+    result is a read-only view of those of the first contact, which the processor reads faster.
     """
     first = values[..., :1]
     if np.all(values == first):
@@ -48,7 +48,7 @@ class Powers:
     ----------
     exponent, coefficient : a, and c (n,), N/m^a.
     overlap : (n,) at rest, m.
-    root : (n,) root of the overlap, m^1/2; the least normal number in place of zero.
+    root : (n,) square root of the overlap at rest, m^1/2; the least normal number in place of zero.
     rest : (n,) force at rest, N.
     end : (n,) elongation at which a contact opens, m.
     jumps : numbers of the contacts whose force jumps: none.
@@ -74,8 +74,8 @@ class Powers:
         k (n,), N/m, at elongations e (n,), m; both are written into the two arrays ``out``, if
         given.
 
-        ``joined`` (n,) says which of the contacts whose force jumps are joined; by default all are.
-        Forces of this law do not jump, and ``joined`` is not read.
+        ``joined`` (n,) says which of the contacts whose force jumps are joined; if it is None, all
+        are. No force of this law jumps, and ``joined`` is not read.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         a = self.exponent
@@ -111,8 +111,9 @@ class Powers:
         return _mean_of(self, e, end)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """Return the energy (n,), J, of each contact together with that of a load f_0 which holds
-        it at rest, since rest and at elongations e (n,), m: zero at e = 0, and never below.
+        """Return the energy (n,), J, of each contact at elongations e (n,), m, less that at rest,
+        and with the energy f_0 e of a load f_0 that holds the contact at rest. It is zero at e = 0,
+        and never below zero.
         """
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
@@ -169,11 +170,11 @@ class PairLaws:
         self._parting_force = parting_force[self.jumps]
 
     def begin(self, e: Array) -> Any:
-        """Return which contacts are joined (n,), as for :meth:`press`, at elongations e (n,), m;
-        None where no force jumps.
+        """Return which contacts (n,) are joined at elongations e (n,), m, for :meth:`press`; None
+        if no force jumps.
 
-        A contact of the network is joined from the least overlap of its law on, balls that may meet
-        from where they touch.
+        A contact that is closed at rest is joined from the least overlap of its law on; a contact
+        of balls that are apart at rest is joined from the overlap at which they touch.
         """
         if not len(self.jumps):
             return None
@@ -184,9 +185,9 @@ class PairLaws:
         return h >= least_joined
 
     def pass_ends(self, e: Array, joined: Array) -> Array:
-        """Return how far (n_jumps,), m, the contacts :attr:`jumps` have passed, at elongations e
-        (n,), m, the overlap at which they part, if they are ``joined`` (n,), or else join; below
-        zero before that overlap.
+        """Return how far (n_jumps,), m, each of the contacts :attr:`jumps` has passed its end at
+        elongations e (n,), m; below zero before the end. The end of a contact that is ``joined``
+        (n,) is the overlap at which it parts, and that of any other the overlap at which it joins.
         """
         jumps = self.jumps
         h = self.overlap[jumps] - e[jumps]
@@ -239,9 +240,9 @@ class PairLaws:
         return _mean_of(self, e, end, joined)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """Return the energies (n,), J, of :meth:`Powers.store` at elongations ``e`` (n,), m, which
-        may be below zero where contacts adhere. Contacts that are not ``joined`` (n,) keep the
-        energy of the law at which they part.
+        """Return the energies (n,), J, of :meth:`Powers.store` at elongations ``e`` (n,), m; if
+        contacts adhere, they may be below zero. A contact whose force jumps and that is not
+        ``joined`` (n,) has the energy with which its law ends.
         """
         first = self._first_overlap
         h = np.maximum(self.overlap - e, first)
@@ -261,15 +262,16 @@ class PairLaws:
         """Return whether contacts are closed (n,) at elongations e (n,), m. If ``joined`` (n,) is
         given, contacts whose force jumps are closed where they are joined.
         """
-        closed = np.asarray(self.overlap - e > self.springs.least)
+        is_closed = np.asarray(self.overlap - e > self.springs.least)
         if joined is not None:
-            closed[self.jumps] = joined[self.jumps]
-        return closed
+            is_closed[self.jumps] = joined[self.jumps]
+        return is_closed
 
 
 def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Array:
-    """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m, that
-    are close, by Gauss's two points; ``joined`` is as for :meth:`Powers.press`.
+    """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m, by
+    Gauss's two points, which is accurate if they are close; ``joined`` is as for
+    :meth:`Powers.press`.
     """
     middle = 0.5 * (e + end)
     point_distance = _GAUSS * (end - e)  # of Gauss's points from the middle
@@ -279,8 +281,9 @@ def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Arr
 
 
 def _refine_near_rest(law: Powers | PairLaws, e: Array, energy: Array, joined: Any = None) -> Array:
-    """Return the ``energy`` (n,), J, of contacts at elongations e (n,), m; near rest, where
-    ``energy`` is a difference of near-equal numbers, the work of the mean force instead.
+    """Return the ``energy`` (n,), J, of contacts at elongations e (n,), m, with contacts near rest
+    replaced by the work of their mean force: their ``energy`` is a difference of near-equal
+    numbers.
 
     ``joined`` is as for :meth:`Powers.press`.
     """
@@ -293,13 +296,13 @@ def _refine_near_rest(law: Powers | PairLaws, e: Array, energy: Array, joined: A
 def _mean_of(law: Powers | PairLaws, e: Array, end: Array, joined: Any = None) -> Array:
     """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m.
 
-    Where the two are not close, or a contact opens, the mean is the change of the energy over the
-    change of e; otherwise the mean of Gauss's two points. ``joined`` is as for
-    :meth:`Powers.press`.
+    If the elongations are not close, or if the contact opens or closes between them, the mean is
+    minus the change of the energy over the change of e; otherwise it is that of Gauss's two points.
+    ``joined`` is as for :meth:`Powers.press`.
     """
     distance = end - e
     is_far = np.abs(distance) > _CLOSE * np.abs(law.overlap - e)
-    opens = law.is_closed(e, joined) != law.is_closed(end, joined)
+    switches = law.is_closed(e, joined) != law.is_closed(end, joined)
     energy_lost = law.store(e, joined) - law.store(end, joined)
     mean = _mean_near(law, e, end, joined)
-    return np.divide(energy_lost, distance, out=mean, where=is_far | opens)
+    return np.divide(energy_lost, distance, out=mean, where=is_far | switches)

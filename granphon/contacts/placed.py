@@ -6,8 +6,8 @@ A contact has the vector r from the centre of ball i to that of ball j, and the 
     o - (|r| - l)     along r
     o - (n.r - l)     along a direction n that does not turn
 
-where o is the overlap at the distance l. The contact pushes along r or n by its law. As a spring
-does, the contact resists deformations, which are the rows of
+where o is the overlap at the distance l. The contact pushes along r or n by its law. It also
+resists, as springs do, the deformations whose rows are those of
 :mod:`granphon.dynamics.deformation_rows`. All arguments are in the units of the caller.
 """
 
@@ -25,16 +25,15 @@ def find_overlaps(
     vector: Array, length: float | Array, at_length: float | Array, normal: Array | None = None
 ) -> tuple[Array, Array]:
     """Return the overlaps (n_c,) of contacts, and the directions (n_c, d) along which contacts push
-    balls j: ``normal`` itself if given, or else unit vectors along ``vector``, which are zero where
-    the centres coincide.
+    balls j. The directions are ``normal`` if that is given. Otherwise they are unit vectors along
+    ``vector``, and zero where centres coincide.
 
     Parameters
     ----------
     vector : (n_c, d) from the centre of ball i to that of ball j.
     length : distance l, a number or (n_c,).
     at_length : overlap o at that distance, a number or (n_c,).
-    normal : (n_c, d) unit vectors along which contacts push, which do not turn with ``vector``; by
-        default contacts push along ``vector``.
+    normal : (n_c, d) unit vectors along which contacts push if these do not turn with ``vector``.
     """
     loss = np.empty(len(vector))
     lengths = np.ascontiguousarray(np.broadcast_to(length, loss.shape))
@@ -47,8 +46,8 @@ def find_overlaps(
 
 
 class ContactForces:
-    """Forces and torques of contacts on balls: empty at first, to which :meth:`press` and
-    :meth:`resist` add.
+    """Forces and torques of contacts on balls: zero at first; :meth:`press` and :meth:`resist` add
+    to them.
 
     Parameters
     ----------
@@ -104,8 +103,9 @@ class ContactForces:
         )
 
     def collect(self) -> tuple[Array, Array]:
-        """Return the forces (count, 3) on balls, and the sum (3, 3) over contacts of the force on
-        ball j times the vector: lines are those of the force. Torques are in :attr:`torque`.
+        """Return the forces (count, 3) on balls, and the virial (3, 3): the sum over contacts of
+        the force on ball j (first axis) times the vector (second axis). Torques are in
+        :attr:`torque`.
         """
         return collect_pulls(self._ends, self._vector, self.pull, len(self.torque))
 
@@ -113,21 +113,22 @@ class ContactForces:
 def collect_pulls(
     ends: tuple[Index, Index], vector: Array, pull: Array, count: int
 ) -> tuple[Array, Array]:
-    """Return the forces (count, 3) on ``count`` balls, and the sum (3, 3) over contacts of ``pull``
-    times ``vector``, both (n_c, d): lines are those of the force.
+    """Return the forces (count, 3) on ``count`` balls, and the virial (3, 3): the sum over contacts
+    of ``pull`` (first axis) times ``vector`` (second axis), both (n_c, d).
 
     Ball j of each contact bears the force ``pull``, of any direction, and ball i the opposite one.
     ``ends`` are the numbers (n_c,) of balls i and of balls j.
     """
     forces = np.zeros((count, 3))
     virial = np.zeros((3, 3))
-    unit = np.ones(len(pull))
-    add_forces(*ends, _put_in_space(vector), _put_in_space(pull), unit, forces, virial)
+    # the loop multiplies a force with a direction: here the pulls are the directions
+    ones = np.ones(len(pull))
+    add_forces(*ends, _put_in_space(vector), _put_in_space(pull), ones, forces, virial)
     return forces, virial
 
 
 def _put_in_space(vectors: Array) -> Array:
-    """Return vectors (n, d) as (n, 3), with zeros along the axes from d on."""
+    """Return ``vectors`` (n, d) as (n, 3), with zeros along the axes that are added."""
     if vectors.shape[1] == 3:
         return vectors
     in_space = np.zeros((len(vectors), 3))

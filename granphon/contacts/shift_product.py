@@ -1,13 +1,13 @@
 """C of a periodic array of contacts, its transpose, and C^T D C, without a matrix.
 
-C maps the motions of balls to the deformations of contacts. A product of a small matrix with all
-balls gives what the two ends of all contacts contribute to all deformations, another product gives
-the forces on balls; between them stand shifts of whole arrays with ghost cells. In the flattened
-array a shift along the lattice is one number, so that what all contacts of a kind need are two
-slices of one long array, whatever the number of dimensions. Ghost cells hold images of balls, and
-images of contacts: so each ball finds all its contacts, and nothing has to be added up across the
-boundary. The array is worked on in slabs, some layers of its first axis at a time, that stay in the
-processor's cache.
+C maps the motions of balls to the deformations of contacts. The product of a small matrix with the
+motions of all balls gives what the two ends of all contacts contribute to all deformations, and
+another such product the forces on balls; between them stand shifts of whole arrays with ghost
+cells. In the flattened array a shift by some cells is one number of places: so the two ends of all
+contacts of a kind are two slices of one long array, whatever the number of dimensions. Ghost cells
+hold images of balls, and images of contacts: so each ball finds all its contacts, and nothing has
+to be added up across the boundary. The array is worked on in slabs, some layers of its first axis
+at a time, that stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -21,19 +21,23 @@ from numpy.typing import DTypeLike, NDArray
 
 Values = NDArray[Any]
 Index = tuple[Any, ...]
-#: bytes that the contributions of the ends of contacts in one slab may take, about, to stay in the
-#: processor's cache
+#: about the greatest number of bytes that the contributions of the ends of contacts in one slab
+#: take, so that they stay in the processor's cache
 _CACHED = 2**21
-#: least number of layers of a slab, over the number of ghost layers around it, for which work is
-#: done twice
+#: least ratio of the layers of a slab to the ghost layers around it; the work of these is done
+#: once more in another slab
 _LONG = 2
-#: number of products in a product of matrices up to which OpenBLAS takes one thread
+#: number of multiplications in a product of matrices up to which OpenBLAS takes one thread
 _ONE_THREAD = 2**18
 
 
 class Halo:
-    """Ghost cells of periodic arrays of ``shape`` (L1, ..., Lp) whose contacts lead to cells some
-    ``shifts`` (each p numbers) away: as many layers as the farthest shift needs.
+    """Ghost cells of periodic arrays: as many layers on each side as the farthest contact needs.
+
+    Parameters
+    ----------
+    shape : numbers of cells (L1, ..., Lp).
+    shifts : for each contact, the p numbers of cells to the cell that it leads to.
 
     Attributes
     ----------
@@ -65,37 +69,39 @@ class Halo:
         """Yield pairs of views of an ``array`` (..., P1, ..., Pp): ghost layers, and the layers
         that they repeat, axis after axis from the axis ``first`` on.
 
-        If each pair is copied in this order, corners are right too.
+        The caller copies the second of each pair to the first; in this order corners become right
+        too.
         """
         for axis in range(first, len(self.shape)):
             below = self.below[axis]
             size = self.shape[axis]
             above = self.above[axis]
-            rest: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
-            # ghost layers that are more than the array has repeat the array more than once
-            for done in range(0, above, size):
-                count = min(size, above - done)
-                end = below + size + done
+            later_axes: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
+            stop = below + size
+            # if there are more ghost layers than layers, they repeat the array more than once
+            for n_copied in range(0, above, size):
+                count = min(size, above - n_copied)
+                ghost_start = stop + n_copied
                 yield (
-                    array[(..., slice(end, end + count), *rest)],
-                    array[(..., slice(below, below + count), *rest)],
+                    array[(..., slice(ghost_start, ghost_start + count), *later_axes)],
+                    array[(..., slice(below, below + count), *later_axes)],
                 )
-            for done in range(0, below, size):
-                count = min(size, below - done)
-                start = below - done
-                last = below + size
+            for n_copied in range(0, below, size):
+                count = min(size, below - n_copied)
+                ghost_stop = below - n_copied
                 yield (
-                    array[(..., slice(start - count, start), *rest)],
-                    array[(..., slice(last - count, last), *rest)],
+                    array[(..., slice(ghost_stop - count, ghost_stop), *later_axes)],
+                    array[(..., slice(stop - count, stop), *later_axes)],
                 )
 
 
 class _Workspace(NamedTuple):
-    """Views of the two buffers for a slab of the array: ``balls``, and the contributions of the two
-    ends of contacts to deformations, heads before tails.
+    """Views of the two buffers for a slab of the array. One buffer is ``balls``; the other holds
+    the contributions of the two ends of contacts to deformations, first those of all heads, then
+    those of all tails.
 
-    In arrays with two axes the last axis runs over places in the flattened slab, ghost cells
-    included; ranges of places begin and end where the slab needs them.
+    The axis ``places`` runs over places in the flattened slab, ghost cells included; each range of
+    places begins and ends where the slab needs it.
 
     Attributes
     ----------
@@ -103,12 +109,12 @@ class _Workspace(NamedTuple):
     images : pairs of ghost cells and the cells that they repeat, along all axes but the first.
     near : (fields, places) motions of the balls that contacts with an end in the slab join.
     ends : (2 rows, places) contributions of these balls, as balls j and as balls i of contacts.
-    contacts : (rows, layers, ...) the contributions of the tails; deformations, and then tensions,
-        of all contacts are written in their place, at the cell of ball i.
+    contacts : (rows, layers, ...) the contributions of the tails, which deformations and then
+        tensions of all contacts replace, at the cell of ball i.
     rows : (rows, places) the part of ``contacts`` that has an end in the slab.
     pairs : for each kind of contact, the contributions of its heads and of its tails.
-    gathered : for each kind of contact, the places of its heads, into which tensions are copied at
-        the cell of ball j, and the tensions at the cell of ball i.
+    gathered : for each kind of contact, the places of its heads, at the cell of ball j, to which
+        tensions are copied; and the tensions, at the cell of ball i.
     joined : (2 rows, places) tensions at both ends of contacts, at the cell of the ball.
     forces : (fields, places) forces on the balls of the slab.
     """
@@ -148,9 +154,10 @@ class _Slab(NamedTuple):
 class ContactOperator:
     """C of an array of cells.
 
-    A deformation is ``head . x_j - tail . x_i``, x being the motions in the cells of balls j and i.
-    Motions and forces are (fields, L1, ..., Lp), deformations and tensions (rows, L1, ..., Lp), at
-    the cell of ball i. Results have the precision of motions and tensions.
+    A deformation is ``head . x_j - tail . x_i``, where x are the motions of all balls of the cells
+    of balls j and i. Motions and forces are (fields, L1, ..., Lp); deformations and tensions are
+    (rows, L1, ..., Lp), at the cell of ball i. Results have the precision of the motions or
+    tensions that are given.
 
     Parameters
     ----------
@@ -171,7 +178,7 @@ class ContactOperator:
         # that begins in a ghost cell and leads away from the slab needs a cell j too. There are so
         # many ghost layers that the farthest of these cells is among them
         farthest = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
-        layers = -(-farthest // halo.offset((1, *along)))
+        layers = math.ceil(farthest / halo.offset((1, *along)))
         self.shape = tuple(shape)
         self.n_contacts = len(shifts)
         self.head = head
@@ -186,8 +193,8 @@ class ContactOperator:
     # -- slabs -------------------------------------------------------------------------------------
 
     def slabs(self, precision: DTypeLike) -> list[_Slab]:
-        """Return the slabs of the array, in order; slabs of equal length share buffers of this
-        ``precision``. The slabs are kept for further calls.
+        """Return the slabs of the array, in order, with buffers of a ``precision``, which slabs
+        with as many layers share. The slabs are kept for further calls.
         """
         key = np.dtype(precision)
         if key not in self._slabs:
@@ -242,8 +249,8 @@ class ContactOperator:
         return sources
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
-        """Return new buffers of a ``precision`` for a slab of this number of ``layers``, as the
-        views over which :meth:`deform`, :meth:`collect` and :class:`ContactHessian` loop.
+        """Return new buffers of a ``precision`` for a slab of so many ``layers``: the views over
+        which :meth:`deform`, :meth:`collect` and :class:`ContactHessian` loop.
         """
         halo = self.halo
         n = self.n_contacts
@@ -296,18 +303,18 @@ class ContactOperator:
         return out
 
     def pull(self, *tensions: Values) -> Values:
-        """Return the forces C^T f (fields, L1, ..., Lp), for the tensions f, whose rows are given
+        """Return the forces C^T f (fields, L1, ..., Lp) of the tensions f. The rows of f are given
         in parts (n, L1, ..., Lp), one after the other.
         """
         return self.collect(np.concatenate([self.head, -self.tail]).T, tensions)
 
     def collect(self, matrix: Values, contacts: Sequence[Values]) -> Values:
-        """Return sums (m, L1, ..., Lp) over the contacts of the balls of each cell: ``matrix`` (m,
-        2 rows) times the values of the contacts.
+        """Return sums (m, L1, ..., Lp) over contacts: for each cell, ``matrix`` (m, 2 rows) times
+        the values of the contacts that end or start in the cell.
 
-        The first half of the columns is for contacts of which the ball is ball j, the second half
-        for those of which the ball is ball i. ``contacts`` are the values in parts (n, L1, ...,
-        Lp), one after the other.
+        The first half of the columns multiplies the values of contacts whose ball j is in the cell,
+        the second half those of contacts whose ball i is in the cell. ``contacts`` are the values
+        in parts (n, L1, ..., Lp), one after the other, (rows, L1, ..., Lp) in all.
         """
         precision = contacts[0].dtype
         matrix = matrix.astype(contacts[0].real.dtype)
@@ -323,27 +330,28 @@ class ContactOperator:
                 image[...] = cell
             for place, tension in space.gathered:
                 place[...] = tension
-            if len(matrix) == self.n_fields:
-                gathered = space.balls
-                forces = space.forces
+            if len(matrix) == self.n_fields:  # the buffer of the balls has room for the sums
+                sums = space.balls
+                flat_sums = space.forces
             else:
-                gathered = np.empty((len(matrix), *space.balls.shape[1:]), precision)
+                sums = np.empty((len(matrix), *space.balls.shape[1:]), precision)
                 first = self.halo.offset(self.halo.below)
-                forces = gathered.reshape(len(matrix), -1)[:, first : first + space.forces.shape[1]]
-            multiply_columns(matrix, space.joined, forces)
-            out[:, slab.layers] = gathered[slab.inner]
+                flat_sums = sums.reshape(len(matrix), -1)[:, first : first + space.forces.shape[1]]
+            multiply_columns(matrix, space.joined, flat_sums)
+            out[:, slab.layers] = sums[slab.inner]
         return out
 
 
 class ContactHessian:
-    """Product of C^T D C, D being diagonal, with motions of balls, in a given precision.
+    """Product of C^T D C with motions of balls, in a given precision; D is diagonal.
 
     Parameters
     ----------
     operator : C.
     stiffness : the diagonal of D, in parts (n, L1, ..., Lp) one after the other, (rows, L1, ...,
         Lp) in all.
-    precision : single or double; complex, of stiffnesses with losses and of complex motions.
+    precision : single or double, real or complex; that of all motions. It is complex if stiffnesses
+        have losses, or if motions are complex.
     """
 
     def __init__(
@@ -373,8 +381,8 @@ class ContactHessian:
         """Return the forces C^T D C u (fields, L1, ..., Lp) for the motions u, ``balls`` (fields,
         L1, ..., Lp), and minus the sum of the tensions against elongations.
 
-        ``press`` is added to the overlaps of all contacts, which lessens elongations by as much; if
-        ``press`` is None, the sum is not found, and is returned as zero.
+        ``press`` is added to the overlaps of all contacts, and so subtracted from their
+        elongations. If ``press`` is None, nothing is added, and the sum is returned as zero.
         """
         operator = self._operator
         n = self._operator.n_contacts
@@ -402,9 +410,9 @@ class ContactHessian:
 
 
 def stretch(split: Values, balls: Values, slab: _Slab) -> None:
-    """Write the deformations of the contacts of a slab into ``slab.space.rows``, from the motions
-    ``balls`` (fields, L1, ..., Lp); ``split`` (2 rows, fields) are the coefficients of heads, and
-    then of tails.
+    """Write the deformations of the contacts of a ``slab`` into its buffer, as
+    ``slab.space.rows``. ``balls`` (fields, L1, ..., Lp) are the motions, and ``split`` (2 rows,
+    fields) the coefficients of heads and then of tails.
     """
     space = slab.space
     for layers, place in slab.sources:

@@ -166,16 +166,16 @@ def find_bloch_waves(
     no digits, and at any frequency if some motions reach the next layers alone.
     """
     size = blocks.inner.shape[-1]
-    count = len(w)
+    n_f = len(w)
     reach = size // layer_size
-    inner = np.broadcast_to(blocks.inner, (count, size, size))
-    up = np.broadcast_to(blocks.up, (count, size, size))
-    down = np.broadcast_to(blocks.down, (count, size, size))
+    inner = np.broadcast_to(blocks.inner, (n_f, size, size))
+    up = np.broadcast_to(blocks.up, (n_f, size, size))
+    down = np.broadcast_to(blocks.down, (n_f, size, size))
     steps = _list_steps(inner, up, down, w, layer_size)
     scale = float(np.max(np.abs(inner)))
     inverse, vectors = _solve_pencil(steps, size, scale)
     waves = []
-    for n in range(count):
+    for n in range(n_f):
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
         # a motion that decays infinitely fast is no wave, and one nearly so fast has no digits

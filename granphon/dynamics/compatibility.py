@@ -320,7 +320,7 @@ class Compatibility:
         """
         if size > MOST_BYTES:
             raise InputError(
-                f"the cell of {self.n_balls} balls has {self.n_branches} branches",
+                f"the cell of {counted(self.n_balls, 'ball')} has {self.n_branches} branches",
                 f"One wave vector takes {size / 2**30:.2g} GiB of memory, more than"
                 f" {MOST_BYTES >> 30}",
                 "Take a smaller cell, or gp.Waves(network), whose matrices are sparse",
@@ -401,8 +401,8 @@ class Compatibility:
         """Return the Cartesian wave vectors (..., p), 1/d, of ``fractions`` (..., p) or (..., 3) of
         the reciprocal vectors.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape, and for a component
-        other than zero along an axis without period, and
+        Raises :class:`~granphon.base.errors.InputError` for another shape, for numbers that are not
+        finite, and for a component other than zero along an axis without period; and
         :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         components = real_array("fractions", fractions)
@@ -418,6 +418,8 @@ class Compatibility:
                 f"The lattice has {counted(p, 'period')}",
                 "Give 0 for the rest",
             )
+        if not np.all(np.isfinite(components)):
+            raise InputError("a wave vector is not finite", mend="Give finite numbers")
         require_digits(components)
         return np.asarray(components[..., :p] @ self.reciprocal)
 
@@ -431,7 +433,7 @@ class Compatibility:
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
-            raise InputError("a wave vector is not finite")
+            raise InputError("a wave vector is not finite", mend="Give finite numbers")
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
             fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
         require_digits(fractions)

@@ -250,6 +250,7 @@ class ContactLattice(LongWaves):
             contacts.turn(network.positions[is_moving]) / units.length,
             _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(is_moving))),
             extend(network.shear_stiffness[numbers] / normal_stiffness),
+            # the stiffness one of a spring multiplies that of on_site
             stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[is_moving] / units.mass,
             gyration=find_gyration(network)[is_moving] / units.length,

@@ -176,7 +176,7 @@ class Losses:
     @cached_property
     def dashpots(self) -> Array:
         """(5, n_c) dashpots of the contacts: tau, s, of normal motion and of all other motion, c_0,
-        N s/m, of normal motion and of slip, and alpha m*^1/2, kg^1/2.
+        N s/m, of normal motion and of slip, and alpha m*^1/2, kg^1/2. The network has contacts.
         """
         no_balls = np.zeros(0, np.intp)
         return self.list_dashpots(no_balls, no_balls)
@@ -185,7 +185,8 @@ class Losses:
         """Return the :attr:`dashpots` (5, n) of the contacts of the network, followed by those of
         further pairs of its balls ``i`` and ``j``, each (m,), which may come into contact.
 
-        A further pair has the means over all contacts of tau, c_0 and alpha.
+        A further pair has the means over all contacts of tau, c_0 and alpha, which only a network
+        with contacts has.
         """
         network = self.network
         numbers = np.concatenate([self.damping, self.dashpot, [self.tsuji]])

@@ -175,7 +175,9 @@ class EdgeEnergies:
 
     @property
     def _n_blocks(self) -> int:
-        """Number of blocks in which balls of the cut move, the last one in part."""
+        """Number of blocks of the half space that the balls of the cut that move fill, the last
+        block perhaps only in part.
+        """
         return math.ceil(np.count_nonzero(self.ball_number >= 0) / self._per_block)
 
     @property

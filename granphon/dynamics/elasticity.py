@@ -88,8 +88,8 @@ def find_unstable_strains(tensor: Array) -> Array | None:
     :func:`name_strain`; None if no modulus is below zero by more than rounding.
 
     ``tensor`` are elastic tensors (..., n, n). The moduli are the eigenvalues of their symmetric
-    parts, each over the largest of the same tensor; the m strains all belong to the tensor with the
-    lowest of these ratios.
+    parts, each over the largest size of a modulus of the same tensor. The m strains all belong to
+    the tensor with the lowest of these ratios.
 
     Under static stress a crystal is stable if the symmetric part of its coefficients between stress
     and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
@@ -169,8 +169,8 @@ def _maps_balls(turn: Array, cell: Array, balls: Array) -> bool:
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
-    """Return the means (..., n, n), over the :func:`point_group` of a ``lattice``, of elastic
-    tensors in Voigt order, ``tensor`` (..., n, n).
+    """Return elastic tensors in Voigt order, ``tensor`` (..., n, n), averaged over the operations
+    of the :func:`point_group` of a ``lattice``: (..., n, n).
     """
     p = lattice.periods
     a, b = np.transpose(voigt_pairs(p))

@@ -387,7 +387,7 @@ class HalfSpace:
                 mend=f"Give ({n_along},) fractions, along the layers",
             )
         if not np.all(np.isfinite(fractions)):
-            raise InputError("q is not finite")
+            raise InputError("q is not finite", mend="Give finite numbers")
         return fractions if fractions.size else np.zeros(n_along)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
@@ -1183,7 +1183,8 @@ class _EdgeContinuum(NamedTuple):
 
     def find_impedance(self, velocity: float) -> float:
         """Return the lowest eigenvalue, k d^(2-p), of the surface impedance of waves of a
-        ``velocity``, d (k/M)^1/2, along the edge.
+        ``velocity``, d (k/M)^1/2, along the edge. The velocity is above zero, and below the
+        velocities along the edge of all bulk waves (:meth:`velocities_along`).
 
         The impedance is the matrix that takes displacements of the edge to tractions, over the
         wavenumber q. Displacements are a exp(i q (m + z n).x), m along the edge and n across it,
@@ -1206,5 +1207,6 @@ class _EdgeContinuum(NamedTuple):
         displacements = vectors[:size, decaying]
         tractions = vectors[size:, decaying]
         impedance = -1j * tractions @ np.linalg.inv(displacements)
+        # the impedance at such velocities is Hermitian but for rounding
         hermitian = 0.5 * (impedance + impedance.conj().T)
         return float(np.linalg.eigvalsh(hermitian)[0])

@@ -219,7 +219,7 @@ def _compute_local_field(
 def _integrate_response(medium: ContactLattice) -> Array | None:
     """Return the mean elongations (kinds,) of the kinds of contacts of :class:`_Response` on a
     lattice, ``medium``, under a unit tension of one ball's star; None if the integral over the zone
-    does not settle.
+    does not settle, or leaves 1 - u_1 too small for double precision.
     """
     response = _Response(medium)
     operations = _find_operations(medium)

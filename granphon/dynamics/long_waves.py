@@ -1162,9 +1162,12 @@ class LongWaves(Compatibility):
 
         ``direction`` is a vector (p,) of any length, by default along x. On the triangular lattice
         omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) of Velicky and Caroli (2002) prints
-        d^2/20 (see the errata). Raises :class:`~granphon.base.errors.InputError` if a cell has more
-        than one rotation, or none, and if bodies that do not move, or springs to the ground, hold
-        the ball: long waves of its displacements then have frequencies above zero too.
+        d^2/20 (see the errata).
+
+        Raises :class:`~granphon.base.errors.InputError` if a cell has more than one rotation, or
+        none; if bodies that do not move, or springs to the ground, hold the ball, as long waves of
+        its displacements then have frequencies above zero too; and for a direction that is not p
+        numbers, or zero.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(
@@ -1200,8 +1203,8 @@ class LongWaves(Compatibility):
 def _read_prestress(prestress: ArrayLike) -> Array:
     """Return the compressive forces over spacings ``prestress`` (...), k, as an array.
 
-    Raises :class:`~granphon.base.errors.InputError` for no number, and for one that is not finite
-    or larger than :data:`_LARGEST_PRESTRESS`.
+    Raises :class:`~granphon.base.errors.InputError` for what is no number or array of numbers, for
+    an empty array, and for a number that is not finite or larger than :data:`_LARGEST_PRESTRESS`.
     """
     loads = finite_array("prestress", prestress)
     largest = float(np.max(np.abs(loads)))

@@ -260,11 +260,12 @@ def _symmetrise(matrix: NDArray[Any]) -> NDArray[Any]:
 
 def _orthonormalise(vectors: NDArray[Any]) -> NDArray[Any]:
     """Return an orthonormal basis (size, r) of the space of ``vectors`` (size, m), from the
-    eigenvectors of their products; QR by reflections would take several times as long.
+    eigenvectors of their products; r is below m if vectors depend on each other, and zero if none
+    is above zero. QR by reflections would take several times as long.
     """
     # the second time removes the rounding of the first
     for _ in range(2):
         squares, turn = np.linalg.eigh(vectors.conj().T @ vectors)
-        is_kept = squares > _DEPENDENT * squares[-1]
+        is_kept = squares > _DEPENDENT * np.max(squares, initial=0.0)
         vectors = vectors @ (turn[:, is_kept] / np.sqrt(squares[is_kept]))
     return vectors

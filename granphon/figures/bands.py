@@ -4,6 +4,9 @@ Every function draws on an Axes and returns the Axes; units change only in figur
 of matplotlib is not changed, and no window is needed: :func:`bands_figure` makes a plain
 ``matplotlib.figure.Figure``, which :func:`~granphon.figures.style.save_figure` saves. Translation
 is dark blue and rotation orange, on a scale that is uniform to the eye, in grey as well.
+
+In the shapes of arrays, s counts the segments of the path, p the points of a segment, and b the
+branches.
 """
 
 from __future__ import annotations
@@ -67,9 +70,9 @@ _ERRORS = "0.35"
 #: colours of energy at the lower edge of a cut, at the upper edge, and inside
 _EDGES = (BLUE, VERMILION, "0.75")
 #: part of the energy of a wave spread evenly that is in the lower or the upper quarter of a cut
-_EVEN = 0.25
+_EVEN_PART = 0.25
 #: part of the energy in both of these quarters, from which on modes are waves of the edges
-_MOSTLY = 0.75
+_EDGE_PART = 0.75
 #: lengths of directions, and fractions of a wave vector, below this are rounding of zero
 _ROUNDING = 1e-9
 #: distance of the name of a corner of the zone from the corner, points
@@ -82,7 +85,7 @@ _BAR = 0.08
 #: the least slope of faces of a zone against the view beyond which more slope is no better
 _ENOUGH_NEARNESS = 0.15
 #: part of the path below which the labels of neighbouring corners are one above the other
-_CROWDED = 0.1
+_LEAST_SPACING = 0.1
 #: distance of an inset from the lines, in parts of the axes: the least, and that beyond which more
 #: distance is no better
 _LEAST_CLEARANCE = 0.01
@@ -112,15 +115,15 @@ _PEAK = 6.0
 
 
 def find_reciprocal(bands: Bands) -> Array:
-    """Return the reciprocal vectors of the cell of ``bands`` as rows, (p, p), in units of 2 pi/d,
-    for p periods.
+    """Return the reciprocal vectors of the cell of ``bands`` as rows, (periods, periods), in units
+    of 2 pi/d.
     """
     return np.asarray(np.linalg.inv(bands.cell[: bands.periods, : bands.periods]).T)
 
 
 def write_corner(label: str) -> str:
     """Return the ``label`` of a corner as it stands in a figure: Γ for G, and an index as a
-    subscript; of the two names at a jump, as "K|M", each in this way.
+    subscript. The label of a jump, such as "K|M", has two names, each written in this way.
     """
     names_in_figure = []
     for name in label.split("|"):
@@ -132,8 +135,9 @@ def write_corner(label: str) -> str:
 
 
 def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any) -> None:
-    """Make the x axis that of a path with the ``corners`` (n,), as distances along the path: lines
-    at the corners inside the path, and the names of all corners, with ``options`` of the names.
+    """Make the x axis that of a path, with lines at the corners inside the path, and the names of
+    all corners. ``corners`` (n,) are distances along the path, ``labels`` their n labels, and
+    ``options`` those of the names as texts of matplotlib.
     """
     for corner in corners[1:-1].tolist():
         ax.axvline(corner, color=FRAME, linewidth=0.5, zorder=0.5)
@@ -153,7 +157,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along no period
     and has no zone.
     """
-    repeats = np.asarray(bands.pbc)  # (p,)
+    repeats = np.asarray(bands.pbc)  # of each vector of the cell
     if not np.any(repeats):
         raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
     periods = int(np.sum(repeats))
@@ -186,9 +190,9 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
 
 
 def _find_reciprocal_of_periods(bands: Bands, repeats: Flags) -> Array:
-    """Return the reciprocal vectors (p, p) of the p vectors along which the cell ``repeats``, as
-    rows in units of 2 pi/d; where not all vectors repeat, in Cartesian axes that the repeating
-    vectors span.
+    """Return the reciprocal vectors (periods, periods) of the vectors along which the cell
+    repeats, as rows in units of 2 pi/d. ``repeats`` says which vectors do. If not all do, the
+    components are along perpendicular axes that the repeating vectors span.
     """
     if np.all(repeats):
         return find_reciprocal(bands)
@@ -227,9 +231,9 @@ def _draw_zone_on_line(ax: Axes, half: float) -> Array:
 
 
 def _find_name_direction(corner: Array, ends: Array, middle: Array, periods: int) -> Array:
-    """Return the direction (2,), of any length, from a ``corner`` (2,) of a path to its name: away
-    from the segments with the ``ends`` (n, 2, 2) in space, from the ``middle`` (2,) of the zone in
-    a plane, and down on a line.
+    """Return the direction (2,) on the paper, of any length, from a ``corner`` (2,) of a path to
+    its name. With three ``periods`` the name is away from the segments of the path, whose ends are
+    ``ends`` (n, 2, 2); with two, away from the ``middle`` (2,) of the zone; with one, below.
     """
     if periods == 1:
         return np.array([0.0, -1.0])
@@ -373,7 +377,7 @@ def plot_bands(
     if edges:
         weight = _spread_flat_bands(bands)
         shades = _shade_by_edges(bands, weight)
-        is_wide = weight.sum(axis=-1) > _MOSTLY
+        is_wide = weight.sum(axis=-1) > _EDGE_PART
     elif has_colours:
         shades = _shade_by_fraction(bands)
     if bulk is not None:
@@ -461,7 +465,7 @@ def _shade_by_edges(bands: Bands, weight: Array) -> _Shades:
     colours = _mix_edge_colours(weight)  # (s, p, b, 3)
     shades: _Shades = {}
     for s, b in np.ndindex(len(bands.distances), bands.n_branches):
-        is_of_edge = weight[s, :, b].sum(axis=-1).max() > _MOSTLY
+        is_of_edge = weight[s, :, b].sum(axis=-1).max() > _EDGE_PART
         # of branches that coincide the later one, which is narrower, stands above
         shades[s, b] = {
             "colors": colours[s, :, b].clip(0.0, 1.0),
@@ -486,7 +490,7 @@ def _spread_flat_bands(bands: Bands) -> Array:
         for branches in np.split(np.arange(bands.n_branches), starts):
             mean = weight[s, p, branches].mean(axis=0)
             # two branches that coincide may be a wave at each edge: they keep their own parts
-            if len(branches) > 2 and mean.sum() < _MOSTLY:
+            if len(branches) > 2 and mean.sum() < _EDGE_PART:
                 weight[s, p, branches] = mean
     return weight
 
@@ -514,7 +518,7 @@ def _name_corners_of_bands(ax: Axes, bands: Bands) -> None:
     name_corners(ax, corners, bands.labels, **slant)
     least_distance = np.min(np.diff(corners), initial=np.inf)
     length_of_path = corners[-1] - corners[0]
-    if least_distance < _CROWDED * length_of_path:
+    if least_distance < _LEAST_SPACING * length_of_path:
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
 
 
@@ -538,7 +542,7 @@ def _mix_edge_colours(weight: Array) -> Array:
 
     An edge has its colour in proportion to the energy beyond that of a wave spread evenly.
     """
-    parts_of_edges = np.maximum(weight - _EVEN, 0.0) / (1.0 - _EVEN)
+    parts_of_edges = np.maximum(weight - _EVEN_PART, 0.0) / (1.0 - _EVEN_PART)
     part_inside = 1.0 - parts_of_edges.sum(axis=-1, keepdims=True)
     colours = np.array([to_rgb(colour) for colour in _EDGES])
     # the colours of both edges and of the inside, each times its part
@@ -563,9 +567,10 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
     the points of a segment.
 
     Lines of branches that coincide must all be seen: a branch is a step wider for each later
-    branch that is closer than ``least`` both at a point and at one of its neighbours. A branch that
-    is below ``least`` at all points, and so is zero, is a thin line. Of more than ``_MOST_WIDE``
-    branches the lines are thinner by the number of the branches, but where ``is_wide`` (p, b).
+    branch that is closer than ``least`` both at a point and at one of its neighbours, up to
+    ``_MOST_WIDENED`` steps. A branch that is below ``least`` at all points, and so is zero, is a
+    thin line. If there are more than ``_MOST_WIDE`` branches, lines are thinner the more branches
+    there are, except where ``is_wide`` (p, b).
     """
     differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
     is_close = differences <= least
@@ -583,8 +588,8 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
 
 
 def _read_unit(unit: HertzPrefix | None, result: Bands | DensityOfStates) -> HertzPrefix:
-    """Return the ``unit`` that a user gives, for None that of :func:`_choose_unit`; InputError for
-    what is no decimal unit of hertz.
+    """Return the ``unit`` that a user gives, or for None the unit that :func:`_choose_unit` finds
+    for the ``result``; InputError for what is no decimal unit of hertz.
     """
     if unit is None:
         return _choose_unit(result)
@@ -679,7 +684,7 @@ def _find_long_waves(
     velocities: Asymptotes, direction: Array, q: Array, scale: float
 ) -> dict[str, Array]:
     """Return the angular frequencies (n,) of long waves, in units of (k/M)^(1/2), at wave numbers
-    ``q`` (n,), 1/d, along a Cartesian ``direction`` (p,), by the names of the waves.
+    ``q`` (n,), 1/d, along a Cartesian ``direction`` (periods,), by the names of the waves.
 
     ``scale``, m/s, is the velocity that is one in reduced units. Waves without a velocity are left
     out, and the optical branch is nan where its parabola is below zero.
@@ -756,9 +761,9 @@ def plot_dos(
 
 
 def _limit_density(density: Array) -> float:
-    """Return the value, 1/Hz, at which the axis of a ``density`` (n,) of states ends: the greatest
-    density or, if single peaks, as of flat branches, rise far above the rest, twice a high
-    quantile of the density.
+    """Return the value, 1/Hz, at which the axis of a ``density`` (n,) of states ends. It is the
+    greatest density; but if single peaks, such as those of flat branches, rise far above all other
+    values, it is twice a high quantile of the density.
     """
     peak = float(density.max())
     quantile = float(np.quantile(density, _QUANTILE))
@@ -767,8 +772,9 @@ def _limit_density(density: Array) -> float:
 
 
 def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzPrefix) -> None:
-    """Limit and label the axes of a density of states, in this ``unit`` of frequency; the axis of
-    the density ends below peaks of flat branches. ``horizontal``: the density is to the right.
+    """Limit and label the axes of a density of states, in this ``unit`` of frequency. The axis of
+    the density ends below peaks of flat branches. If ``horizontal``, the density is to the right,
+    else upwards.
     """
     frequency_letter = "x"
     density_letter = "y"
@@ -885,9 +891,10 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
 
 
 def _join_error_entries(handles_by_label: dict[str, Any]) -> None:
-    """Replace, if a legend has both, the entry of the errors of a density and that of the errors of
-    bands by one entry: the field of the density, which can be seen, with the size of the errors of
-    the bands, as "standard error (bands 1 %)". The mapping ``handles_by_label`` is changed.
+    """Join the entries of a legend for the errors of a density and for the errors of bands, if the
+    legend has both. The mapping ``handles_by_label`` is changed: one entry, such as "standard error
+    (bands 1 %)", has the mark of the density, which can be seen, and the size of the errors of the
+    bands.
     """
     labels_with_size = [
         label for label in handles_by_label if label.startswith(f"{STANDARD_ERROR} ")

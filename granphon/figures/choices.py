@@ -26,7 +26,7 @@ from granphon.figures.words import describe_parameter, write_value
 from granphon.media.choice import split_label
 from granphon.runs.dataset import Dataset, find_load
 
-#: numbers that a user types differ from those of a sweep by this part at most
+#: relative difference up to which a number that a user types means a number of the sweep
 _NEAR = 5e-3
 #: greatest number of shades of a colour that an eye tells apart
 MOST_SHADES = 8
@@ -52,8 +52,8 @@ _LOAD_NAMES = (*LOADS, "reduced_force")
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
-    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
-    there are several.
+    """Return the names of the parameters of a data set: the dimensions of the sweep besides the
+    load and the medium, and "direction" if there are several directions.
     """
     names = [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
     if "direction" in dataset.dims:
@@ -96,8 +96,8 @@ def find_dimension(dataset: Dataset, name: str) -> str | None:
 
 
 def describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
-    """Return the kind of fact that the coordinate ``name`` is, and its value at the index
-    ``number`` in words.
+    """Return the kind of fact that the coordinate ``name`` gives, and in words the value of the
+    coordinate at the index ``number``.
     """
     entry = dataset[name].values[number]
     value = entry.item() if hasattr(entry, "item") else entry
@@ -183,8 +183,8 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
 
 def _match_values(dataset: Dataset, name: str, text: str, run: str) -> Flags:
     """Return (n,) whether each of the n values of the coordinate ``name`` is one that the ``text``
-    of a user names; InputError if none is, which calls the sweep ``run``, and for a text that
-    cannot be a value.
+    of a user names. InputError if none is, and for a text that cannot be a value; the message calls
+    the sweep ``run``.
     """
     values = dataset[name].values
     if values.dtype.kind in "fiu":
@@ -212,9 +212,9 @@ def _read_truth(text: str) -> Any:
 
 def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
     """Return (n,) whether each of the n numbers of the coordinate ``name`` is meant by a ``text``.
-    A range "A to B" means the numbers in it, both ends included. A single number means the nearest
-    one, unless that differs by more than the part ``_NEAR``: then none is meant. InputError for a
-    text that is neither.
+    A range "A to B" means the numbers between A and B, and those beyond by the part ``_NEAR`` of an
+    end at most. A single number means the nearest of the values, or none if the nearest differs by
+    more than this part. InputError for a text that is neither a number nor a range.
     """
     values = np.asarray(dataset[name].values, float)
     ends = [_read_number(dataset, name, end.strip()) for end in text.split(" to ")]
@@ -306,8 +306,8 @@ class Layout:
         return dataset.isel(indices)
 
     def describe(self, dataset: Dataset) -> str:
-        """Return in words which dimension has which panels, of which dimensions some values are
-        left out, and the options that change this.
+        """Return in words which dimensions have columns and rows of panels, which dimensions have
+        values that are left out, and the options that change this.
         """
         places = []
         for name, place in ((self.columns, "columns"), (self.rows, "rows")):
@@ -332,8 +332,9 @@ def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, i
     if x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu":
         counts[find_load(dataset)] = dataset.sizes["load"]
     for name in list_parameters(dataset):
-        is_along_curves = name == "direction" and "direction" not in dataset[variable].dims
-        if name != x and not is_along_curves:
+        # a variable without the dimension is the same in all directions
+        is_without_effect = name == "direction" and "direction" not in dataset[variable].dims
+        if name != x and not is_without_effect:
             counts[name] = dataset.sizes[find_dimension(dataset, name)]
     return {name: count for name, count in counts.items() if count > 1}
 

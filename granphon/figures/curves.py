@@ -162,8 +162,8 @@ _Caption = tuple[list[Line2D], list[str]]
 
 
 def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
-    """Draw measured velocities with standard errors, the fit, and the ideal lattice; below,
-    residuals in units of sigma.
+    """Draw measured velocities with standard errors, the fit, and the ideal lattice on ``ax``, and
+    residuals in units of the standard errors on ``residual_ax``; return both.
 
     Where each pulse has a frequency of its own, the fit is drawn at the data only, and the ideal
     lattice is left out.
@@ -200,7 +200,7 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
 
 
 def _describe_fit(fit: WidthFit) -> str:
-    """Return the label of the curve of a fit: the medium and, if it is fitted, the width."""
+    """Return the label of the curve of a fit: the medium, and the width if the width is fitted."""
     structure = fit.packing.structure
     medium = describe_medium(fit.medium, structure.periods, structure.n_balls)
     # short lines, so that the legend has room below the curve
@@ -211,8 +211,8 @@ def _describe_fit(fit: WidthFit) -> str:
 
 
 def write_width(fit: WidthFit) -> str:
-    """Return the fitted width with its standard error, if known, of which two digits are written:
-    "2.026 ± 0.021 µm".
+    """Return the text of the fitted width with two digits of its standard error, "2.026 ± 0.021
+    µm"; without the error if errors are not known.
     """
     if not fit.errors_are_known:
         return write_value(fit.width, "m")
@@ -294,8 +294,9 @@ class Curve:
         )
 
     def join(self, other: Curve) -> Curve:
-        """Return the points of this curve and of an ``other``, of the same facts and units, as one
-        curve with the names of both runs, in order of x; of a path, those of the other come last.
+        """Return one curve with the points of this curve and of an ``other``, which has the same
+        facts and units, in order of x. The curve has the names of both runs. Of a path, the points
+        of the other come last.
         """
         return replace(
             self,
@@ -342,8 +343,8 @@ def make_looks(count: int) -> list[Look]:
 
 
 def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return two styles of a curve, as options of ``Axes.plot``: the style of the points at which
-    the medium is valid, and the style of the whole curve, which is drawn below.
+    """Return two styles of a ``curve`` with a ``look``, as options of ``Axes.plot``: that of the
+    part where the medium is valid, and that of the whole curve, which is drawn beneath this part.
     """
     common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
     if curve.as_points and not curve.served:
@@ -361,12 +362,12 @@ def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, 
 
 
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
-    """Draw a curve: solid where the medium is valid, thin and dashed elsewhere; points of a
-    simulation, with bars of their errors; the errors of a line are a band.
+    """Draw a curve in a ``look``. A line is as in the look where the medium is valid, and thin and
+    dashed elsewhere; its errors are a band. A simulation has points with bars of their errors.
 
-    A path joins its points, and triangles mark the points that are reached by a fall of x. On an
-    automatic medium each kind of mark stands for the medium that served. The names of the drawn
-    parts in an SVG file begin with ``gid``.
+    The points of a path are joined, and triangles mark those that are reached by a fall of x. On
+    the curve of an automatic medium each kind of mark stands for the medium that served. The names
+    of the drawn parts in an SVG file begin with ``gid``.
     """
     is_point = curve.simulated | curve.as_points
     has_bar = is_point & (curve.error > 0.0)
@@ -447,8 +448,8 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
 
 
 def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
-    """Return the entry of a legend, with a ``label``, for a line of this look or, if ``is_points``,
-    for points.
+    """Return the entry of a legend with a ``label`` for a curve in a ``look``: points if
+    ``is_points``, else a line.
     """
     if is_points:
         style: dict[str, Any] = {"marker": look.marker} | _POINTS
@@ -460,9 +461,9 @@ def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
 
 
 def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
-    """Return the last entries of the legend of ``curves``, as far as they are needed: the look of
-    loads at which a medium is not valid, the bands of standard errors, and the mark of each medium
-    that served an automatic medium.
+    """Return the last entries of the legend of ``curves``: the look of loads at which a medium is
+    not valid, the bands of standard errors, and the mark of each medium that served an automatic
+    medium. What no curve has gets no entry.
     """
     handles = list[Line2D]()
     grey = "0.3"
@@ -546,8 +547,9 @@ def read_curve(
     run: str = "",
     facts: dict[str, str] | None = None,
 ) -> Curve:
-    """Return the curve of a variable over ``x`` at an ``index`` of each dimension besides the load;
-    ``run`` names the data set in messages, and ``facts`` are those of the curve.
+    """Return the curve of a ``variable`` over ``x``, both names, along the load; ``index`` has an
+    index in each other dimension. ``run`` names the data set in messages, and ``facts`` are those
+    of the curve.
 
     Raises what :func:`read_values` raises.
     """
@@ -594,8 +596,8 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     """Return for each line of a variable its facts, in words by kind, and its index in each
     dimension besides the load.
 
-    Directions are no lines of a variable that is the same in all directions. Cells of a lattice are
-    called cells if the data set does not describe the lattice, or has several lattices.
+    A variable that is the same in all directions has one line for all of them. The words of a
+    simulation count cells, not balls, if a cell has several balls or the lattice is not known.
     """
     facts_of_balls, periods, n_balls = _describe_balls(dataset)
     # the facts of each medium
@@ -626,9 +628,9 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
 
 
 def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
-    """Return the facts of the balls of a data set, in words by kind, and the numbers of periods and
-    of balls in a cell of the lattice. Where these are unknown, both are 2: several balls in a cell,
-    so that words count cells.
+    """Return the facts of the balls of a data set, in words by kind, the number of periods of the
+    lattice, and the number of balls in its cell. A number that is not known is 2: a cell of several
+    balls makes words count cells. Several lattices have the number of balls of the largest cell.
     """
     description: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
     if "kinds" in description:  # a crystal
@@ -708,9 +710,9 @@ def _draw_sweep(
 
 
 def choose_x(dataset: Dataset, x: str | None) -> str:
-    """Return the name of the quantity on the axis of x: ``x`` itself, or else the load, but at a
-    single load the parameter in numbers that has the most values, if there is one;
-    :class:`~granphon.base.errors.InputError` if ``x`` is no name.
+    """Return the name of the quantity on the axis of x, which is ``x`` if it is given. Otherwise it
+    is the load; but at a single load it is the parameter in numbers with the most values, if a
+    parameter in numbers varies. :class:`~granphon.base.errors.InputError` if ``x`` is no name.
     """
     if x:
         return str(require("x", text, x))
@@ -727,8 +729,8 @@ def _draw_lines(
     """
     over_x = turn_over(dataset, x)
     read_values(over_x, variable)  # refuses a variable that cannot be drawn
-    coloured = _choose_coloured(over_x)
-    groups = _read_groups(over_x, variable, x, coloured)
+    coloured_dimension = _choose_coloured_dimension(over_x)
+    groups = _read_groups(over_x, variable, x, coloured_dimension)
     n_shades = len(groups[0])  # groups have equal sizes
     curves = [curve for group in groups for curve in group]
     shades = []
@@ -742,21 +744,23 @@ def _draw_lines(
     handles = list[Line2D]()
     has_colours = len(groups) > 1
     if has_colours or n_shades == 1:
-        handles += _name_colours(groups, coloured)
+        handles += _name_colours(groups, coloured_dimension)
     if n_shades > 1:
         # shades that all colours have are named in grey
         handles += _name_shades(groups, "0.5" if has_colours else COLOURS[0])
     return curves, handles + _make_remarks(curves)
 
 
-def _read_groups(dataset: Dataset, variable: str, x: str, coloured: str) -> list[list[Curve]]:
+def _read_groups(
+    dataset: Dataset, variable: str, x: str, coloured_dimension: str
+) -> list[list[Curve]]:
     """Return the curves of a variable over ``x`` in groups of equal size, one for each value of the
-    dimension ``coloured``.
+    ``coloured_dimension``.
     """
     groups: dict[int, list[Curve]] = {}
     for facts, index in describe_lines(dataset, variable):
         curve = read_curve(dataset, variable, x, index, facts=facts)
-        groups.setdefault(index.get(coloured, 0), []).append(curve)
+        groups.setdefault(index.get(coloured_dimension, 0), []).append(curve)
     return [groups[number] for number in sorted(groups)]
 
 
@@ -767,12 +771,12 @@ def _are_points(curves: Sequence[Curve]) -> bool:
     return all(np.all(curve.simulated) and not curve.served for curve in curves)
 
 
-def _name_colours(groups: Sequence[Sequence[Curve]], coloured: str) -> list[Line2D]:
+def _name_colours(groups: Sequence[Sequence[Curve]], coloured_dimension: str) -> list[Line2D]:
     """Return the entries of a legend for the colours, one for each of the ``groups`` of curves,
-    which differ in the dimension ``coloured``.
+    which differ in the ``coloured_dimension``.
     """
     kinds = ["medium"]  # of facts that a label gives
-    if coloured != "medium":
+    if coloured_dimension != "medium":
         kinds, _ = find_differing([group[0].facts for group in groups])
     handles = []
     for number, group in enumerate(groups):
@@ -783,8 +787,9 @@ def _name_colours(groups: Sequence[Sequence[Curve]], coloured: str) -> list[Line
 
 
 def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]:
-    """Return the entries of a legend for the shades, the same in all ``groups`` of curves, as
-    shades of one ``colour``; of many shades some are named.
+    """Return the entries of a legend for the shades, which are the same in all ``groups`` of
+    curves, as shades of one ``colour``. Of many shades ``_MOST_NAMED`` are named, and a last entry
+    gives the number of all.
     """
     curves = groups[0]
     are_points = all(_are_points(group) for group in groups)
@@ -801,7 +806,7 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
     return handles
 
 
-def _choose_coloured(dataset: Dataset) -> str:
+def _choose_coloured_dimension(dataset: Dataset) -> str:
     """Return the name of the dimension whose values have colours. It is the medium; but if the data
     set has one medium and several parameters, it is the first parameter that has no more values
     than there are colours.
@@ -977,9 +982,9 @@ def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
 
 
 def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) -> None:
-    """Write above a figure the values of the parameters that have one value in a data set, as those
-    of which a user has chosen one, and a single load over which nothing is drawn; ``curve`` is one
-    of the curves.
+    """Write above a figure the values of the parameters that have one value in a data set, such as
+    a value that a user has chosen. A single load is written too, unless it is on the axis of ``x``.
+    ``curve`` is any of the curves.
     """
     names = [name for name in list_parameters(dataset) if dataset[name].size == 1 and name != x]
     kinds = [describe_value(dataset, name, 0)[0] for name in names]
@@ -993,8 +998,8 @@ def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) 
 
 def _name_velocities(velocities: Sequence[str], *, are_points: bool) -> list[Line2D]:
     """Return the entries of a legend for those of the drawn ``velocities`` that look unlike the
-    others: the dashes of the slow transverse wave, the marks of both transverse waves, and those of
-    pulses.
+    others: pulses, and where the slow transverse wave is drawn, both transverse waves.
+    ``are_points`` says whether velocities are drawn as points.
     """
     handles = []
     for name, marker in _VELOCITY_MARKERS.items():
@@ -1009,17 +1014,15 @@ def _name_velocities(velocities: Sequence[str], *, are_points: bool) -> list[Lin
 
 
 def _break_label(label: str) -> str:
-    """Return a ``label`` as it is, or, if it is longer than a line of a legend, in lines for which
-    a column has room.
-    """
+    """Return a ``label`` as it is if it fits into a line of a legend, else broken into lines."""
     return label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
 
 
 def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
-    """Write the symbols of velocities beside the right ends of their ``curves``, by the names of
-    the velocities; in one text where the ends are close. Of neighbouring curves of one velocity the
-    fastest has the symbol; curves of another velocity between them divide them, and each part has
-    the symbol.
+    """Write the symbols of velocities beside the right ends of their ``curves``, which are given by
+    the names of the velocities. Of neighbouring curves of one velocity the fastest has the symbol.
+    Curves of another velocity may divide them into parts; then each part has the symbol. Where ends
+    are close, one text has the symbols.
 
     Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
     """
@@ -1109,9 +1112,10 @@ def plot_together(
 
 
 def _find_handle_length(handles: Sequence[Line2D]) -> float | None:
-    """Return the length of the handles of a legend, in letters: longer if dashes tell lines apart,
-    None for the usual length.
+    """Return the length of the handles of a legend, in units of the size of its font: longer if
+    dashes tell lines apart, None for the usual length.
     """
+    # a thin dashed line only says where a medium is not valid
     is_dashed = any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles)
     return 2.8 if is_dashed else None
 
@@ -1153,7 +1157,9 @@ def comparison_figure(
 
 
 def _list_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
-    """Return the runs of several results; InputError for none, and for what are not several."""
+    """Return the runs of several ``results``, by name or in a list; InputError if there is none,
+    and for a single result.
+    """
     if isinstance(results, Mapping):
         runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
     elif isinstance(results, Iterable):
@@ -1279,8 +1285,9 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
 
 
 def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Caption:
-    """Draw the bands of each run, ``all_bands``, over those of the others; return the entries of
-    the legend, and the facts that all runs share. InputError if the paths of the bands differ.
+    """Draw the bands of all ``runs`` one over the other; ``all_bands`` are those of each run.
+    Return the entries of the legend, and the facts that all runs share. InputError if the paths of
+    the bands differ.
     """
     first = all_bands[0]
     for run, bands in zip(runs[1:], all_bands[1:], strict=True):
@@ -1298,8 +1305,8 @@ def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Ax
 
 
 def _require_same_path(first: Bands, second: Bands, names: str) -> None:
-    """Raise InputError, which names the runs by ``names``, if two results of bands have other
-    labels of corners, or corners at other distances.
+    """Raise InputError if the paths of two bands have different labels of corners, or corners at
+    different distances; the message has the ``names`` of both runs.
     """
     has_labels = first.labels == second.labels
     has_corners = len(first.distances) == len(second.distances) and np.allclose(
@@ -1320,8 +1327,8 @@ def _require_same_path(first: Bands, second: Bands, names: str) -> None:
 def _draw_densities_together(
     runs: Sequence[Run], densities: Sequence[DensityOfStates], ax: Axes
 ) -> _Caption:
-    """Draw the density of states of each run over those of the others; return the entries of the
-    legend, and the facts that all runs share.
+    """Draw the densities of states of all ``runs`` one over the other; ``densities`` has that of
+    each run. Return the entries of the legend, and the facts that all runs share.
     """
     unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in densities))
     lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in densities]
@@ -1587,7 +1594,9 @@ def _choose_velocity(runs: Sequence[Run], common: Sequence[str]) -> str:
 
 
 def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") -> str:
-    """Return the names of runs, and a verb for a single run or for several."""
+    """Return the names of ``runs``, and after them the ``verb`` of a single run, or else the
+    ``verb_of_several``.
+    """
     names = " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
     return f"{names} {verb if len(runs) == 1 else verb_of_several}".rstrip()
 
@@ -1667,9 +1676,9 @@ def _read_measurements(
     balls_per_side: int | None,
     distance: float | tuple[float, float] | None,
 ) -> Measurements:
-    """Return the measurements of a file, whose pressures act on the packing of ``runs``, and whose
-    side forces on a hexagonal frame with ``balls_per_side``; ``distance``, m, is that of times of
-    flight.
+    """Return the measurements of the file ``path``. Its pressures act on the packing of ``runs``,
+    and its side forces on a hexagonal frame with ``balls_per_side``. ``distance``, m, or (distance,
+    standard error), is that of times of flight.
     """
     frame = None
     if balls_per_side is not None:
@@ -1782,9 +1791,9 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
     differing_kinds.sort(key=lambda kind: kind != "medium")
     kinds_of_runs = _list_constant(differing_kinds, curves, [curve.run for curve in curves])
     tables = []
-    for of_dashes in ([], kinds_of_runs):
-        kinds = [kind for kind in differing_kinds if kind not in of_dashes]
-        tables += [_tabulate_by(kind, kinds, of_dashes, curves) for kind in kinds]
+    for kinds_of_dashes in ([], kinds_of_runs):
+        kinds = [kind for kind in differing_kinds if kind not in kinds_of_dashes]
+        tables += [_tabulate_by(kind, kinds, kinds_of_dashes, curves) for kind in kinds]
     limits = (len(COLOURS), _MOST_NAMED, len(_DASHES))
     possible_tables = []
     for table in tables:
@@ -1816,20 +1825,20 @@ def _list_constant(
 
 
 def _tabulate_by(
-    kind: str, kinds: Sequence[str], of_dashes: Sequence[str], curves: Sequence[Curve]
+    kind: str, kinds: Sequence[str], kinds_of_dashes: Sequence[str], curves: Sequence[Curve]
 ) -> _CurveTable:
     """Return the table of the curves in which each value of the facts of one ``kind`` has a colour.
 
     Of the other ``kinds``, those that do not vary within a colour are named by the colour too, and
-    the rest have shades. The kinds ``of_dashes``, which are not among ``kinds``, have dashes.
+    all others have shades. ``kinds_of_dashes``, which are not among ``kinds``, have dashes.
     """
-    of_colours = _list_constant(kinds, curves, [curve.facts.get(kind) for curve in curves])
-    of_shades = [other for other in kinds if other not in of_colours]
+    kinds_of_colours = _list_constant(kinds, curves, [curve.facts.get(kind) for curve in curves])
+    kinds_of_shades = [other for other in kinds if other not in kinds_of_colours]
     labels: list[list[str]] = []
     numbers: list[list[int]] = []
-    for of_look in (of_colours, of_shades, of_dashes):
+    for kinds_of_look in (kinds_of_colours, kinds_of_shades, kinds_of_dashes):
         # the name of a run stands for all facts that the curves of the run share
-        kinds_of_label = ["name"] if "name" in of_look else of_look
+        kinds_of_label = ["name"] if "name" in kinds_of_look else kinds_of_look
         texts = []
         for curve in curves:
             facts = [curve.facts[label] for label in kinds_of_label if label in curve.facts]
@@ -1868,9 +1877,9 @@ def _draw_table(
 
 
 def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Caption:
-    """Draw ``curves`` of runs, of which those of fits have measured points too, and other
-    ``measured`` points, ``y`` over ``x``; return the entries of the legend, and the facts that all
-    curves share.
+    """Draw ``y`` over ``x``: the ``curves`` of runs, among which may be the measured points of
+    fits, and other ``measured`` points. Return the entries of the legend, and the facts that all
+    curves share. InputError for more curves than looks tell apart.
     """
     states = [curve for curve in curves if not curve.measured]
     models = _name_runs(_join_states(states))
@@ -1920,9 +1929,9 @@ def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
 
 
 def _draw_measured(ax: Axes, curve: Curve, number: int, *, is_alone: bool) -> Line2D:
-    """Draw measured points, with bars of their errors if these are known, and return their entry in
-    the legend; ``number`` chooses the mark, and points that are not alone have the name of their
-    run.
+    """Draw measured points, with bars of their errors if these are known; return the entry of the
+    legend. ``number``, that of the set of points, chooses the mark. Unless ``is_alone``, the entry
+    has the name of the run.
     """
     facts = ["data"]
     if not is_alone:
@@ -1982,18 +1991,18 @@ def _draw_spectra(
     """Draw the lines of each run in one look; return the entries of the legend, and the facts that
     all runs share, which are the title. For a single run no facts are returned.
 
-    ``lines`` has for each run its lines, pairs of x and y, (p,) each. The group ids of lines begin
-    with ``name``.
+    ``lines`` has for each run its lines, pairs of x (n,) and y (n,). In an SVG file the names of
+    the lines begin with ``name``.
     """
     labels, common = _label_runs(runs)
     handles = []
     looks = make_looks(len(runs))
-    for n, (lines_of_run, look, label) in enumerate(zip(lines, looks, labels, strict=True)):
+    for number, (lines_of_run, look, label) in enumerate(zip(lines, looks, labels, strict=True)):
         style: dict[str, Any] = {"color": look.colour, "linewidth": look.width}
         if look.dashes:
             style |= {"dashes": look.dashes}
         for x, y in lines_of_run:
-            ax.plot(x, y, gid=f"{name}-{n}", **style)
+            ax.plot(x, y, gid=f"{name}-{number}", **style)
         handles.append(Line2D([], [], label=label, **style))
     return handles, common if len(runs) > 1 else []
 
@@ -2032,7 +2041,7 @@ def _describe_state(run: Run) -> dict[str, str]:
 
 
 def _describe_first_load(dataset: Dataset) -> str:
-    """Return the kind and the value of the first load of a data set in words, "force 3 N"."""
+    """Return in words the kind and the value of the first load of a data set, "force 3 N"."""
     kind = find_load(dataset)
     load = float(dataset[kind].values[0])
     return f"{kind} {write_value(load, _read_unit(dataset, kind))}"

@@ -25,15 +25,16 @@ _MOST_BRANCHES = 48
 _POINTS = 41
 #: height of the figure, inches
 _HEIGHT = 2.6
-#: places between the bounds of a variable
+#: places of the lower and of the upper bound of a variable
 _ENDS = (0.0, 1.0)
 
 
 def design_figure(design: Design) -> Figure:
-    """Draw a figure of a design across the page: the goal at each evaluation of the start that is
-    kept, with the certified value of a gap as a dashed line; and the bands and gaps of the network
-    at the start and at the end. Of a network that does not repeat, or that has many branches, the
-    variables stand between their bounds in place of the bands.
+    """Draw a figure of a design across the page. On the left is the goal at each evaluation of the
+    search that led to the best network, with the certified value of a gap as a dashed line. On the
+    right are the bands and gaps of the given network and of the best one. For a network that does
+    not repeat, or has many branches, the variables between their bounds take the place of the
+    bands.
     """
     with styled_figure(_HEIGHT, PAGE_WIDTH) as figure:
         if not _has_bands(design.network):
@@ -58,14 +59,16 @@ def design_figure(design: Design) -> Figure:
 
 
 def _has_bands(network: ContactNetwork) -> bool:
-    """Whether the bands of a network are drawn: it must repeat, and not have too many branches."""
+    """Whether the bands of a network are drawn: the network must repeat, and have at most
+    ``_MOST_BRANCHES`` branches.
+    """
     n_branches = network.ball_motions.count * int(np.count_nonzero(network.moving))
     return any(network.pbc) and n_branches <= _MOST_BRANCHES
 
 
 def _draw_history(design: Design, ax: Axes) -> None:
-    """Draw the goal at each evaluation. Of a gap, which is the goal in Hz, a dashed line shows the
-    certified value; goals without a unit have a logarithmic axis if all are above zero.
+    """Draw the goal at each evaluation. A goal in Hz is a gap: a dashed line shows the certified
+    value of the gap. A goal without a unit has a logarithmic axis if all its values are above zero.
     """
     history = design.history
     ax.plot(np.arange(1, history.size + 1), history, color=BLUE, linewidth=1.0, marker=".")
@@ -84,8 +87,8 @@ def _draw_history(design: Design, ax: Axes) -> None:
 
 
 def _draw_variables(design: Design, ax: Axes) -> None:
-    """Draw where each variable lies between its bounds, at the start and at the end of the
-    search.
+    """Draw where each variable lies between its bounds, in the given network and in the best
+    one.
     """
     low, high = design.bounds.T
     numbers = np.arange(len(low))

@@ -133,13 +133,14 @@ def plot_forces(
         whose lines would be too thin to be told apart.
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
         by default the 24 diameters in the middle.
-    color : what the balls of a network are coloured by: "force", the mean normal force of the
-        contacts of each ball, "overlap", their mean overlap by the places, without contacts with
-        flat walls, whose overlap places do not show, "nonaffine", the length
-        of :func:`~granphon.find_nonaffine` under a shear of one, "spin", the rotation about z under
-        this shear, or "contacts", their number; or (n,) numbers of your own, as those of a mode. A
-        bar says what colours mean; of balls as of contacts, the dark ones have the large numbers.
-        None for kinds.
+    color : what the balls of a network are coloured by; None for their kinds. "force" is the mean
+        normal force of the contacts of each ball, "contacts" their number, and "overlap" their mean
+        overlap, found from the places of balls; the overlap with a flat wall, which places do not
+        show, does not count. "nonaffine" is the length of :func:`~granphon.find_nonaffine` under a
+        shear of one, and "spin" the rotation about z under this shear. Or (n,) numbers of your own,
+        one for each ball and wall, as those of a mode. A bar says what colours mean: large numbers
+        are dark, as large forces of contacts are; if numbers have both signs, those below zero are
+        blue and those above zero red.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
     :class:`~granphon.base.errors.InputError` for another word of ``show`` or ``color``, a color of
@@ -271,13 +272,15 @@ def _count_contacts(network: ContactNetwork) -> Array:
 
 
 def _find_displacement(network: ContactNetwork) -> Array:
-    """Return the size (n,), m, of the non-affine displacement of each ball per shear."""
+    """Return the length (n,), m, of the non-affine displacement of each ball under a shear of
+    one.
+    """
     return find_nonaffine(network).sizes
 
 
 def _find_spin(network: ContactNetwork) -> Array:
-    """Return the rotation (n,), rad, about z of each ball per shear; InputError if the balls do not
-    turn about z, or have no motions under a strain in their plane.
+    """Return the rotation (n,), rad, about z of each ball under a shear of one. InputError if the
+    balls do not turn about z, or have no motions under a strain in their plane.
     """
     motions = find_nonaffine(network)  # first: its errors say what balls of a plane need
     if 2 not in network.ball_motions.rotations:
@@ -400,8 +403,9 @@ def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, 
 
 
 def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
-    """Draw the contacts between these edges, the left, lower, right and upper one, and their balls
-    if there are few; return the lines of the contacts.
+    """Draw the contacts between these ``edges``, the left, lower, right and upper one, and the
+    balls if there are few; return the lines of the contacts. InputError if there is no contact at
+    all, and if no ball or contact is between the edges.
     """
     lines, forces_of_lines = layer.find_lines()
     if not forces_of_lines.size:
@@ -537,7 +541,7 @@ def _find_map_of_sample(sample: Sample) -> _Map:
     a1, lengths in diameters and forces over their mean.
     """
     structure = sample.packing.structure
-    p = len(sample.shape)
+    p = len(sample.shape)  # number of periods
     n_along, n_across = (*sample.shape, 1)[:2]  # L1, L2
     vectors, axes = _find_layer_axes(structure)
     plane = axes[:2, :p].T  # (p, 2)
@@ -655,17 +659,17 @@ def _find_lines_of_layer(
 
 
 def _sum_over_contacts(
-    i: NDArray[np.intp], j: NDArray[np.intp], values: Array, count: int
+    i: NDArray[np.intp], j: NDArray[np.intp], values: Array, n_balls: int
 ) -> tuple[Array, Array]:
-    """Return, for each of ``count`` balls, the sum of the values of its contacts, and the number of
-    its contacts, both (count,).
+    """Return, for each ball, the sum of the values of its contacts, and the number of its contacts,
+    both (n_balls,).
 
-    ``i`` and ``j`` are the balls of each contact, and ``values`` those of the contacts, each (m,),
-    such as the forces.
+    Each of m contacts joins the balls ``i`` and ``j``, (m,), and has one of the ``values`` (m,),
+    such as its force.
     """
     balls = np.concatenate([i, j])
-    sums = np.bincount(balls, np.concatenate([values, values]), count)
-    n_contacts = np.bincount(balls, minlength=count)
+    sums = np.bincount(balls, np.concatenate([values, values]), n_balls)
+    n_contacts = np.bincount(balls, minlength=n_balls)
     return np.asarray(sums, float), n_contacts.astype(float)
 
 
@@ -756,8 +760,8 @@ def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:
 
 
 def _write_title(sample: Sample) -> str:
-    """Return the title of a sample: its force, for equal balls in N and else reduced, with the
-    reduced spacing, and its fraction of contacts.
+    """Return the title of a sample, with its fraction of contacts. Equal balls have the force in N,
+    others the reduced force f* and the reduced spacing a*.
     """
     state = sample.equilibrium
     contacts = f"$N_c$ = {sample.contact_fraction():.3f}"
@@ -829,6 +833,7 @@ def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:
     if network.dimension != 2:
         fault = f"the balls of the network are in {counted(network.dimension, 'dimension')}"
         raise InputError(fault, "One angle is the direction of a contact in a plane")
+    # found before a figure is made, as they raise if there are no contacts or no forces
     tensors = (network.fabric, network.force_fabric)
     if ax is None:
         with styled_figure(2.4) as figure:

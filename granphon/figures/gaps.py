@@ -44,9 +44,9 @@ _DOTS: dict[str, Any] = {
 #: what draws a panel: from the states of a curve, the numbers on the axis of x (n,), None for a
 #: single state, and the unit
 _DrawPanel = Callable[[Dataset, Axes, Array | None, HertzPrefix], None]
-#: for each dimension of frequencies what is counted along the axis of x at a single state, and the
-#: first number, as in tables
-_COUNTED = {
+#: for each dimension of frequencies the label of the axis of x of a single state, along which its
+#: indices are counted, and the number of the first index, as in tables
+_INDEX_AXES = {
     "gap": ("Branches below the gap", 0),
     "branch": ("Branch", 0),
     "mode": ("Mode", 1),
@@ -131,7 +131,7 @@ def _find_place(dimension: str, number: int) -> Array:
     """Return the place (1,) on the axis of x at which the frequency of index ``number`` along a
     ``dimension`` stands at a single state: its number in tables.
     """
-    _words, first = _COUNTED[dimension]
+    _words, first = _INDEX_AXES[dimension]
     return np.array([float(first + number)])
 
 
@@ -139,7 +139,7 @@ def _find_span(states: Dataset, dimension: str) -> Array:
     """Return (2,) the ends of the axis of x, along which the indices of a ``dimension`` of a single
     state are counted.
     """
-    _words, first = _COUNTED[dimension]
+    _words, first = _INDEX_AXES[dimension]
     return np.array([first - 0.5, first + states.sizes[dimension] - 0.5])
 
 
@@ -152,8 +152,8 @@ def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
 
 
 def _find_lonely(is_known: Flags) -> Flags:
-    """Return (n,) whether each of n points of a curve is known, ``is_known`` (n,), while its
-    neighbours are not, so that no line leads to the point.
+    """Return (n,) whether each of n points of a curve is lonely: the point is known, and its
+    neighbours are not, so that no line leads to the point. ``is_known`` (n,) says which are known.
     """
     has_neighbour = np.zeros(is_known.size, bool)
     has_neighbour[1:] |= is_known[:-1]
@@ -258,9 +258,9 @@ def _draw_panels(
     """Return a figure with a panel for each medium and combination of parameters of a sweep, which
     ``draw`` draws, and with a legend of the ``handles``.
 
-    The panels share their axes. That of y reaches to the greatest value of the ``variable``, Hz.
-    That of x has ``x``, or, where one state alone would be on it, counts the indices along the
-    ``dimension``. The other arguments are those of :func:`sweep_gaps_figure`.
+    The panels share their axes. The axis of y reaches to the greatest value of the ``variable``,
+    Hz. The axis of x has ``x``; if ``x`` has one value only, the axis counts the indices along the
+    ``dimension`` instead. The other arguments are those of :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
     layout = arrange(dataset, variable, x_name, rows, columns, alone=True)
@@ -290,7 +290,7 @@ def _draw_panels(
     def label(ax: Axes, _curves: Sequence[Any]) -> None:
         """Scale and name the axes of a panel."""
         if is_single_state:
-            ax.set(xlim=_find_span(dataset, dimension), xlabel=_COUNTED[dimension][0])
+            ax.set(xlim=_find_span(dataset, dimension), xlabel=_INDEX_AXES[dimension][0])
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
             ax.xaxis.set_minor_locator(NullLocator())
         else:

@@ -216,15 +216,16 @@ def plot_network_mode(
     """Draw one of the modes of a network, counted from 0 as in ``modes.frequencies``; axes in mean
     diameters, hidden.
 
-    With ``show="sensitivity"`` the contacts are drawn in place of the balls' motions, each in the
-    colour of its share in the frequency (``modes.contact_shares``), and wider the larger that is: a
-    contact that is stiffer by 1 % raises the frequency by 0.5 % of its share. A contact across the
-    edge of a period is drawn at both sides; a network in space is seen along z.
+    With ``show="motion"`` arrows, colours and the other arguments are those of :func:`plot_mode`.
+    Contacts across the edge of a period and flat walls are left out. Of more than 500 balls the 500
+    with the most kinetic energy are drawn, and the title gives their number. In space the other
+    balls, and those whose amplitude is below 5 % of the greatest, are points, so that those that
+    move are seen; more than 20 000 balls are not drawn.
 
-    Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge
-    of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
-    energy are drawn, and the title gives their number. In space balls whose amplitude is below 5 %
-    of the greatest are points, so that those that move are seen.
+    With ``show="sensitivity"`` the contacts are drawn in place of the balls' motions. The larger
+    the share of a contact in the frequency (``modes.contact_shares``), the darker and wider is its
+    line: a contact that is stiffer by 1 % raises the frequency by 0.5 % of its share. A contact
+    across the edge of a period is drawn at both sides; a network in space is seen along z.
 
     Raises :class:`~granphon.base.errors.InputError` if there is no such mode, for another word of
     ``show``, and for a ``phase`` or ``size`` that :func:`plot_mode` refuses.
@@ -240,7 +241,9 @@ def plot_network_mode(
 
 
 def _draw_shares(modes: NetworkModes, mode: int, ax: Axes) -> Axes:
-    """Draw the share of each contact in the frequency of a mode, of the index ``mode``."""
+    """Draw the share of each contact in the frequency of the mode of the index ``mode``; return
+    ``ax``.
+    """
     network = modes.network
     diameter = network.scales.length
     shares = modes.contact_shares[mode]
@@ -380,18 +383,20 @@ def _colour_balls(network: ContactNetwork) -> tuple[dict[str, str], list[str]]:
 
 
 def _write_network_title(modes: NetworkModes, mode: int, n_drawn: int) -> str:
-    """Return the title of a mode of a network, of the index ``mode``, of which ``n_drawn`` balls
-    are drawn: its frequency, the part of the energy in rotation, and the participation ratio.
+    """Return the title of the mode of the index ``mode`` of a network: its frequency, the part of
+    the energy in rotation where balls turn, the participation ratio, and the number ``n_drawn`` of
+    balls that are drawn unless these are all balls. Flat walls do not count.
     """
     network = modes.network
+    n_balls = int(np.count_nonzero(np.isfinite(network.radii)))
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
     title = f"{hertz / unit.hertz:.1f} {write_hertz(unit)}"
     if network.ball_motions.rotate:
         title += f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
     title += f"\nparticipation {modes.participation_ratio[mode]:.2g}"
-    if n_drawn < np.count_nonzero(np.isfinite(network.radii)):
-        title += f", {n_drawn} of {network.n_balls} balls"
+    if n_drawn < n_balls:
+        title += f", {n_drawn} of {n_balls} balls"
     return title
 
 
@@ -491,8 +496,8 @@ def _find_motion(
 
 def _fix_phase(motion: NDArray[Any]) -> NDArray[Any]:
     """Return a complex ``motion``, u components of n balls, (n, u), with the phase at which its
-    largest component is real and positive; of components that are equal but for rounding, to a
-    millionth of the largest, the first counts as the largest.
+    largest component is real and positive. The first of several components counts as the largest
+    if they differ by rounding alone, by a millionth of the largest.
     """
     components = motion.ravel()
     relative_magnitudes = np.abs(components) / np.abs(components).max()
@@ -562,8 +567,8 @@ def _find_pairs(
     lattice: ContactLattice, balls: NDArray[np.intp], cell_steps: NDArray[Any]
 ) -> NDArray[np.intp]:
     """Return the contacts (m_c, 2) of the drawn balls, by the places of both balls in ``balls``
-    (m,), which holds their indices in the cell; ``cell_steps`` (m, p) are the numbers of cells from
-    the first cell to theirs.
+    (m,), which holds their indices in the cell. ``cell_steps`` (m, p) are the numbers of cells,
+    along each of p periods, from the first cell to the cell of each drawn ball.
     """
     index_of_ball = {}  # places in the arrays, by index in the cell and steps
     for index, (ball, steps) in enumerate(zip(balls.tolist(), cell_steps.tolist(), strict=True)):

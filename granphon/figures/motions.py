@@ -122,6 +122,7 @@ def _find_positions(motion: Motion, axis: int, radius: float) -> tuple[Array, Ar
     ball_positions = network.positions[is_ball, axis] + offset
     contact_positions = motion.middles[:, axis] + offset
     length = abs(network.cell[axis, axis])
+    # a period that is oblique to the axis takes a ball off its row: its places are not folded
     has_period = network.pbc[axis] and length == np.linalg.norm(network.cell[axis])
     if has_period:
         ball_positions = np.mod(ball_positions, length)
@@ -204,8 +205,8 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
     """Draw the balls at one of the frames, coloured by their speed; an array in space is seen along
     z.
 
-    ``frame`` is counted from 0, or from the end below 0, and ``most`` is the speed, m/s, of the
-    darkest colour, by default the greatest speed of the frame. Raises
+    ``frame`` is counted from 0; below 0 it is counted from the end, -1 for the last frame. ``most``
+    is the speed, m/s, of the darkest colour, by default the greatest speed of the frame. Raises
     :class:`~granphon.base.errors.InputError` if the motion has no such frame, and for a ``most``
     that is not above zero.
     """
@@ -242,7 +243,7 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     """
     frequencies, amplitudes = motion.spectrum(ball, axis)
     greatest = max(float(amplitudes.max()), LEAST_LIMIT)
-    # all frequencies of a ball that stays where it is, with no amplitude at any of them
+    # of a ball that stays where it is, all amplitudes are zero, and all frequencies are shown
     is_seen = amplitudes >= _LEAST * float(amplitudes.max())
     top = float(frequencies[is_seen][-1])
     prefix = HertzPrefix.for_top(top)
@@ -273,7 +274,7 @@ def plot_harmonics(
     if not np.any(amplitudes):
         raise InputError(f"no ball moves along {'xyz'[axis]}", mend="Give another axis")
     positions = motion.network.positions[:, axis]
-    median_radius = float(np.median(motion.network.radii))
+    median_radius = float(np.median(motion.network.radii))  # flat walls have infinite radii
     metres, unit_of_length = prefixed(_RADII * median_radius, "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(positions, kind="stable")
@@ -379,10 +380,10 @@ def _draw_courses(
     label: str,
     si_unit: str,
 ) -> None:
-    """Draw a quantity of several states over the ``times`` (n,), on an axis that has a ``label``,
-    from zero, in a decimal multiple of the SI unit.
+    """Draw a quantity of several states over the ``times`` (n,), in the unit of the axis of x. The
+    axis of y has a ``label``, begins at zero, and is in a decimal multiple of the SI unit.
 
-    ``curves`` are (colour, values (n,), their standard errors (n,) or None).
+    ``curves`` are (colour, values (n,), their standard errors (n,) or None), in ``si_unit``.
     """
     scale, unit = prefixed(max(float(np.max(values)) for _, values, _ in curves), si_unit)
     for colour, values, errors in curves:

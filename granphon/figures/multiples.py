@@ -34,8 +34,8 @@ _TITLE_HEIGHT = 0.12
 #: greatest number of letters of a line of the title, and of one beside a row of panels
 _LETTERS_OF_TITLE = 60
 _LETTERS_OF_ROW = 14
-#: letters in a line above a column of panels, over the part of the width of the figure, inches,
-#: that the column has: such that the titles of neighbours stay apart
+#: letters in a line above a column of panels, per inch of the width of the column: so many that the
+#: titles of neighbours stay apart
 _LETTERS_PER_INCH = 13.0
 
 
@@ -57,9 +57,10 @@ def draw_panels(
 ) -> Figure:
     """Draw a figure of the panels of a ``layout``, with shared axes and one legend.
 
-    ``draw`` draws the states of a panel on its Axes, and returns what was drawn; ``label`` scales
-    and names the axes of an Axes for the list of all curves. With columns alone the panels stand in
-    lines. The figure is one column wide, or as wide as a page if it has more than three columns.
+    ``draw`` draws the states of a panel on its Axes, and returns what was drawn. ``label`` scales
+    and names the axes of an Axes; it takes the Axes and the curves of all panels. With columns
+    alone the panels stand in lines. The figure is one column wide, or as wide as a page if more
+    than three panels stand side by side.
     """
     has_lines = layout.rows is None
     numbers_of_rows = layout.list_numbers(dataset, layout.rows)

@@ -155,8 +155,8 @@ def draw_dataset(dataset: Any, name: str, **options: Any) -> Figure:
 
 
 def _find_picture(result: Any) -> Picture | None:
-    """Return the picture of the class of a ``result``, or of the first of its bases that has one;
-    None without one.
+    """Return the picture of the class of a ``result``, or else of the first base class that has a
+    picture; None if no base class has one.
     """
     for kind in type(result).__mro__:
         picture = PICTURES.get(f"{kind.__module__}.{kind.__qualname__}".removeprefix("granphon."))
@@ -193,9 +193,10 @@ def _choose_of_object(result: Any) -> tuple[Picture, dict[str, Any]]:
 
 
 def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, Any]]:
-    """Return the picture of a data set, or of the spectra of a scene's ``result`` that has the data
-    set, and the arguments of its function. InputError for a data set without an axis of loads or of
-    media.
+    """Return the picture of a ``result``, and the arguments of the function that draws it. The
+    result is the ``dataset`` itself, or the result of a scene with this data set, whose bands,
+    densities of states, waves of an edge or motion are drawn if it has them. InputError for a data
+    set without an axis of loads or of media.
     """
     for name in ("load", "medium"):
         if name not in dataset.dims:
@@ -224,8 +225,9 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
 
 
 def choose_figure(dataset: Any, names: Iterable[str]) -> str:
-    """Return the first of the ``names`` of outputs whose figure draws each state of a data set by
-    itself; "sweep", the curves over the load, if there is none, or if there are several states.
+    """Return the output whose figure draws a data set. A data set of one state is drawn by the
+    first of the ``names`` whose figure draws each state by itself, and whose variable the data set
+    has. Any other data set is drawn by "sweep", the curves over the load.
     """
     if dataset["valid"].size > 1:
         return "sweep"
@@ -246,8 +248,8 @@ def _make_showable(figure: Any) -> Figure:
 def _require_options(
     draw: Callable[..., Any], name: str, arguments: dict[str, Any], options: dict[str, Any]
 ) -> None:
-    """Raise InputError, which calls the function ``draw`` by its ``name``, for ``options`` that the
-    function does not have besides its ``arguments``.
+    """Raise InputError for ``options`` that are no keywords of the function ``draw``, or that are
+    among its ``arguments``, which are given already. The message calls the function ``name``.
     """
     allowed = [option for option in signature(draw).parameters if option not in arguments]
     unknown = [option for option in options if option not in allowed]

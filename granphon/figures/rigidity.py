@@ -16,9 +16,9 @@ from granphon.observables.velocities import moduli
 
 
 def plot_rigidity(networks: Iterable[ContactNetwork], ax: Axes | None = None) -> Axes:
-    """Draw the shear modulus over the bulk modulus of each of some packings, by Hill's means over
-    directions, over its contacts per ball above the isostatic number, that of
-    ``gp.validity(network)["contacts"]``.
+    """Draw a point for each of some packings, and return the Axes. Upwards is the ratio of the
+    shear to the bulk modulus, Hill's means over directions. To the right is the excess of contacts
+    of a ball over the isostatic number, the limit of ``gp.validity(network)["contacts"]``.
 
     ``networks`` is a list of networks that repeat, or a series of steps of a simulation
     (:meth:`~granphon.ContactNetwork.series`), of which one is held at a time. If ``ax`` is not

@@ -44,11 +44,12 @@ if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
 
-#: relative error below which the band of a curve is narrower than a line: one point of the 150 of
-#: an axis that begins at zero
-_HIDDEN = 3e-3
-#: value over the greatest above which the legend tells its relative error: others are near zero
-_LEAST_TOLD = 1e-3
+#: relative error below which the band of a curve is hidden behind its line: on an axis of 150
+#: points from zero the band is then narrower than about one point
+_LEAST_VISIBLE_ERROR = 3e-3
+#: part of the greatest value above which a value counts for the relative errors that a legend
+#: tells: the relative error of a value near zero says nothing
+_LEAST_VALUE = 1e-3
 #: label of bands of standard errors
 STANDARD_ERROR = "standard error"
 #: greatest number of records of the log of an import
@@ -311,11 +312,12 @@ def draw_error_band(
     *,
     upright: bool = False,
 ) -> None:
-    """Draw the band of the standard errors of a curve, ``values`` over ``x``, (n,); of a single
-    point a bar. Of an ``upright`` curve ``x`` is on the axis of y.
+    """Draw the band of the standard errors of a curve, ``values`` (n,) over ``x`` (n,); for a
+    single point a bar. An ``upright`` curve has ``x`` on the axis of y, and values to the right.
 
     ``errors`` are (n,), nan where unknown, or (2, n), below and above the curve; without an error
-    above zero nothing is drawn. ``convert`` turns values into numbers on the axis of y.
+    above zero nothing is drawn. ``convert`` turns values into numbers on their axis. ``gid`` names
+    the band in an SVG file.
     """
     below, above = np.broadcast_to(np.nan_to_num(errors), (2, values.size))
     if not np.any((below > 0.0) | (above > 0.0)):
@@ -331,8 +333,8 @@ def draw_error_band(
 
 
 def name_errors(errors: Any) -> Mapping[str, Any]:
-    """Return standard ``errors`` by the names of what has the errors, an empty mapping for None;
-    :class:`~granphon.base.errors.InputError` for what is no mapping.
+    """Return ``errors``, a mapping from the names of quantities to their standard errors; an empty
+    mapping for None. :class:`~granphon.base.errors.InputError` for what is no mapping.
     """
     if errors is None:
         return {}
@@ -344,8 +346,8 @@ def name_errors(errors: Any) -> Mapping[str, Any]:
 
 def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return standard ``errors``, an argument of that name, as an array of a ``shape``, nan where
-    unknown; :class:`~granphon.base.errors.InputError` for errors of another shape, from which axes
-    of length 1 may differ.
+    unknown. :class:`~granphon.base.errors.InputError` for errors of another shape; axes of length 1
+    may be more or fewer.
     """
     values = real_array("errors", errors)
     axes = [length for length in values.shape if length != 1]
@@ -354,12 +356,12 @@ def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
     return values.reshape(shape)
 
 
-def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = "") -> Line2D:
+def make_error_handle(values: ArrayLike = (), errors: ArrayLike = ()) -> Line2D:
     """Return the entry of a legend for the bands of :func:`draw_error_band`.
 
-    Of ``values`` with ``errors``, arrays of one shape, the entry tells the least and the greatest
-    relative error, without the values that are near zero beside the greatest and without errors
-    that are zero or nan; its mark is empty where the bands are hidden behind lines.
+    For ``values`` with standard ``errors``, arrays of one shape, the entry tells the least and the
+    greatest relative error. Values that are near zero beside the greatest value do not count, nor
+    errors that are zero or nan. The mark of the entry is empty if lines hide all bands.
     """
     magnitudes = np.nan_to_num(np.abs(np.ravel(values)))
     relative_errors = np.divide(
@@ -368,7 +370,8 @@ def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = 
         out=np.zeros(magnitudes.shape),
         where=magnitudes > 0.0,
     )
-    is_told = (relative_errors > 0.0) & (magnitudes > _LEAST_TOLD * np.max(magnitudes, initial=0.0))
+    least_magnitude = _LEAST_VALUE * np.max(magnitudes, initial=0.0)
+    is_told = (relative_errors > 0.0) & (magnitudes > least_magnitude)
     style: dict[str, Any] = {"color": "0.3", "alpha": 0.3, "linewidth": 5.0}
     label = STANDARD_ERROR
     if np.any(is_told):
@@ -377,7 +380,7 @@ def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = 
         # of equal ends one is written
         ends = dict.fromkeys(f"{100.0 * end:.2g}" for end in (least, greatest))
         label = f"{label} {' to '.join(ends)} %"
-        if greatest < _HIDDEN:
+        if greatest < _LEAST_VISIBLE_ERROR:
             style = {"linestyle": "none"}
     return Line2D([], [], label=label, **style)
 
@@ -590,8 +593,8 @@ class _PlainTicks(Locator):
         return _keep_apart(ticks, axis, self._letter) if self._letter > 0.0 else ticks
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
-        """Return the ticks of an axis between ``vmin`` and ``vmax``: the first set of round numbers
-        with enough of them, or the set with the most.
+        """Return the ticks, or the minor ticks, of an axis between ``vmin`` and ``vmax``: see
+        :func:`_choose_round_numbers`.
         """
         low, high = sorted((float(vmin), float(vmax)))
         major, minor = _choose_round_numbers(low, high, self._least)
@@ -600,9 +603,9 @@ class _PlainTicks(Locator):
 
 @lru_cache(maxsize=32)
 def _choose_round_numbers(low: float, high: float, least: int) -> tuple[Array, Array]:
-    """Return the ticks and the minor ticks of an axis from ``low`` to ``high``: of the sets of
-    :func:`_list_round_numbers` the first with at least ``least`` ticks, or the last. They are kept
-    for further calls, as matplotlib asks for them some twenty times to draw an axis.
+    """Return the ticks and the minor ticks of an axis from ``low`` to ``high``: those of the first
+    set of :func:`_list_round_numbers` with at least ``least`` ticks, or of the last set. The arrays
+    are read-only, and kept for further calls: matplotlib asks some twenty times to draw an axis.
     """
     major = minor = np.empty(0)
     for ticks, finer_ticks in _list_round_numbers(low, high, few=least < _LEAST_TICKS):

@@ -106,10 +106,11 @@ def _set_ticks(ax: Axes) -> None:
 
 
 def _find_rank(name: str) -> tuple[int, int]:
-    """Return the place of a quantity among all: velocities and moduli come first, then waves of an
-    edge and then branches, both from the lowest on.
+    """Return the rank of the quantity ``name``, by which quantities are sorted: its group and its
+    number in the group. Velocities and moduli come first, then waves of an edge and then branches,
+    both from the lowest on.
     """
-    if " " not in name:
+    if " " not in name:  # a velocity or a modulus
         return 0, 0
     entry, *_, number = name.split(" ")
     return (1 if entry == EDGE_WAVE else 2), int(number)
@@ -117,7 +118,8 @@ def _find_rank(name: str) -> tuple[int, int]:
 
 def _draw_bars(ax: Axes, derivatives: Array) -> None:
     """Draw a bar for each parameter, from ``derivatives`` (states, parameters): the mean over the
-    states, and for several states a line from the least to the greatest; nan does not count.
+    states. Several states have a line from the least to the greatest derivative too. Numbers that
+    are nan or infinite do not count.
     """
     finite_derivatives = np.ma.masked_invalid(derivatives)
     means = finite_derivatives.mean(axis=0).filled(np.nan)

@@ -84,8 +84,9 @@ def write_hertz(unit: HertzPrefix) -> str:
 
 
 def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
-    """Return the colour of each kind of balls by its name, from ``kinds``, the name of the kind of
-    each ball; an empty mapping if there is one kind only.
+    """Return the colours of kinds of balls by the names of the kinds, in the order in which they
+    first appear; ``kinds`` has the name of the kind of each ball. The mapping is empty if there are
+    fewer than two kinds.
     """
     names = list(dict.fromkeys(kinds))  # each once, in order
     if len(names) < 2:
@@ -95,8 +96,9 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
-    """Return at most ``most`` of the numbers 0 to ``count`` - 1, at even distances, the first and
-    the last among them; if ``most`` is 1, the first alone.
+    """Return at most ``most`` of the numbers 0 to ``count`` - 1, ascending, at distances that are
+    even but for rounding. The first and the last number are among them; if ``most`` is 1, the first
+    alone. The list is empty if ``count`` is zero.
     """
     numbers = np.linspace(0, count - 1, min(count, most)).round().astype(int)
     indices: list[int] = np.unique(numbers).tolist()
@@ -162,9 +164,9 @@ def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> No
 def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
     """Make the folder of ``target``, and give ``target`` to the block, which saves a picture there.
 
-    If the picture cannot be drawn, remove a file that was not there before, and raise FigureError
-    with the advice ``mend``. Errors of the file system, a lack of memory and granphon's own errors
-    pass as they are.
+    If the picture cannot be drawn, remove ``target`` unless it was there before, and raise
+    FigureError with the advice ``mend``. Errors of the file system, a lack of memory and granphon's
+    own errors pass as they are.
     """
     is_new = not target.exists()
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -26,17 +26,19 @@ _MOST_DRAWN = 4000
 
 
 def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None) -> Axes:
-    """Draw each trace at the height of the distance of its sensor, over the time: its deviations
-    from its median, over the greatest of them. With a ``velocity``, its arrivals are drawn, with
-    their standard errors, and the straight line through them.
+    """Draw each trace over the time, at the height of the distance of its sensor, and return
+    ``ax``. A trace is drawn as its deviations from its median, over the greatest deviation. With a
+    ``velocity`` the arrivals are drawn with their standard errors, and the straight line through
+    the arrivals.
     """
     time_unit, time_name = prefixed(float(np.max(np.abs(traces.times))), "s")
     length_unit, length_name = prefixed(float(np.max(np.abs(traces.distances))), "m")
     gaps = np.diff(traces.distances)
+    # a trace that is alone has any height
     height = _HEIGHT * float(np.min(gaps)) if gaps.size else 1.0
     for distance, signal in zip(traces.distances, traces.signals, strict=True):
         deviations = signal - np.median(signal)
-        scaled = deviations / (np.max(np.abs(deviations)) or 1.0)
+        scaled = deviations / (np.max(np.abs(deviations)) or 1.0)  # a constant trace stays flat
         times, values = _reduce_samples(traces.times, distance + height * scaled)
         ax.plot(times / time_unit, values / length_unit, color=BLUE, linewidth=0.7)
     if velocity is not None:
@@ -83,10 +85,9 @@ def traces_figure(traces: Traces, velocity: TraceVelocity | None = None) -> Figu
 
 
 def _reduce_samples(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ``times`` (n,) and ``values`` (n,) of a trace; if there are more than can be seen,
-    the least and the greatest value of each group of samples, at the time of its first sample.
-
-    Of a trace in groups the last samples, if they do not fill a group, are left out.
+    """Return the ``times`` (n,) and ``values`` (n,) of a trace to draw. If there are more samples
+    than can be seen, they are grouped: the least and the greatest value of each group stand at the
+    time of its first sample. The last samples are left out if they do not fill a group.
     """
     if times.size <= _MOST_DRAWN:
         return times, values

@@ -32,8 +32,8 @@ _HEAD_LENGTH = 3.6
 
 
 def read_angle(name: str, value: Any, unit: str) -> float:
-    """Return the ``value`` of an angle as a float; InputError, which calls the angle by its
-    ``name`` and asks for the ``unit``, for what is no finite number.
+    """Return the ``value`` of an angle as a float. InputError for what is no finite number; the
+    message has the ``name`` of the angle and its ``unit``.
     """
     angle = real_number(value)  # nan for what is no number
     if not math.isfinite(angle):
@@ -115,14 +115,17 @@ class Painter:
         edge: ColorType = "none",
         width: float = 0.0,
     ) -> None:
-        """Add a shape on the paper; of shapes with equal nearness the later one is drawn later."""
+        """Add a shape with the outline ``path`` on the paper: the colours of its ``face`` and
+        ``edge``, and the ``width`` of the edge, points. Nearer shapes are drawn later; of shapes
+        with equal ``nearness`` the one that is added later.
+        """
         self._shapes.append((nearness, path, to_rgba(face), to_rgba(edge), width))
 
     def add_line(
         self, points: Array, color: ColorType, width: float, nearness: float | None = None
     ) -> None:
-        """Add a line of a ``width``, points, through points (n, 3), as near as their mean unless
-        ``nearness`` is given.
+        """Add a line of a ``width``, points, through ``points`` (n, 3). Without ``nearness`` the
+        line is as near as its points are on average.
         """
         if nearness is None:
             nearness_of_line = float(self.view.nearness(points).mean())
@@ -218,7 +221,7 @@ class Painter:
         shapes = sorted(self._shapes, key=lambda shape: shape[0])
         nearnesses, paths, faces, edges, widths = zip(*shapes, strict=True)
         nearest = nearnesses[-1]
-        depth = max(nearest - nearnesses[0], 1e-9)  # of all shapes that are equally near, too
+        depth = max(nearest - nearnesses[0], 1e-9)  # above zero where all are equally near
         # the white part of each shape, (n, 1)
         white = fade * (nearest - np.array(nearnesses)[:, None]) / depth
         look: dict[str, Any] = {

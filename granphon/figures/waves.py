@@ -72,7 +72,8 @@ from granphon.waves.spectral_functions import SpectralFunction
 
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3
-#: greatest number of rows of a map: more rows cannot be told apart in print
+#: least number of rows of a map in which frequencies are grouped: many more cannot be told apart in
+#: print
 _ROWS = 600
 #: a spectrum ends at this multiple of the highest frequency of the bands
 _BEYOND_BANDS = 1.08
@@ -120,7 +121,7 @@ def plot_spectrum(
     count = len(spectra.spectra)
     spectrum = spectra.spectra[whole_number("number", number, 0, count - 1)]
     order = np.argsort(spectra.distances, kind="stable")
-    # a packing has no bands
+    # a disordered packing has no mean lattice, and no bands
     has_bands = spectra.bands.size > 0
     highest = float(spectra.bands.max() if has_bands else spectrum.frequencies.max())
     unit = HertzPrefix.for_top(highest)
@@ -177,11 +178,10 @@ def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefi
 
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
     """Return the rows of a map over ``frequencies`` (n_f,), Hz: their edges (r + 1,), Hz, and the
-    greatest of the ``values`` (n, n_f) in each row, (n, r). If there are many frequencies, a row
-    has several. The edge between two rows is half way from the last frequency of the one to the
-    first of the other; the outer edges are the lowest and the highest frequency.
-
-    If the last frequencies do not fill a row, they are left out.
+    greatest of the ``values`` (n, n_f) in each row, (n, r). A row has as many frequencies as leave
+    ``_ROWS`` rows or more, and at least one. Last frequencies that do not fill a row are left out.
+    The edge between two rows is half way from the last frequency of the one to the first of the
+    other; the outer edges are the lowest and the highest frequency in a row.
     """
     n_per_row = max(1, frequencies.size // _ROWS)
     n_rows = frequencies.size // n_per_row
@@ -426,8 +426,8 @@ def plot_attenuation(
     colour: str = BLUE,
     errors: Mapping[str, ArrayLike] | None = None,
 ) -> Axes:
-    """Draw the attenuation of resolved lines over their frequency, both logarithmic, with a power
-    law beside the lines.
+    """Draw the attenuation of resolved lines over their frequency, with a power law through the
+    line of the lowest frequency. Axes are logarithmic where a law is drawn.
 
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
     dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
@@ -548,9 +548,9 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with
     standard errors as bands.
 
-    A state is a load, a medium and a combination of parameters, and has one colour. Of more than
-    eight states those are drawn that differ in some of these, at most eight; the legend tells the
-    values of the others, and the number of all states. Raises
+    A state is a load, a medium and a combination of parameters, and has one colour. If there are
+    more than eight states, at most eight are drawn: load, medium or some parameters are held at
+    their first value. The legend then tells these values, and the number of all states. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no densities of states.
     """
     states, handles = pick_states(dataset, "dos_total", "densities of states of arrays")
@@ -727,8 +727,8 @@ def pick_states(
 
 
 def _describe_held(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
-    """Return in words the only value that each of these ``dimensions`` has in a data set with the
-    variable ``name``.
+    """Return in words the only value that each of these ``dimensions`` has in a data set; ``name``
+    is a variable of the data set, by whose lines the facts are found.
     """
     facts, _index = describe_lines(dataset, name)[0]
     texts = []
@@ -770,15 +770,15 @@ def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str,
 def plot_seismogram(
     pulse: Pulse, ax: Axes, balls: int = 6, *, errors: Mapping[str, ArrayLike] | None = None
 ) -> Axes:
-    """Draw the burst of the source, the coherent signal, and the signals of some single balls, one
-    above the other.
+    """Draw over time the burst of the source, the coherent signal, and the signals of some single
+    balls, one above the other.
 
-    ``balls`` is the number of single balls, of which fewer are drawn if the pulse has fewer
-    receivers. Means over further planes are drawn too, if the pulse has such planes. Each trace is
-    over time; traces of balls and of means are over the greatest signal, and flat if all signals
-    are zero. A mark shows the time of flight by the envelope, if the time of flight is known. The
-    standard errors (n,), m/s, under "coherent" in ``errors``, nan where unknown, are a band about
-    the mean.
+    ``balls`` is the number of single balls; fewer are drawn if the pulse has fewer receivers. Means
+    over further planes are drawn too, if the pulse has such planes. The burst is drawn over its
+    greatest value, and all other traces over the greatest signal of a ball; they are flat if all
+    signals are zero. A mark shows the time of flight by the envelope, if the time of flight is
+    known. The standard errors (n,), m/s, under "coherent" in ``errors``, nan where unknown, are a
+    band about the mean.
 
     Raises :class:`~granphon.base.errors.InputError` for a number of balls below zero, and for
     errors of another shape.
@@ -935,11 +935,11 @@ def _draw_lines(
     name: str,
     lines: Iterable[tuple[Array, Array, Any, float, str]],
 ) -> None:
-    """Draw magnitudes of the variable ``name``, in dB, and phases below, in units of pi, over
-    ``frequencies`` (n,), Hz.
+    """Draw over ``frequencies`` (n,), Hz, the magnitudes of the variable ``name``, in dB, on the
+    Axes ``above``, and phases, in units of pi, on the Axes ``below``.
 
     ``lines`` are (magnitudes (n,), SI, phases (n,), rad, colour, width in points, label); a line
-    without a label is not in the legend.
+    with an empty label is not in the legend.
     """
     prefix = HertzPrefix.for_top(float(frequencies[-1]))
     shown_frequencies = frequencies / prefix.hertz
@@ -961,8 +961,8 @@ def _draw_lines(
 
 
 def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, top: float, colour: Any) -> None:
-    """Draw dots at peaks, at ``frequencies`` (m,), Hz, and of ``heights`` (m,), SI, of responses
-    over frequencies up to ``top``, Hz, which decides the unit of the axis.
+    """Draw dots at the peaks of responses, at ``frequencies`` (m,), Hz, with ``heights`` (m,), SI.
+    The greatest frequency of the responses, ``top``, Hz, decides the unit of the axis.
     """
     prefix = HertzPrefix.for_top(top)
     ax.scatter(frequencies / prefix.hertz, _find_decibels(heights), s=4.0, color=colour, zorder=3)
@@ -1003,14 +1003,16 @@ def response_figure(response: Response) -> Figure:
 def responses_figure(dataset: Dataset) -> Figure:
     """Draw the responses in a data set of states, one column wide.
 
-    The responses of one state are magnitude and phase of each receiver, with dots at the peaks. Of
-    several states magnitude and phase are drawn for each receiver, a state in each colour; of six
-    loads and more the magnitude is a map over load and frequency, for each receiver and each medium
-    and combination of parameters. States are chosen as by :func:`sweep_dos_figure`; at most four
-    receivers or maps are drawn, evenly taken, and the figure gives the number of all.
+    For one state there are magnitude and phase of at most six receivers, each in a colour. For
+    several states there are magnitude and phase of at most four receivers, each with a curve for
+    each state; states are chosen as by :func:`sweep_dos_figure`. Dots are the peaks. For six loads
+    or more the magnitude is a map over load and frequency, for each receiver and each medium and
+    combination of parameters; at most four maps are drawn. Receivers and maps are taken evenly, and
+    the figure gives the number of all if some are left out.
 
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """
+    # without a response any name will do: pick_states raises
     name = next((quantity for quantity in RESPONSES.values() if quantity in dataset), "receptance")
     states, handles = pick_states(dataset, name, "responses")
     if dataset.sizes["load"] >= _LOADS_OF_MAP:
@@ -1056,8 +1058,9 @@ def _share_out_responses(
     states: Sequence[tuple[Any, Callable[..., Array]]], receivers: Sequence[str]
 ) -> list[_ResponsePanel]:
     """Return the panels of the responses of ``states``, each a colour and the function that returns
-    the values of a variable: of one state a panel with a curve for each of the ``receivers``, of
-    several a panel for each receiver with a curve for each state. Receivers are taken evenly.
+    the values of a variable. One state has a panel with a curve for each receiver, at most
+    ``_FEW``. Several states have a panel for each receiver, at most ``_PANELS``, with a curve for
+    each state. ``receivers`` are the names of all; those drawn are taken evenly.
     """
     if len(states) == 1:
         ((_colour, read_variable),) = states
@@ -1114,7 +1117,8 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
     """Draw the variable ``name``, a magnitude of responses, as maps over load and frequency, one
     column wide.
 
-    Each line of the sweep and each receiver has a map; at most four, evenly taken, are drawn.
+    Each medium, combination of parameters and receiver has a map; at most four, evenly taken, are
+    drawn.
     """
     load = find_load(dataset)
     prefix = HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))

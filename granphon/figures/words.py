@@ -111,12 +111,14 @@ def _describe_start(value: str, periods: int) -> str:
 
 
 def write_unit(unit: str) -> str:
-    """Return a unit, or a quantity, with "µ" in the place of "u"."""
+    """Return a ``unit``, or a number with its unit, with "µ" in the place of every "u"."""
     return unit.replace("u", "µ")
 
 
 def write_value(value: float, unit: str) -> str:
-    """Return a number with its unit as it stands in a legend, five digits at most: "2.04 µm"."""
+    """Return a ``value`` in the SI ``unit`` as it stands in a legend, "2.04 µm", with five digits
+    at most. Units that are rarely printed with a prefix stay as they are.
+    """
     if unit not in ("m", "s", "Pa", "N", "Hz", "N/m"):
         return f"{value:.5g} {unit}".rstrip()
     return write_unit(write_quantity(value, unit))
@@ -208,16 +210,16 @@ def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[
 
 
 def join_facts(facts: Iterable[str], letters: int) -> str:
-    """Return facts in one text, in lines of ``letters`` at most, which end between facts or at
-    commas in facts; a line is longer only where a piece between commas is.
+    """Return ``facts`` in one text, with commas between them, in lines of at most so many
+    ``letters``. A line ends at a comma, and is longer only where a piece between commas is.
     """
     text = ", ".join(facts).replace(" ", _NO_BREAK).replace(f",{_NO_BREAK}", ", ")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)
 
 
 def wrap_fact(fact: str, letters: int) -> str:
-    """Return a fact in lines of ``letters`` at most, longer only where a single word is; the name
-    of a kind of balls stays beside its "of".
+    """Return a ``fact`` in lines of at most so many ``letters``; a line is longer only where a
+    single word is. The name of a kind of balls stays on the line of the "of" before it.
     """
     text = fact.replace(" of ", f" of{_NO_BREAK}")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)

@@ -47,7 +47,7 @@ _ERRORS = 1e-8, 1e0
 
 
 def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
-    """Draw error against time of the points of a trade-off, on logarithmic axes.
+    """Draw error against time of the points of the trade-off ``result``, on logarithmic axes.
 
     Markers are open where the reference is less than a hundred times better than the point. Bars
     are the spread of times, and the standard errors of the errors of random samples. The floor is
@@ -186,7 +186,8 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
         if is_close:
             continue
         labelled.append(point)
-        # above a curve, which falls to the right; below the curve near the end of the axes
+        # The label stands to the right and above, as a curve falls to the right. Near the right
+        # end of the axes it would not have room, and stands to the left and below.
         is_slow = point.seconds > _SLOW * slowest
         offset = -3.0 if is_slow else 3.0
         ax.annotate(

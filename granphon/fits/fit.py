@@ -1112,18 +1112,20 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
     """
     residuals, matrix = problem(logs)
     norms = np.linalg.norm(matrix, axis=0)
-    directions, singular, right = np.linalg.svd(
+    # the left singular vectors (n, p), the singular values (p,), and the right vectors as rows
+    left_vectors, singular_values, right_vectors = np.linalg.svd(
         matrix / np.maximum(norms, _LEAST_NORM), full_matrices=False
     )
-    have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    is_flat = singular_values[-1] < SAME_EFFECT * singular_values[0]
+    have_same_effect = bool(np.all(norms > 0.0)) and bool(is_flat)
     _require_effects(problem, logs, norms, have_same_effect=have_same_effect)
     # (A^T A)^-1 of the derivatives A from their singular values: (p, p) root times its transpose
-    root = (right / singular[:, None]).T / norms[:, None]
+    root = (right_vectors / singular_values[:, None]).T / norms[:, None]
     covariance = root @ root.T
     errors = np.sqrt(np.diag(covariance))
     # the step to the minimum of the linear problem: where the given sigma is smaller than the
     # scatter, the step is compared with errors that the scatter would give
-    step = root @ (directions.T @ residuals)
+    step = root @ (left_vectors.T @ residuals)
     chi2 = float(residuals @ residuals)
     scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
     of_error, of_value = _REMAINING_STEP

@@ -155,11 +155,11 @@ class Measurements(Result):
 
         Raises
         ------
-        InputError : a file, line or cell cannot be read, a column is missing, a quantity is given
-            twice: by two columns, or by a ``distance`` and a column of distances, velocities or
-            cut-off frequencies; loads or cut-off frequencies without the function that converts
-            them, cut-off frequencies beside frequencies of pulses, or numbers that the class does
-            not allow.
+        InputError : a file, line or cell cannot be read; a column is missing; a quantity is given
+            by two columns, or by a ``distance`` and a column of distances, velocities or cut-off
+            frequencies; loads or cut-off frequencies are given without the function that converts
+            them; cut-off frequencies are given beside frequencies of pulses; or a number is one
+            that the class does not allow.
         """
         length, error_of_length = _read_distance(distance)
         source = _SourceColumns.read(path, columns or {}, periods)
@@ -221,11 +221,11 @@ class _SourceColumns:
         in ``names`` that is not known.
         """
         table = Table.read(path)
-        unknown = [kind for kind in names if kind not in COLUMNS]
-        if unknown:
+        unknown_kinds = [kind for kind in names if kind not in COLUMNS]
+        if unknown_kinds:
             raise InputError(
-                f"{unknown[0]!r} is not a kind of column of measurements",
-                mend=suggest(unknown[0], COLUMNS),
+                f"{unknown_kinds[0]!r} is not a kind of column of measurements",
+                mend=suggest(unknown_kinds[0], COLUMNS),
             )
         return cls(path, table, dict(names), {**COLUMNS, **load_quantities(periods)})
 
@@ -240,13 +240,13 @@ class _SourceColumns:
 
         Raises InputError if there are columns of several kinds.
         """
-        present = [kind for kind in kinds if kind in self.names]
-        if not present:
-            present = [kind for kind in kinds if kind in self.table]
-        if len(present) > 1:
-            mend = f"Keep one of them. {_explain_column(present[0])}"
-            raise InputError(f"{self.path} has both {' and '.join(present)}", mend=mend)
-        return present[0] if present else None
+        kinds_in_table = [kind for kind in kinds if kind in self.names]
+        if not kinds_in_table:
+            kinds_in_table = [kind for kind in kinds if kind in self.table]
+        if len(kinds_in_table) > 1:
+            mend = f"Keep one of them. {_explain_column(kinds_in_table[0])}"
+            raise InputError(f"{self.path} has both {' and '.join(kinds_in_table)}", mend=mend)
+        return kinds_in_table[0] if kinds_in_table else None
 
     def column(self, kind: str) -> Array:
         """Return the values of the column of a ``kind``, (n,), SI."""
@@ -268,19 +268,22 @@ class _SourceColumns:
         names all that are at fault.
         """
         names = {kind: repr(self.heading(kind)) for kind in kinds}
-        missing = [kind for kind in kinds if self.heading(kind) not in self.table]
-        present = [kind for kind in kinds if kind not in missing]
-        unitless = [kind for kind in present if not self.table.unit(self.heading(kind))]
-        if not missing and not unitless:
+        missing_kinds = [kind for kind in kinds if self.heading(kind) not in self.table]
+        kinds_without_unit = [
+            kind
+            for kind in kinds
+            if kind not in missing_kinds and not self.table.unit(self.heading(kind))
+        ]
+        if not missing_kinds and not kinds_without_unit:
             return
         lacks = []
-        if missing:
-            listed = " and none named ".join(names[kind] for kind in missing)
-            lacks.append(f"no column named {listed}")
-        if unitless:
-            lacks.append("no unit for " + " and ".join(names[kind] for kind in unitless))
+        if missing_kinds:
+            missing_names = " and none named ".join(names[kind] for kind in missing_kinds)
+            lacks.append(f"no column named {missing_names}")
+        if kinds_without_unit:
+            lacks.append("no unit for " + " and ".join(names[kind] for kind in kinds_without_unit))
         headings = " and ".join(f"'{kind} ({self.quantities[kind].unit})'" for kind in kinds)
-        example = next(kind for kind in kinds if kind in missing + unitless)
+        example = next(kind for kind in kinds if kind in missing_kinds + kinds_without_unit)
         unit = self.quantities[example].unit
         mend = (
             f"Head the columns {headings}, each with its unit in brackets;"
@@ -290,7 +293,7 @@ class _SourceColumns:
             " other names, granphon fit takes"
             f" --column '{example}=NAME ({unit})', Python columns={{'{example}': 'NAME ({unit})'}}"
         )
-        if "distance" in missing:
+        if "distance" in missing_kinds:
             mend = f"Give one distance for all rows: --distance, Python distance=. Or: {mend}"
         headings_of_table = list_names(repr(str(heading)) for heading in self.table.headings)
         raise InputError(

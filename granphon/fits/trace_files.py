@@ -171,12 +171,12 @@ def _find_distances(
     if given_distances is None:
         distances = list(file_distances)
     elif isinstance(given_distances, Mapping):
-        unknown = [name for name in given_distances if name not in names]
-        if unknown:
+        unknown_names = [name for name in given_distances if name not in names]
+        if unknown_names:
             raise InputError(
-                f"{where} has no sensor {unknown[0]!r}",
+                f"{where} has no sensor {unknown_names[0]!r}",
                 f"Its sensors are {list_names(map(repr, names))}",
-                suggest(unknown[0], names),
+                suggest(unknown_names[0], names),
             )
         pairs = zip(names, file_distances, strict=True)
         distances = [given_distances.get(name, distance) for name, distance in pairs]
@@ -187,11 +187,14 @@ def _find_distances(
                 f"{where} has {len(names)} traces, and {len(distances)} distances are given",
                 mend="Give one distance for each sensor",
             )
-    unplaced = [name for name, distance in zip(names, distances, strict=True) if distance is None]
-    if unplaced:
+    names_without_distance = [
+        name for name, distance in zip(names, distances, strict=True) if distance is None
+    ]
+    if names_without_distance:
+        name = names_without_distance[0]
         raise InputError(
-            f"{where} does not say where the sensor {unplaced[0]!r} is",
-            mend=f"Head its column '{unplaced[0]} at 40 mm', or give the distances",
+            f"{where} does not say where the sensor {name!r} is",
+            mend=f"Head its column '{name} at 40 mm', or give the distances",
         )
     return finite_array("distances", distances, "m")
 

@@ -387,8 +387,8 @@ class _Pulses:
         offsets = []
         noise = []
         # only ratios within a trace count: squares of very large or small numbers have no digits
-        greatest = np.max(np.abs(traces.signals), axis=1, keepdims=True)
-        scaled_signals = traces.signals / np.where(greatest > 0.0, greatest, 1.0)
+        magnitudes = np.max(np.abs(traces.signals), axis=1, keepdims=True)
+        scaled_signals = traces.signals / np.where(magnitudes > 0.0, magnitudes, 1.0)
         for name, signal in zip(traces.names, scaled_signals, strict=True):
             samples = signal[: _count_quiet_samples(traces, name, signal, quiet)]
             offsets.append(np.mean(samples))
@@ -404,11 +404,12 @@ class _Pulses:
     def _require_pulses(self) -> None:
         """Raise InputError if a pulse is not above the noise, or still rises at the end."""
         filtered_noise = self.filtered_noise
-        highest = np.max(np.abs(self.signals), axis=1)
-        silent = np.flatnonzero(highest <= _ABOVE_NOISE * filtered_noise)
-        if silent.size:
-            name = self.traces.names[silent[0]]
-            ratio = highest[silent[0]] / filtered_noise[silent[0]]
+        heights = np.max(np.abs(self.signals), axis=1)
+        silent_sensors = np.flatnonzero(heights <= _ABOVE_NOISE * filtered_noise)
+        if silent_sensors.size:
+            sensor = int(silent_sensors[0])
+            name = self.traces.names[sensor]
+            ratio = heights[sensor] / filtered_noise[sensor]
             raise InputError(
                 f"no pulse arrives at sensor {name}: the trace reaches {ratio:.3g} standard"
                 " deviations of its noise",
@@ -560,11 +561,11 @@ class _Pulses:
         amplitudes = self.signals @ waves
         # noise in the real part of an amplitude, whose variance is half of that of the amplitude
         noise_amplitudes = self.noise * np.linalg.norm(self.filter(waves.real))
-        silent = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
-        if silent.size:
+        silent_sensors = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
+        if silent_sensors.size:
+            name = traces.names[silent_sensors[0]]
             raise InputError(
-                f"the trace of sensor {traces.names[silent[0]]} has nothing above its noise at"
-                f" {frequency:.6g} Hz",
+                f"the trace of sensor {name} has nothing above its noise at {frequency:.6g} Hz",
                 mend="Ask for a frequency of the pulse",
             )
         phase_times = -np.angle(amplitudes) / omega
@@ -741,12 +742,12 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
 
 
 def _still_rises(magnitudes: Array, noise: float) -> bool:
-    """Whether a record ends while its pulse still rises. ``magnitudes`` (n,) are those of the
-    samples, and ``noise`` is the standard deviation of their noise.
+    """Return whether a record ends while its pulse still rises. ``magnitudes`` (n,) are those of
+    the samples, and ``noise`` is the standard deviation of their noise.
 
-    The pulse does if the greatest sample lies no farther from the end than a quarter of the rise so
-    far, and the mean over the last such quarter exceeds that over the quarter before by more than
-    five times the noise.
+    Samples are counted in quarters of the rise so far, of two samples at least. The pulse still
+    rises if the greatest sample lies in the last quarter of the record, and the mean over this
+    quarter exceeds the mean over the quarter before by more than five times the noise.
     """
     top = int(np.argmax(magnitudes))
     rise = top - int(np.argmax(magnitudes >= THRESHOLD * magnitudes[top]))
@@ -767,15 +768,15 @@ def _choose_filter(
     probability exp(-x): above 2 n sigma^2 ln n, noise has none of n values but once in n records.
     """
     step = traces.time_step
-    highest = 0.5 / step
+    highest_of_samples = 0.5 / step
     if lowpass is None:
         return _LowPass(math.inf, step)
     if lowpass != "auto":
         cutoff = positive("lowpass", lowpass, "Hz")
-        if cutoff >= highest:
+        if cutoff >= highest_of_samples:
             raise InputError(
                 f"lowpass is {cutoff:.6g} Hz, and samples each {step:.4g} s hold frequencies below"
-                f" {highest:.6g} Hz",
+                f" {highest_of_samples:.6g} Hz",
                 mend="Give a lower cut-off, or None for no filter",
             )
         return _LowPass(cutoff, step)
@@ -785,7 +786,8 @@ def _choose_filter(
     frequencies = np.fft.rfftfreq(n, step)
     highest_of_pulse = float(np.max(frequencies[np.any(stands_out, axis=0)], initial=0.0))
     cutoff = _ROOM * highest_of_pulse
-    return _LowPass(cutoff if 0.0 < cutoff < _WIDE * highest else math.inf, step)
+    has_effect = 0.0 < cutoff < _WIDE * highest_of_samples
+    return _LowPass(cutoff if has_effect else math.inf, step)
 
 
 def _shift(signal: Array, samples: int) -> Array:

@@ -385,10 +385,10 @@ class _SourceColumns:
         in ``names`` that is not known.
         """
         table = Table.read(path)
-        unknown = [kind for kind in names if kind not in _COLUMNS]
-        if unknown:
-            fault = f"{unknown[0]!r} is not a kind of column of a transfer function"
-            raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
+        unknown_kinds = [kind for kind in names if kind not in _COLUMNS]
+        if unknown_kinds:
+            fault = f"{unknown_kinds[0]!r} is not a kind of column of a transfer function"
+            raise InputError(fault, mend=suggest(unknown_kinds[0], _COLUMNS))
         headings = {kind: names.get(kind, kind) for kind in _COLUMNS}
         if headings["magnitude"] not in table and "magnitude" not in names:
             names_in_table = [name for name in _list_magnitudes(quantity) if name in table]
@@ -1043,12 +1043,13 @@ class _Comparison:
         starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]
         starts.sort(key=lambda misfit_and_parameters: misfit_and_parameters[0])
         best = starts[: len(ratios)]
-        responding = [parameters for misfit, parameters in best if math.isfinite(misfit)]
-        if not responding:
+        # the misfit is infinite where the model does not respond
+        starts_of_descent = [parameters for misfit, parameters in best if math.isfinite(misfit)]
+        if not starts_of_descent:
             problem = "the response of the network is zero at the receiver"
             mend = "Look at source and receiver: contacts must connect them"
             raise InputError(problem, mend=mend)
-        return responding
+        return starts_of_descent
 
     def _find_best_ratios(self) -> list[float]:
         """Return the three ratios of stiffness, to that of the network as it is, at which the
@@ -1068,9 +1069,9 @@ class _Comparison:
         """
         starts = self.list_starts()
         with np.errstate(over="ignore"):
-            farthest = max(float(np.max(np.abs(self.compare(start)))) for start in starts)
-        if farthest > _FARTHEST:
-            problem = f"the response is up to {farthest:.1g} standard errors from the data"
+            largest = max(float(np.max(np.abs(self.compare(start)))) for start in starts)
+        if largest > _FARTHEST:
+            problem = f"the response is up to {largest:.1g} standard errors from the data"
             raise InputError(problem, mend="Look at the units of the data, and of sigma")
         fits = [self._descend(start) for start in starts]
         return min(fits, key=lambda fit: float(fit.cost))
@@ -1120,12 +1121,12 @@ class _Comparison:
         if np.any(norms == 0.0):
             name = self.names[int(np.argmin(norms))]
             raise InputError(f"the data say nothing of {name}", mend="Fit fewer parameters")
-        _, singular, right = np.linalg.svd(jacobian / norms, full_matrices=False)
-        if singular[-1] < SAME_EFFECT * singular[0]:
+        _, singular_values, right_vectors = np.linalg.svd(jacobian / norms, full_matrices=False)
+        if singular_values[-1] < SAME_EFFECT * singular_values[0]:
             fault = f"the data cannot tell {' and '.join(self.names)} apart"
             raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
         # (J^T J)^-1 of the derivatives J is a root (p, p) times its transpose
-        scaled_root = (right / singular[:, None]).T / norms[:, None]
+        scaled_root = (right_vectors / singular_values[:, None]).T / norms[:, None]
         root = scaled_root * self.scale[:, None] * scatter
         return np.asarray(root @ root.T)
 
@@ -1142,8 +1143,9 @@ class _Comparison:
 def _find_restitution(
     names: Sequence[str], values: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return the fitted values (p,) and their covariance (p, p), in which the restitution e takes
-    the place of ln(1/e), the number that the fit seeks; the other parameters are unchanged.
+    """Return the fitted ``values`` (p,) of the parameters ``names`` and their ``covariance``
+    (p, p), in which the restitution e takes the place of ln(1/e), the number that the fit seeks.
+    The other parameters are unchanged.
     """
     is_logarithm = np.array([name == _RESTITUTION for name in names])
     restitution = np.exp(-np.where(is_logarithm, values, 0.0))

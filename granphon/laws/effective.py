@@ -89,7 +89,7 @@ STAGES_OF_SHORT = 12
 #: tolerance of the last coefficients of k on short steps, relative to the least value of k
 LAST_OF_SHORT = 1e-10
 #: number of nodes of the average over balls (see Shape.nodes)
-_ORDER = 32
+_N_NODES = 32
 #: the lowest step of an interval is halved until the next opening below is at least this fraction
 #: of the step's extent in y away: the nearer that opening, the less smooth is k
 _NEAR = 0.15
@@ -173,7 +173,7 @@ class EffectiveLaw(SpreadLaw):
         return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy with respect to
+        """Return the derivative of ``order`` 0 to 3 of the reduced energy with respect to
         y, at each y (any shape) below the start of the series; zero if all contacts are open.
 
         Raises :class:`~granphon.base.errors.PrecisionError` below the start of the curve.
@@ -308,7 +308,7 @@ class EffectiveCurve:
         return np.stack([at_lower_end, at_upper_end])
 
     def value(self, y: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy at each overlap
+        """Return the derivative of ``order`` 0 to 3 of the reduced energy at each overlap
         ``y`` (any shape), between the start of the curve and the start of the series.
 
         The energy is counted from the start of the curve.
@@ -501,7 +501,7 @@ class DensityBalls:
     """Averages over the balls of a ``shape`` whose diameters have a density, at the points of a
     ``block``; all in reduced units.
 
-    ``xi`` is the local-field factor, and ``order`` the number of nodes of the quadrature over
+    ``xi`` is the local-field factor, and ``n_nodes`` the number of nodes of the quadrature over
     balls.
 
     Attributes
@@ -514,10 +514,10 @@ class DensityBalls:
     noise : (B,) rounding error to expect in the last coefficients of k, relative to k.
     """
 
-    def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
+    def __init__(self, shape: Shape, xi: float, n_nodes: int, block: Block) -> None:
         """Evaluate forces and stiffnesses at the nodes of the quadrature."""
         y = block.y
-        nodes = shape.nodes(y, order)
+        nodes = shape.nodes(y, n_nodes)
         self.xi = xi
         self.weights = nodes.weights
         self.base_force = shape.force(y)
@@ -529,8 +529,8 @@ class DensityBalls:
         # amplifies the rounding of y and of the forces by the square of the number of points, over
         # the extent of the step in y, which is 4 middle half
         lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
-        point_count = block.root.shape[1]
-        amplification = point_count**2 * lengths / (4.0 * block.middle * block.half)
+        n_points = block.root.shape[1]
+        amplification = n_points**2 * lengths / (4.0 * block.middle * block.half)
         self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
@@ -542,10 +542,10 @@ class DensityBalls:
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
-        total = np.sum(weights, axis=-1)
-        force = np.sum(weights * self.force, axis=-1) / total
+        total_weight = np.sum(weights, axis=-1)
+        force = np.sum(weights * self.force, axis=-1) / total_weight
         excess = self.force - force[..., None]
-        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total
+        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total_weight
         return force, by_k, (self.base_force + force)[:, 0]
 
 
@@ -766,10 +766,10 @@ class PointBalls:
         # the changes of F^Q and of the compliance from the upper end, which keeps all digits
         stiffness_change = self.change + self.xi * (k - k[:, -1:])  # of K^Q + Xi k
         changes = self.force_change - stiffness_change * (top_excess * top_compliance)[..., None]
-        total = self._average(compliance)
-        force = self._average(compliance * changes) / total
+        total_weight = self._average(compliance)
+        force = self._average(compliance * changes) / total_weight
         excess = self.force_change + top_excess[..., None] - force
-        by_k = -self.xi * self._average(compliance * compliance * excess) / total
+        by_k = -self.xi * self._average(compliance * compliance * excess) / total_weight
         return force, by_k, mean_top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
@@ -821,7 +821,7 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         block = Block.of(steps, points)
         step_count = averages.limit_steps(block) if averages else len(steps)
         block = Block.of(steps[:step_count], points)
-        balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
+        balls = averages.balls(block) if averages else DensityBalls(shape, xi, _N_NODES, block)
         steps_of_block = slice(first_solved - step_count, first_solved)
         values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, steps_of_block])
         k = np.asarray(values[::-1], float)  # a block has its steps in descending order
@@ -846,6 +846,7 @@ def _list_steps(curve: EffectiveCurve, numbers: slice) -> list[Step]:
     """Return the steps of a ``curve`` with the ``numbers`` in a slice, in descending order."""
     steps = []
     for origin, middle, half in curve.steps[:, numbers].T[::-1].tolist():
+        # a step that begins at an opening begins at the root 0, without rounding
         low = 0.0 if middle == half else middle - half
         steps.append((origin, low, middle + half))
     return steps
@@ -881,18 +882,18 @@ def solve_curve(
     stages: int,
     tolerance: float,
     longest: float = np.inf,
-    order: int = _ORDER,
+    n_nodes: int = _N_NODES,
 ) -> EffectiveCurve:
     """Return the curve of a ``shape`` and Xi = ``xi``, the solution of equation (36) with s =
     ``stages`` collocation points on each step.
 
     A step is halved until the last two Chebyshev coefficients of k are no larger than
     ``tolerance`` times the least k on the step. No step is longer than ``longest`` in the square
-    root u. ``order`` is the number of nodes of the quadrature over the balls of a density. The
+    root u. ``n_nodes`` is the number of nodes of the quadrature over the balls of a density. The
     curve ends at low forces as :class:`EffectiveCurve` describes it. Raises
     :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
-    return _CurveSolver(shape, xi, stages, tolerance, longest, order).run()
+    return _CurveSolver(shape, xi, stages, tolerance, longest, n_nodes).run()
 
 
 class _CurveSolver:
@@ -910,12 +911,12 @@ class _CurveSolver:
     """
 
     def __init__(
-        self, shape: Shape, xi: float, stages: int, tolerance: float, longest: float, order: int
+        self, shape: Shape, xi: float, stages: int, tolerance: float, longest: float, n_nodes: int
     ) -> None:
         self.shape = shape
         self.xi = xi
         self.tolerance = tolerance
-        self.order = order
+        self.n_nodes = n_nodes
         self.averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
         self.points, self.derivative, self.coefficients = radau(stages)
         self.series = high_pressure_series(shape, xi)
@@ -1012,7 +1013,7 @@ class _CurveSolver:
         """Return the averages over balls at the points of a ``block``."""
         if self.averages is not None:
             return self.averages.balls(block)
-        return DensityBalls(self.shape, self.xi, self.order, block)
+        return DensityBalls(self.shape, self.xi, self.n_nodes, block)
 
     def _refine(self, steps: list[Step], is_rough: Flags) -> None:
         """Put the halves of those ``steps`` for which ``is_rough`` (steps,) is true in their place;
@@ -1035,7 +1036,7 @@ class _CurveSolver:
         self.stiffness = float(k[solved_count - 1, 0])
         self.force = float(forces[solved_count - 1])
         del self.pending_steps[-block_size:]
-        self.count *= 2
+        self.count *= 2  # more steps are tried at once as long as they succeed
         self.guess = None
 
 
@@ -1070,8 +1071,8 @@ def _divide_range(ends: list[float], longest: float) -> list[Step]:
         while origin - next_below < _NEAR * cuts[-1] ** 2:
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
-            pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
-            roots = np.linspace(low, high, pieces + 1).tolist()
+            n_pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
+            roots = np.linspace(low, high, n_pieces + 1).tolist()
             steps += [(origin, *step_roots) for step_roots in pairwise(roots)]
         next_below = origin
     return steps
@@ -1134,8 +1135,8 @@ def _find_rough(table: Array, k: Array, tolerance: Array) -> Flags:
 
 
 def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
-    """Return ``steps``, which are in descending order, in ascending order, with those halved for
-    which ``is_rough`` (steps,) is true.
+    """Return the ``steps``, which are given in descending order, in ascending order; the two halves
+    of a step stand in its place where ``is_rough`` (steps,) is true.
     """
     finer_steps = []
     for step, must_halve in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):

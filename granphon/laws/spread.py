@@ -86,14 +86,14 @@ class Series(NamedTuple):
     weights: Array
 
     def ratio(self, y: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the energy at each overlap ``y``
+        """Return the derivative of ``order`` 0 to 3 of the reduced energy at each overlap ``y``
         (any shape), divided by the same derivative for equal balls.
         """
         coefficients = self.mean * _compute_factors(order) / _HERTZ[order]
         return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, coefficients))
 
     def value(self, y: float, order: int) -> float:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy at y."""
+        """Return the derivative of ``order`` 0 to 3 of the reduced energy at the overlap ``y``."""
         return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
 
     def excess(self, y: Array) -> tuple[Array, Array]:
@@ -112,8 +112,7 @@ class Series(NamedTuple):
 
 def _compute_factors(order: int) -> Array:
     """Return the factors (terms,) by which the coefficients of the force, whose terms are
-    y^(3/2 - n), are multiplied to give those of the derivative of an ``order`` of 0 to 3 of the
-    energy.
+    y^(3/2 - n), are multiplied to give those of the derivative of ``order`` 0 to 3 of the energy.
     """
     n = np.arange(_TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
@@ -205,7 +204,7 @@ class SpreadLaw(EnergyLaw):
 
     @abstractmethod
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy with respect to
+        """Return the derivative of ``order`` 0 to 3 of the reduced energy with respect to
         y, at each y (any shape) below the start of the series; zero if all contacts are open.
         """
 
@@ -366,7 +365,7 @@ class SpreadLaw(EnergyLaw):
         return float(self.force(high_pressure_overlap(width)))
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the derivative, of an ``order`` of 0 to 3, of the energy, J/m^order, at each
+        """Return the derivative of ``order`` 0 to 3 of the energy, J/m^order, at each
         ``overlap``, m: by the series at large overlaps, and by the reduced law of the subclass at
         others.
         """
@@ -458,7 +457,7 @@ class AveragedLaw(SpreadLaw):
     xi = math.inf
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return the mean over pairs of the derivative, of an ``order`` of 0 to 3, of the reduced
+        """Return the mean over pairs of the derivative of ``order`` 0 to 3 of the reduced
         energy, at each y (any shape).
         """
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))

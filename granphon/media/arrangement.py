@@ -492,10 +492,15 @@ class Arrangement:
 
 
 def _describe_springs(on_site: Any) -> list[tuple[str, Any, str]]:
-    """Return the rows of a table for springs to the ground: name, value and SI unit of each."""
+    """Return the rows of a table for springs to the ground: name, value and SI unit of each.
+
+    ``on_site`` is that of :class:`Arrangement`: one stiffness, a tuple of pairs of a name and a
+    stiffness, or a tuple of rows, the stiffnesses of each ball.
+    """
     if not isinstance(on_site, tuple):
         return [("springs to the ground", on_site, "N/m")]
-    if not isinstance(on_site[0][0], str):
+    has_names = isinstance(on_site[0][0], str)
+    if not has_names:
         return [("springs to the ground", "of each ball", "")]
     return [
         (f"springs to the ground, {spell(name)}", stiffness, find_unit(name))

@@ -378,19 +378,20 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     )
 
 
-def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters: int) -> Cost:
-    """Return the estimated cost of the derivatives, by so many ``parameters``, of the moduli of the
-    states at a load. The cost of the states themselves is not included.
+def estimate_sensitivities(simulation: DirectSimulation, load: Load, n_parameters: int) -> Cost:
+    """Return the estimated cost of the derivatives of the moduli of the states at a load by each of
+    ``n_parameters`` parameters. The cost of the states themselves is not included.
 
     Each derivative is a difference of :data:`~granphon.base.differences.N_VALUES` values. The
     linear response at each takes about as long as an equilibrium.
     """
     states = estimate(simulation, load)
     return replace(
-        states.times(N_VALUES * parameters),
+        states.times(N_VALUES * n_parameters),
+        # no ball is brought to rest again: both numbers count what the states themselves take
         work=0.0,
         equilibria=0,
-        parts=(f"derivatives by {counted(parameters, 'parameter')}",),
+        parts=(f"derivatives by {counted(n_parameters, 'parameter')}",),
     )
 
 

@@ -40,6 +40,7 @@ from granphon.balls.contact_laws import (
     read_laws,
 )
 from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
+from granphon.balls.diameters import subtract_mean
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
@@ -619,14 +620,12 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for a ball whose diameter is then zero or
         below.
         """
-        deviations = sizes.copy()
+        deviations = np.zeros_like(sizes)
         for number, ball in enumerate(self.kinds):
             is_of_kind = self.kind == number
-            # the mean is subtracted twice, so that what remains of it is zero to the rounding of
-            # the deviations, not of the diameters
-            deviations[is_of_kind] -= np.mean(deviations[is_of_kind])
-            deviations[is_of_kind] -= np.mean(deviations[is_of_kind])
-            least_diameter = ball.diameter + float(np.min(deviations[is_of_kind]))
+            deviations_of_kind = subtract_mean(sizes[is_of_kind])
+            deviations[is_of_kind] = deviations_of_kind
+            least_diameter = ball.diameter + float(np.min(deviations_of_kind))
             if least_diameter <= 0.0:
                 problem = f"the smallest ball has a diameter of {least_diameter:g} m"
                 raise InputError(problem, mend="Give a smaller spread")
@@ -738,8 +737,8 @@ class Crystal(Result):
         return self._derive(on_site=read_on_site(on_site, self.named_motions, self.n_balls))
 
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
-        """Return the crystal with other ``walls``, by name, in the place of those of these names;
-        a name that no wall has changes nothing.
+        """Return the crystal with other ``walls``, by name: each takes the place of the wall that
+        has its name. A name that no wall has changes nothing.
 
         Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
         to walls.
@@ -1016,11 +1015,11 @@ class Crystal(Result):
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
-        """The different pairs of kinds that touch, with their names, and the number (n_c,) of the
-        pair of each contact.
+        """The different pairs of kinds that touch, and the number (n_c,) of the pair of each
+        contact. A wall counts as a kind. A pair has four entries: the two bodies, and their names.
         """
         table = self.contacts
-        walls = self._walls  # these count as kinds after those of the balls
+        walls = self._walls  # their numbers follow those of the kinds of balls
         body_count = len(self.kinds) + len(walls)
         kinds_i = self.kind[table.i]
         kinds_j = self.kind[table.j]
@@ -1275,8 +1274,8 @@ class Crystal(Result):
         :func:`~granphon.statics.find_rest.find_rest`.
 
         A sample on a grid is solved with its balls in the order of the grid, where solvers of grids
-        serve, and its state is put back into the order of the crystal; not so if forces act on
-        single balls.
+        serve, and its state is put back into the order of the crystal. If forces act on single
+        balls, it is solved in the order of the crystal.
         """
         sample_on_grid = self._sample_on_grid
         if sample_on_grid is None or np.any(load.force):
@@ -1991,7 +1990,9 @@ class CrystalState(Result):
 
     @property
     def shear_stiffness(self) -> Array:
-        """(..., n_c) kappa = 8 G* a of the :attr:`contact_radius` a, N/m; zero without friction."""
+        """(..., n_c) kappa = 8 G* a of the :attr:`contact_radius` a, N/m; zero without friction.
+        G* is that of :class:`~granphon.balls.ball.ContactConstants`.
+        """
         crystal = self.crystal
         return self._punch * (crystal._constants["mindlin_ratio"] if crystal.friction else 0.0)
 
@@ -2219,7 +2220,7 @@ class CrystalState(Result):
             heights = positions[floor.balls, floor.axis] + floor.sign * radii
             positions[number, floor.axis] = np.mean(heights)
         # a body of infinite mass and radius does not move, and is flat
-        of_floors = np.full(len(floors), np.inf)
+        infinities = np.full(len(floors), np.inf)
         masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
@@ -2227,9 +2228,9 @@ class CrystalState(Result):
         return {
             "cell": cell,
             "positions": positions,
-            "radii": np.append(crystal.radii, of_floors),
-            "masses": np.append(masses, of_floors),
-            "inertias": np.append(inertias, of_floors),
+            "radii": np.append(crystal.radii, infinities),
+            "masses": np.append(masses, infinities),
+            "inertias": np.append(inertias, infinities),
             "kinds": tuple(kinds),
         }
 
@@ -2306,11 +2307,11 @@ def _require_room(cells: int, crystal: Crystal) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if so many cells of a crystal do not fit into
     memory, or have more than :data:`_MOST_BALLS` balls.
     """
-    balls = cells * crystal.n_balls
+    n_balls = cells * crystal.n_balls
     memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
-    require_memory(f"crystals of {balls:,} balls", memory, "Take fewer cells")
-    if balls > _MOST_BALLS:
-        problem = f"the crystal would have {balls:,} balls"
+    require_memory(f"crystals of {n_balls:,} balls", memory, "Take fewer cells")
+    if n_balls > _MOST_BALLS:
+        problem = f"the crystal would have {n_balls:,} balls"
         raise InputError(problem, mend=f"Make it of up to {_MOST_BALLS:,}")
 
 

@@ -244,7 +244,8 @@ class Check(Result):
             relation = "less" if self.at_least else "more"
             limit = f"{self.limit:g} {unit}"
             return f"the {quantity} is {bound}{worst:.4g} {unit}, {relation} than {limit}"
-        # a velocity goes as the square root of a modulus
+        # of a missing part of the shear modulus, as whose square root a velocity goes; other values
+        # may be above 1, and have no such deficit in their sentence
         velocity_deficit = 1.0 - math.sqrt(max(1.0 - worst, 0.0))
         words = {
             "worst": f"{bound}{worst:.4g}",

@@ -293,10 +293,10 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
     """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below
     the start.
 
-    Loads given as overlaps are compared with the overlap of the start, and not at all if it has
-    none. Loads given as forces are compared with its force, which is zero if only its overlap is
-    prescribed. With ``from_gas`` the message says that the start was found by pressing balls from
-    the gas.
+    Loads given as overlaps are compared with the overlap of the start, or not at all if the start
+    has no overlap. Loads given as forces are compared with the force of the start, which is zero if
+    the start is an overlap alone. With ``from_gas`` the message says that the start was found by
+    pressing balls from the gas.
     """
     for index, load in enumerate(path):
         if load.overlap is None:

@@ -18,20 +18,20 @@ from granphon.statics.options import ResponseOptions, RestOptions
 
 #: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
 #: besides those of the lattice's Green's function; on a line most is that of factors
-_BALL_BYTES = {1: 550.0, 2: 450.0, 3: 600.0}
+_BALL_BYTES = {1: 650.0, 2: 380.0, 3: 450.0}
 #: bytes for each ball while a linear response with rotations is solved, besides those of the
 #: Green's function
-_ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
+_ROTATING_BALL_BYTES = {2: 500.0, 3: 1400.0}
 #: bytes for each contact of a list, and for each entry of its block of the tangent, (m, m) with m
 #: motions of a ball, in double and in single precision, while the list responds to strains
-_LISTED_CONTACT_BYTES = 220.0
+_LISTED_CONTACT_BYTES = 250.0
 _BLOCK_ENTRY_BYTES = 12.0
 #: bytes for each motion of a ball under each strain while the list responds: the force that is
 #: left, the direction of the search and the like
 _STRAINED_MOTION_BYTES = 110.0
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
 #: m motions of a ball
-_GREEN_BYTES = 50.0
+_GREEN_BYTES = 35.0
 #: f* below which contacts are factorised
 _FACTOR_FORCE = 0.015
 #: further bytes for each ball of a factorisation, without rotations and with them

@@ -32,7 +32,7 @@ from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
 from granphon.array.sample import STEP, Sample
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
-from granphon.balls.diameters import Measured
+from granphon.balls.diameters import Measured, subtract_mean
 from granphon.balls.hertz import EnergyLaw, HertzLaw, read_overlap
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
@@ -247,7 +247,8 @@ class SimulatedState(ContactState):
             force = load.array
         else:
             force = np.mean(np.reshape([sample.force for sample in samples], shape), axis=-1)
-        is_exact = any(medium.is_exact for medium, _ in simulation.by_geometry(load))
+        # at some loads of the state static forces act on small motions
+        has_exact_geometry = any(medium.is_exact for medium, _ in simulation.by_geometry(load))
         return cls(
             packing=simulation.packing,
             medium=simulation.name,
@@ -257,7 +258,7 @@ class SimulatedState(ContactState):
             normal_stiffness=np.asarray(stiffness)[()],
             samples=tuple(samples),
             fixed_overlap=fixed_overlap,
-            finite_overlap=is_exact,
+            finite_overlap=has_exact_geometry,
         )
 
     def __post_init__(self) -> None:
@@ -675,10 +676,10 @@ class SimulatedState(ContactState):
 
         The exponent is a difference over :data:`~granphon.array.sample.STEP` of log f to either
         side: each sample is solved at two more loads, when the exponent or its error is first asked
-        for. The derivative itself is not used, as its variance is infinite: a contact about to open
-        contributes a slope of h^(-1/2). After a history of friction both loads are higher, by 5 %
-        and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log
-        f; density and pressure follow.
+        for. The derivative itself is not used, as its variance is infinite: a contact of a small
+        overlap h contributes a slope that goes as h^(-1/2). After a history of friction both loads
+        are higher, by 5 % and 15 %. In the exact geometry the spacing falls with the load, by f/k
+        for each unit of log f; density and pressure follow.
         """
         if not self.packing.spread_matters:
             return super().exponent
@@ -691,8 +692,8 @@ class SimulatedState(ContactState):
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of ``exponent`` over the samples; nan (not known) of one sample, 0 of
-        equal balls, on a line.
+        """Standard error of ``exponent`` over the samples: 0 for equal balls and on a line, where
+        the exponent is exact; else nan, not known, if there is one sample.
         """
         if not self.packing.spread_matters:
             return super().exponent_error
@@ -1131,8 +1132,8 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def has_finite_overlap(self, asked: bool) -> bool:
         """Return whether the states have the terms of relative order delta/d, see
-        :meth:`Medium.has_finite_overlap`: a geometry that the simulation names decides, whether or
-        not the user has ``asked`` for the terms.
+        :meth:`Medium.has_finite_overlap`. If the simulation names a geometry, the geometry decides;
+        otherwise the states have the terms if the user has ``asked`` for them.
         """
         return asked if self.geometry is None else self.is_exact
 
@@ -1212,11 +1213,7 @@ class DirectSimulation(Medium[SimulatedState]):
             diameters = packing.spread.sample(drawn_shape, self.seed + index)
         if n > 1:  # the balls of a cell come in front of the cells
             diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
-        # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
-        # deviations, not of the diameters
-        differences = diameters - np.mean(diameters)
-        differences = differences - np.mean(differences)
-        return np.asarray(differences / packing.width_units.width)
+        return np.asarray(subtract_mean(diameters) / packing.width_units.width)
 
     @property
     def is_quick(self) -> bool:
@@ -1509,9 +1506,9 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the first sample at rest under one reduced load, with the same numbers as in a
         state at many loads.
 
-        There each load starts from the equilibrium of the load before it, in the order of
-        :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the reduced overlap and
-        displacements of that equilibrium; it is None for the first load.
+        In such a state the search at each load starts from the equilibrium at the load before it,
+        in the order of :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the
+        reduced overlap and displacements of that equilibrium; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)

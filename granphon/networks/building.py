@@ -1,8 +1,8 @@
-"""Networks of balls and contacts of which a program of discrete elements has left a part: the other
-numbers follow from those that are there.
+"""The completion of networks of which a program of discrete elements has left a part of the
+numbers: the other numbers follow from these.
 
-Stiffnesses follow from force and material by the laws of Hertz and Mindlin, masses from the
-density, moments of inertia are those of solid spheres, shifts lead to the nearest image, and
+Stiffnesses follow from force and material by the laws of Hertz and Mindlin, and masses from the
+density. Moments of inertia are those of solid spheres. Shifts lead to the nearest image, and
 normals lie along the line of the centres.
 """
 
@@ -55,16 +55,19 @@ _LEVEL = 1e-9
 #: standard error of the forces that follow from overlaps, over the forces, above which these are
 #: refused: frequencies are off by 1 %, as far as elastic constants are known
 _MOST_ERROR = 6e-2
-#: least difference from one of the ratio of all overlaps to those of places, with a warning
-_LEAST_WARNED_RATIO = 0.049
-#: factor between the overlap of a single contact and that of its places, with a warning
+#: difference from one of the median ratio of the overlaps of a source to those of places, from
+#: which on there is a warning
+_LEAST_DEVIATION = 0.049
+#: factor between the overlap of a source and that of places, above which there is a warning of a
+#: single contact
 _FAR = 10.0
 #: least overlap, and least force of the law at an overlap, over the mean of all contacts, for which
 #: single contacts are told: weaker contacts may have opened since
 _LEAST_TOLD = 1e-2
 #: most contacts that a warning names
 _NAMED = 3
-#: least tangential force over the force of a contact for which force vectors are more than normal
+#: part of a force vector across the normal, over the part along it, up to which the vector counts
+#: as a normal force
 _ACROSS = 1e-3
 #: least component of the direction of a normal along the line of the centres for which a body that
 #: does not move is a ball
@@ -231,9 +234,9 @@ class Source:
         notes on contacts that are left out because they have no force.
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats. The
-        tangential forces are left out if in every list they are absent, or are nothing but the
-        rounding of normal forces. Where some lists have static torques of rolling and twist, those
-        of the others are zero. Contacts with faults raise or warn (:meth:`_join_balls`).
+        tangential forces are left out if no list has more of them than the rounding of normal
+        forces. If some lists have static torques of rolling and twist, the torques of the other
+        lists are zero. Raises and warns as :meth:`_join_balls` does.
         """
         joined_lists = self._join_balls(positions, pbc, drops=completion.bad == "drop")
         fields_of_lists = [joined.complete(self.balls, completion) for joined in joined_lists]
@@ -256,7 +259,7 @@ class Source:
         return contact_fields, tuple(notes)
 
     def describe(self, is_kept: Any, notes: tuple[str, ...]) -> Reading:
-        """Return what is known of a network of this source beside its numbers.
+        """Return what the source tells of its network beside the numbers of the network.
 
         ``is_kept`` selects the balls of the source that the network has, as (n,) truth values or a
         slice; ``notes`` are those of :meth:`complete`.
@@ -280,9 +283,9 @@ class Source:
         if not springs or not is_one_of(motions, allowed):  # the network refuses other motions
             return None
         names = name_springs(allowed[motions])
-        unusable = [name for name in springs if name not in names and np.any(springs[name])]
-        if unusable:
-            problem = f"{self.balls.name} has springs to the ground on_site_{unusable[0]}"
+        other_names = [name for name in springs if name not in names and np.any(springs[name])]
+        if other_names:
+            problem = f"{self.balls.name} has springs to the ground on_site_{other_names[0]}"
             why = f"Balls with the motions {motions!r} have no such motion"
             raise InputError(problem, why, f"Give on_site of {', '.join(names)}")
         zeros = np.zeros(len(self.balls.radii))
@@ -291,7 +294,7 @@ class Source:
 
     def _find_model(self, material: Material | None, *, resists_slip: bool) -> ContactModel | None:
         """Return the contact model of balls of the ``material``, with friction if contacts resist
-        slip; without a material that of the source.
+        slip. Without a material it is the model of the source, None if the source has none.
         """
         if material is None:
             return self.contact_model
@@ -300,8 +303,9 @@ class Source:
         return ContactModel((ball,), friction=resists_slip, own_radii=True)
 
     def _find_masses(self, material: Material | None) -> Array:
-        """Return the masses (n,), kg: of the source, or of solid balls of the material, and
-        infinite of bodies that do not move; InputError without either.
+        """Return the masses (n,), kg, infinite for bodies that do not move: those of the source, or
+        else those of solid balls of the ``material``. InputError if the source has no masses and
+        there is no material.
         """
         balls = self.balls
         masses = balls.masses
@@ -318,9 +322,10 @@ class Source:
         faults.
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors of the cell the network
-        repeats. Raises one InputError that tells all balls and contacts that cannot be used; with
-        ``drops``, if only contacts are at fault, these are left out, with one warning. InputError,
-        too, for a cell out of range, or whose periods are not independent, and without a ball.
+        repeats. Raises InputError for a cell out of range, for periods that are not independent,
+        and without a ball. Raises one InputError that tells all balls and contacts that cannot be
+        used. With ``drops``, if only contacts are at fault, these are left out instead, with one
+        warning.
         """
         lengths = np.max(np.abs(self.cell), axis=1)
         is_in_range = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
@@ -341,8 +346,8 @@ class Source:
         return joined_lists
 
     def _find_dimension(self) -> int:
-        """Return the number of the coordinates of the balls, or 2 where these are three and all
-        balls and contacts lie in a plane of one z (:meth:`_is_level`).
+        """Return the number of coordinates that the balls have. It is 2, too, if the balls have
+        three coordinates, and all balls and contacts lie in a plane of one z (:meth:`_is_level`).
         """
         n_axes = self.balls.positions.shape[1]
         return 2 if n_axes == 3 and self._is_level() else n_axes
@@ -436,19 +441,28 @@ class _Joining:
         is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]))
         contacts = contacts.select(is_fine)
         pairs = self._find_pairs(contacts, i[is_fine], j[is_fine])
-        force, across = self._split_forces(contacts, pairs)
+        normal_force, tangential_force = self._split_forces(contacts, pairs)
         if contacts.overlap is not None:
             pairs = self._take_overlaps(contacts, pairs)
         self._note_arms(contacts, pairs)
         is_fine = faults.narrow()
-        if force is not None:
-            force = force[is_fine]
-        if across is not None:
-            across = across[is_fine]
+        if normal_force is not None:
+            normal_force = normal_force[is_fine]
+        if tangential_force is not None:
+            tangential_force = tangential_force[is_fine]
         is_normal = False
-        if contacts.tangential_force is None and force is not None and across is not None:
-            is_normal = bool(np.all(np.linalg.norm(across, axis=1) <= _ACROSS * np.abs(force)))
-        return _Joined(contacts.select(is_fine), pairs.select(is_fine), force, across, is_normal)
+        is_of_vectors = contacts.tangential_force is None and tangential_force is not None
+        if is_of_vectors and normal_force is not None:
+            assert tangential_force is not None
+            sizes = np.linalg.norm(tangential_force, axis=1)
+            is_normal = bool(np.all(sizes <= _ACROSS * np.abs(normal_force)))
+        return _Joined(
+            contacts.select(is_fine),
+            pairs.select(is_fine),
+            normal_force,
+            tangential_force,
+            is_normal,
+        )
 
     def _find_ends(self) -> tuple[Index, Index]:
         """Return the indices (n_c,) of balls i and (n_c,) of balls j, found by their labels; 0 for
@@ -498,11 +512,11 @@ class _Joining:
         shift = contacts.shift
         if shift is None:
             shift = self._find_shift(contacts, i, j, is_still)
-        crosses = np.any(shift[:, ~self.places.pbc], axis=1)
+        crosses_side = np.any(shift[:, ~self.places.pbc], axis=1)
         words = "a shift across a side of the cell that is not periodic"
-        self.faults.note(crosses, words, values=shift.astype(float), mend="Compare pbc")
-        between = self.places.positions[j] - self.places.positions[i]
-        vector = between + shift @ self.places.cell
+        self.faults.note(crosses_side, words, values=shift.astype(float), mend="Compare pbc")
+        positions = self.places.positions
+        vector = positions[j] + shift @ self.places.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
         is_near = np.abs(sum_of_radii - distance) <= _REACH * sum_of_radii
         normal = contacts.normal
@@ -532,9 +546,8 @@ class _Joining:
         """Return the pairs (m,) with the overlaps of the source in place of those of places and
         radii.
 
-        Notes, as faults, overlaps that are far from those of places and radii. Warns if the
-        overlaps of the other contacts are, in the median, a multiple of those of places and radii
-        (:func:`_compare_overlaps`).
+        Notes, as faults, overlaps that are far from those of places and radii. Warns as
+        :func:`_compare_overlaps` does of the overlaps of the other contacts.
         """
         assert contacts.overlap is not None
         sum_of_radii = pairs.radii_i + pairs.radii_j
@@ -590,13 +603,13 @@ class _Joining:
     def _find_shift(self, contacts: Contacts, i: Index, j: Index, is_still: Flags) -> Index:
         """Return the whole cells (m, 3) by which balls j are displaced; zero at flat walls.
 
-        Where the source has vectors from ball i to ball j, these decide. Otherwise ball j is
-        displaced to where it is nearest to ball i. There is an exception where the source has
-        normals: a ball may touch a body that does not move, or its own image, on several sides, and
-        there ball j is displaced to where the normal leads.
+        If the source has vectors from ball i to ball j, ball j is displaced to the end of the
+        vector. Otherwise ball j is displaced to where it is nearest to ball i. There is an
+        exception if the source has normals: a ball may touch a body that does not move, or its own
+        image, on several sides, and there ball j is displaced to where the normal leads.
 
-        For the arguments see :meth:`_find_pairs`; ``is_still`` (m,) marks contacts with a body that
-        does not move.
+        ``contacts``, ``i`` and ``j`` are those of :meth:`_find_pairs`; ``is_still`` (m,) marks
+        contacts with a body that does not move.
         """
         places = self.places
         sum_of_radii = places.balls.radii[i] + places.balls.radii[j]
@@ -662,29 +675,29 @@ class _Joining:
         """
         periods = self.places.periods
         n_periods = len(periods)
-        rounded = -self._round_steps(between @ np.linalg.pinv(periods))
+        rounded_steps = -self._round_steps(between @ np.linalg.pinv(periods))
         # (3^p, p): in a tilted cell the nearest image may be beside the one that rounding finds
         axis_steps = [[-1, 0, 1]] * n_periods
         steps = np.stack(np.meshgrid(*axis_steps, indexing="ij"), axis=-1).reshape(-1, n_periods)
         # the distances of the nearest, second and third nearest image so far
-        nearest = np.full(len(between), np.inf)
-        second_nearest = np.full(len(between), np.inf)
-        third_nearest = np.full(len(between), np.inf)
-        nearest_steps = rounded.copy()
+        nearest_distance = np.full(len(between), np.inf)
+        second_distance = np.full(len(between), np.inf)
+        third_distance = np.full(len(between), np.inf)
+        nearest_steps = rounded_steps.copy()
         for step in steps:
-            candidate = rounded + step
+            candidate = rounded_steps + step
             distance = np.linalg.norm(between + candidate @ periods, axis=1)
             # a ball does not touch itself without a displacement
             distance[with_itself & np.all(candidate == 0, axis=1)] = np.inf
-            is_nearer = distance < nearest
+            is_nearer = distance < nearest_distance
             nearest_steps[is_nearer] = candidate[is_nearer]
-            third_nearest = np.minimum(third_nearest, np.maximum(second_nearest, distance))
-            second_nearest = np.minimum(second_nearest, np.maximum(nearest, distance))
-            nearest = np.minimum(nearest, distance)
+            third_distance = np.minimum(third_distance, np.maximum(second_distance, distance))
+            second_distance = np.minimum(second_distance, np.maximum(nearest_distance, distance))
+            nearest_distance = np.minimum(nearest_distance, distance)
         # a ball has two equally near images of itself, which are one contact
-        next_nearest = np.where(with_itself, third_nearest, second_nearest)
+        next_distance = np.where(with_itself, third_distance, second_distance)
         self.faults.note(
-            ~is_anywhere & (next_nearest < sum_of_radii),
+            ~is_anywhere & (next_distance < sum_of_radii),
             "balls that touch at more than one place",
             why="The cell is so small that one contact is not the only one of its balls",
             mend="Give the shift of each contact",
@@ -701,28 +714,29 @@ class _Joining:
         return np.asarray(np.rint(np.where(is_near, steps, 0.0)), np.intp)
 
     def _split_forces(self, contacts: Contacts, pairs: _Pairs) -> tuple[Array | None, Array | None]:
-        """Return the normal forces (m,), N, and the tangential forces (m, 3), N, of ``contacts``,
-        those of the source or else the parts of its force vectors; None for what is not known.
+        """Return the normal forces (m,), N, and the tangential forces (m, 3), N, of ``contacts``:
+        those of the source, or else the parts of its force vectors. Each is None if the source has
+        neither.
 
-        Notes, as faults, force vectors that pull, unless contacts are adhesive, tangential forces
-        of the source that are not across the normals, and contacts for which neither force nor
-        overlap is known.
+        Notes as faults: force vectors that pull, unless contacts are adhesive; tangential forces of
+        the source that are not across the normals; and contacts for which neither force nor overlap
+        is known.
         """
         normal_force = contacts.normal_force
-        across = contacts.tangential_force
+        tangential_force = contacts.tangential_force
         if contacts.force is not None:
-            along = np.einsum("ca,ca->c", contacts.force, pairs.normal)
+            normal_parts = np.einsum("ca,ca->c", contacts.force, pairs.normal)
             if normal_force is None:
                 mend = ""
-                if len(along) and np.max(along) <= 0.0:  # no contact presses
+                if len(normal_parts) and np.max(normal_parts) <= 0.0:  # no contact presses
                     mend = "Turn the signs: they are those of the forces on the other ball"
-                note_pulling(self.faults, along, self.adhesive, mend)
-                normal_force = along
-            if across is None:
-                across = contacts.force - along[:, None] * pairs.normal
+                note_pulling(self.faults, normal_parts, self.adhesive, mend)
+                normal_force = normal_parts
+            if tangential_force is None:
+                tangential_force = contacts.force - normal_parts[:, None] * pairs.normal
         if contacts.tangential_force is not None:
-            force = 0.0 if normal_force is None else normal_force
-            is_across = are_across(contacts.tangential_force, pairs.normal, force)
+            known_force = 0.0 if normal_force is None else normal_force
+            is_across = are_across(contacts.tangential_force, pairs.normal, known_force)
             self.faults.note(
                 ~is_across,
                 "a tangential_force that is not across the normal",
@@ -733,17 +747,22 @@ class _Joining:
         if normal_force is None and contacts.overlap is None:
             words = "a body that does not move, and no force"
             self.faults.note(~pairs.has_overlap, words, mend="Give normal_force")
-        return normal_force, across
+        return normal_force, tangential_force
 
 
 @dataclass(frozen=True)
 class _Joined:
-    """Contacts (m,) that have no fault, the ``pairs`` of balls that they join, and their normal and
-    tangential forces, (m,) and (m, 3), N; None where these are not known.
+    """Contacts (m,) that have no fault, with the balls that they join.
 
-    ``is_normal`` is true where the source has force vectors that are along the normals but for
-    rounding: the tangential forces are then this rounding alone. Some programs write the normal
-    part as force vectors, and list tangential forces elsewhere.
+    Attributes
+    ----------
+    contacts : the contacts as the source has them.
+    pairs : the pairs of balls.
+    normal_force : (m,) N; None if it is not known.
+    tangential_force : (m, 3) N; None if it is not known.
+    is_normal : whether the source has force vectors that are along the normals but for rounding:
+        the tangential forces are then this rounding alone. Some programs write the normal part as
+        force vectors, and list tangential forces elsewhere.
     """
 
     contacts: Contacts
@@ -792,8 +811,9 @@ class _Joined:
         """Return the normal forces, N, the normal stiffnesses and the shear stiffnesses, N/m, each
         (m,).
 
-        Those that the source does not have follow from the material of the balls by the laws of
-        Hertz and Mindlin; without friction or material the shear stiffness is then zero. InputError
+        Forces and stiffnesses that the source does not have follow from the material of the balls
+        by the laws of Hertz and Mindlin. Shear stiffnesses that the source does not have are zero
+        without friction. InputError
         if a material is needed and is not given, or if the overlaps from which forces follow have
         large errors (:func:`_judge_errors`).
         """
@@ -812,8 +832,9 @@ class _Joined:
                 force = find_force()
                 _judge_errors(contacts, balls, pairs, find_force)
             if stiffness is None:
-                unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
-                stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
+                unit_law = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+                overlap = unit_law.overlap(force / coefficient)
+                stiffness = coefficient * unit_law.stiffness(overlap)
         if shear is None:
             ratio = 0.0
             if completion.friction and material is not None:
@@ -923,12 +944,12 @@ def _find_force_of_overlap(coefficient: Array, overlap: Array, error: Array | fl
 def _judge_errors(
     contacts: Contacts, balls: Balls, pairs: _Pairs, find_force: Callable[..., Array]
 ) -> None:
-    """Raise InputError if the forces that follow from overlaps have standard errors of more than
-    ``_MOST_ERROR`` of the forces, in the sum over all contacts.
+    """Raise InputError if the standard errors of forces that follow from overlaps add up to more
+    than ``_MOST_ERROR`` of the sum of the forces, over all contacts.
 
     ``find_force(error)`` returns the forces (n_c,), N, at the overlaps plus an error (n_c,), m. The
     errors come from the rounding of the overlaps of the source, or else of its places and radii.
-    Of smaller errors the network itself warns (:mod:`granphon.networks.consistency`).
+    Smaller errors have a warning of their own (:mod:`granphon.networks.consistency`).
     """
     rounded = f"places of {balls.name}" if contacts.overlap is None else "the overlaps"
     _greatest, error = _find_errors(contacts, balls, pairs)
@@ -971,16 +992,16 @@ def _find_errors_of_places(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
 def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
     """Warn if the overlaps of the source are not those of places and radii, ``pairs.overlap``.
 
-    First the median of their ratio is compared with one, to 5 %; pairs whose overlap is uncertain
-    by that much from rounding alone do not count. If the median is near to one, single overlaps
-    that are ten times those of places, or a tenth, are told.
+    First the median of the ratio of both is compared with one, to 5 %; pairs whose overlap is
+    uncertain by that much from rounding alone do not count. If the median is near to one, or no
+    pair counts, single overlaps are compared (:func:`_warn_of_single_overlaps`).
     """
     assert contacts.overlap is not None
     greatest, _standard = _find_errors_of_places(balls, pairs)
-    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_WARNED_RATIO > greatest)
+    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_DEVIATION > greatest)
     if np.any(is_clear):
         ratio = float(np.median(contacts.overlap[is_clear] / pairs.overlap[is_clear]))
-        if abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
+        if abs(ratio - 1.0) >= _LEAST_DEVIATION:
             fault = f"{contacts.name}: the overlaps are {ratio:.4g} times those of places and radii"
             mend = "Compare their units, and those of places and radii"
             warn_caller(message(fault, mend=mend), InconsistencyWarning)
@@ -989,8 +1010,12 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
 
 
 def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array) -> None:
-    """Warn of overlaps of the source that are ten times those of places and radii or a tenth, also
-    if the latter have the ``greatest`` errors (n_c,), m, and that are not small beside others.
+    """Warn of overlaps of the source that are more than ten times those of places and radii, or
+    less than a tenth.
+
+    Rounding may leave errors up to ``greatest`` (n_c,), m, in the overlaps of places and radii: a
+    contact is told only if no such error explains the factor. A contact whose overlaps are both
+    small beside the others is not told either.
     """
     assert contacts.overlap is not None
     overlap = np.maximum(contacts.overlap, 0.0)
@@ -998,19 +1023,19 @@ def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array)
     lowest = np.maximum(pairs.overlap - greatest, 0.0)
     highest = np.maximum(pairs.overlap + greatest, 0.0)
     is_far = (overlap > _FAR * highest) | (lowest > _FAR * overlap)
-    least_told = _LEAST_TOLD * float(np.sum(overlap)) / max(len(overlap), 1)
-    is_large = np.maximum(overlap, lowest) > least_told
-    odd = np.flatnonzero(pairs.has_overlap & is_far & is_large)
-    if not odd.size:
+    is_large = np.maximum(overlap, lowest) > _find_least_told(overlap)
+    odd_rows = np.flatnonzero(pairs.has_overlap & is_far & is_large)
+    if not odd_rows.size:
         return
     shown = [
         f"{contacts.describe(row)}, {contacts.overlap[row]:.3g} m where places have"
         f" {pairs.overlap[row]:.3g} m"
-        for row in odd[:_NAMED].tolist()
+        for row in odd_rows[:_NAMED].tolist()
     ]
+    subject = counted(odd_rows.size, "overlap is", "overlaps are")
     fault = (
-        f"{contacts.name}: {counted(odd.size, 'overlap is', 'overlaps are')} more than ten times"
-        f" that of places and radii, or less than a tenth: {'; '.join(shown)}"
+        f"{contacts.name}: {subject} more than ten times that of places and radii, or less than a"
+        f" tenth: {'; '.join(shown)}"
     )
     warn_caller(message(fault, "The overlaps count"), InconsistencyWarning)
 
@@ -1018,26 +1043,33 @@ def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array)
 def _warn_of_open(
     contacts: Contacts, balls: Balls, pairs: _Pairs, coefficient: Array, force: Array
 ) -> None:
-    """Warn of contacts whose ``force`` (n_c,), N, is zero, and whose balls overlap: Hertz's law
-    with the ``coefficient`` (n_c,), N/m^(3/2), gives a force that is not small beside others, also
-    at the least overlap that rounding allows.
+    """Warn of contacts whose ``force`` (n_c,), N, is zero, though their balls overlap.
+
+    Such a contact is told if Hertz's law with the ``coefficient`` (n_c,), N/m^(3/2), gives a force
+    that is not small beside the forces of other contacts, even at the least overlap that rounding
+    allows.
     """
     greatest, _standard = _find_errors(contacts, balls, pairs)
     force_of_law = _find_force_of_overlap(coefficient, pairs.overlap, -greatest)
-    least_told = _LEAST_TOLD * float(np.sum(np.abs(force))) / max(len(force), 1)
-    odd = np.flatnonzero(pairs.has_overlap & (force == 0.0) & (force_of_law > least_told))
-    if not odd.size:
+    is_large = force_of_law > _find_least_told(np.abs(force))
+    odd_rows = np.flatnonzero(pairs.has_overlap & (force == 0.0) & is_large)
+    if not odd_rows.size:
         return
     shown = [
         f"{contacts.describe(row)}, where the overlap makes {force_of_law[row]:.3g} N"
-        for row in odd[:_NAMED].tolist()
+        for row in odd_rows[:_NAMED].tolist()
     ]
-    fault = (
-        f"{contacts.name}: {counted(odd.size, 'contact has', 'contacts have')} no force, though"
-        f" the balls overlap: {'; '.join(shown)}"
-    )
+    subject = counted(odd_rows.size, "contact has", "contacts have")
+    fault = f"{contacts.name}: {subject} no force, though the balls overlap: {'; '.join(shown)}"
     why = "Such contacts are left out as open ones"
     warn_caller(message(fault, why, "Compare the column of forces"), InconsistencyWarning)
+
+
+def _find_least_told(sizes: Array) -> float:
+    """Return the size above which a single contact is told: the part :data:`_LEAST_TOLD` of the
+    mean of the ``sizes`` (n_c,) of all contacts; zero without a contact.
+    """
+    return _LEAST_TOLD * float(np.mean(sizes)) if sizes.size else 0.0
 
 
 def _leave_out(fields_of_contacts: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:

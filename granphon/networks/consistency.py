@@ -33,8 +33,8 @@ BALANCED = 1e-3
 #: the same sum, and the sum of torques over the mean force and the mean radius, from which on the
 #: balls of a packing that nothing else holds still move; rounding to three digits leaves less
 MOVING = 5e-3
-#: greatest difference of a median ratio from one, however 1.05 is rounded, and greatest scatter
-#: about the median
+#: greatest difference of a median ratio from one, and greatest scatter about the median: 5 %, less
+#: a little, so that the rounding of a ratio of 1.05 does not matter
 _ALIKE = 0.049
 #: greatest error of forces by the rounding of places: frequencies have a sixth of it, 0.1 %
 _ROUNDED = 6e-3
@@ -98,8 +98,8 @@ def compare_numbers(network: Any) -> tuple[Comparison, ...]:
 
     The sums of static forces on balls are compared with prestress; without prestress they are
     compared if all static forces are known, and the network has no open ends. The sums of torques
-    are compared, too, if tangential forces are known; not if contacts resist rolling or twist, and
-    their static torques are not known. Overlaps, stiffnesses and masses are compared in networks
+    are compared, too, if tangential forces are known, and static torques are known or no contact
+    resists rolling or twist. Overlaps, stiffnesses and masses are compared in networks
     that were read: in granphon's own networks the contacts follow their law, and balls need not be
     solid.
     """
@@ -107,17 +107,17 @@ def compare_numbers(network: Any) -> tuple[Comparison, ...]:
 
 
 def warn_of_faults(network: Any) -> None:
-    """Warn of each comparison that a network, which has been read from files, fails; the warning
-    begins with the name of the file.
+    """Warn of each comparison that a ``network`` fails, which has been read from files; the warning
+    begins with the name of the file in which the fault stands.
 
     There is no warning of rattlers, which are in the network only if they were asked for, and none
     of too few contacts of a lattice in balance, whose modes of frequency zero are known.
     """
-    failing = {each.name: each for each in compare_numbers(network) if not each.holds}
-    failing.pop("rattlers", None)
-    if "balance" not in failing and _is_regular(network):
-        failing.pop("contacts", None)
-    for name, comparison in failing.items():
+    failures = {each.name: each for each in compare_numbers(network) if not each.holds}
+    failures.pop("rattlers", None)
+    if "balance" not in failures and _is_regular(network):
+        failures.pop("contacts", None)
+    for name, comparison in failures.items():
         file = network.reading.balls if name in _OF_BALLS else network.reading.contacts
         fault = comparison.fault[0].lower() + comparison.fault[1:]
         warn_caller(message(f"{file}: {fault}", comparison.reason), InconsistencyWarning)
@@ -147,17 +147,17 @@ def _list_comparisons(network: Any) -> Iterator[Comparison]:
 
 
 def _can_balance(network: Any) -> bool:
-    """Whether the static forces on each ball that moves are compared with zero: if there are any,
-    and with prestress, by which they act on waves.
+    """Whether the sums of the static forces on balls are compared with zero.
 
-    Without prestress they are compared only if they are complete: tangential forces are known or
-    cannot be, and the network repeats along all axes or has bodies that do not move, so that
-    nothing outside of it holds its balls.
+    There must be static forces, and balls that move. With prestress, by which static forces act on
+    waves, the sums are then compared. Without prestress they are compared only if no force is
+    missing. Tangential forces must be known, unless contacts bear none. The network must repeat
+    along all axes, or have bodies that do not move, so that nothing outside of it holds its balls.
     """
     if not np.any(network.normal_force) or not np.any(network.moving):
         return False
-    bears_no_tangential = network.dimension == 1 or not np.any(network.shear_stiffness)
-    is_known = bears_no_tangential or network.tangential_force is not None
+    bears_normal_alone = network.dimension == 1 or not np.any(network.shear_stiffness)
+    is_known = bears_normal_alone or network.tangential_force is not None
     is_enclosed = all(network.pbc[: network.dimension]) or not np.all(network.moving)
     return bool(network.prestress or (is_known and is_enclosed))
 
@@ -212,11 +212,13 @@ def _compare_sums(
     """Return the comparison of the largest of the ``ratios`` (n,), a pure number for each ball,
     with the ``limit``.
 
-    The other arguments are fields of :class:`Comparison`; the worst balls are added to ``fault``.
+    The other arguments are fields of :class:`Comparison`. The worst balls are added to ``fault`` if
+    there are several.
     """
-    beyond = np.flatnonzero(ratios > limit)
-    worst = beyond[np.argsort(-ratios[beyond], kind="stable")][:_NAMED]
-    labels = [network.name_ball(ball) for ball in worst.tolist()]
+    failing_balls = np.flatnonzero(ratios > limit)
+    order = np.argsort(-ratios[failing_balls], kind="stable")
+    worst_balls = failing_balls[order][:_NAMED]
+    labels = [network.name_ball(ball) for ball in worst_balls.tolist()]
     if len(labels) > 1:
         fault += f" (the worst balls: {', '.join(map(str, labels))})"
     return Comparison(
@@ -242,9 +244,10 @@ class _Overlaps:
     ----------
     contacts : (m,) indices of these contacts in the network.
     overlaps : (m,) overlaps that follow from places and radii, m; below zero for balls apart.
-    greatest_errors, errors : (m,) greatest and standard errors that rounding leaves in these, m.
+    greatest_errors, errors : (m,) greatest and standard errors that rounding leaves in the
+        overlaps, m.
     linear_overlaps : (m,) force over normal stiffness, m: by Hertz's law 2/3 of the overlap.
-    strong : (m,) whether the force of a contact is the median force or more.
+    is_strong : (m,) whether the force of a contact is the median force or more.
     """
 
     contacts: Index
@@ -252,7 +255,7 @@ class _Overlaps:
     greatest_errors: Array
     errors: Array
     linear_overlaps: Array
-    strong: Flags
+    is_strong: Flags
 
     @classmethod
     def of(cls, network: Any) -> Self:
@@ -271,30 +274,30 @@ class _Overlaps:
             rounding = reading.rounding, reading.radius_rounding
         greatest_errors, errors = find_errors_of_overlaps(*rounding, i, j, network.normal[contacts])
         sum_of_radii = network.radii[i] + network.radii[j]
-        strong = np.zeros(0, bool)
+        is_strong = np.zeros(0, bool)
         if contacts.size:  # the median of no forces is nan
-            strong = force[contacts] >= np.median(force[contacts])
+            is_strong = force[contacts] >= np.median(force[contacts])
         return cls(
             contacts=contacts,
             overlaps=sum_of_radii - network.distance[contacts],
             greatest_errors=np.maximum(greatest_errors, _LEAST_OVERLAP * sum_of_radii),
             errors=errors,
             linear_overlaps=force[contacts] / network.normal_stiffness[contacts],
-            strong=strong,
+            is_strong=is_strong,
         )
 
     @property
     def power(self) -> float:
         """The power p in the law that forces f are proportional to overlaps to the power p.
 
-        By this law an overlap is p f/k, k being the normal stiffness: p is found as the median,
-        over the strong contacts, of the overlap over f/k. It is zero if the median overlap is not
-        larger than its greatest error.
+        By this law an overlap is p f/k, where k is the normal stiffness. So p is found as the
+        median of the overlap over f/k, over the strong contacts. The power is zero, which stands
+        for no law, if the median of the overlaps less their greatest errors is not above zero.
         """
-        strong = self.strong
-        if not np.median((self.overlaps - self.greatest_errors)[strong]) > 0.0:
+        is_strong = self.is_strong
+        if not np.median((self.overlaps - self.greatest_errors)[is_strong]) > 0.0:
             return 0.0
-        return float(np.median(self.overlaps[strong] / self.linear_overlaps[strong]))
+        return float(np.median(self.overlaps[is_strong] / self.linear_overlaps[is_strong]))
 
     def find_ratios(self, power: float, error: Array | float = 0.0) -> Array:
         """Return the forces of the law at the overlaps, over the forces of the contacts, (m,), if
@@ -328,9 +331,10 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
     if not power:
         return
     is_linear = power < 0.5 * (1.0 + EXPONENT)
-    is_told = np.zeros(overlaps.contacts.size, bool)  # by the comparison of single stiffnesses
+    # whether the comparison of single stiffnesses tells of each contact
+    is_told = np.zeros(overlaps.contacts.size, bool)
     all_ratios = _find_stiffness_ratios(network, overlaps.contacts)
-    stiffness_ratios = all_ratios[overlaps.strong & np.isfinite(all_ratios)]
+    stiffness_ratios = all_ratios[overlaps.is_strong & np.isfinite(all_ratios)]
     if stiffness_ratios.size:
         is_hertzian = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
         is_linear = abs(power - 1.0) <= _ALIKE and not is_hertzian
@@ -344,10 +348,10 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
                 "The stiffnesses count: if the law is right, all frequencies are off by {effect}",
                 effect=stiffness_ratio**0.5,
             )
-            relative = all_ratios / stiffness_ratio
-            is_told = _find_odd_stiffnesses(network, overlaps, relative)
+            relative_ratios = all_ratios / stiffness_ratio
+            is_told = _find_odd_stiffnesses(network, overlaps, relative_ratios)
             odd_contacts = np.flatnonzero(is_told)
-            distances = np.abs(np.log(relative[odd_contacts]))
+            distances = np.abs(np.log(relative_ratios[odd_contacts]))
             worst_first = odd_contacts[np.argsort(-distances, kind="stable")]
             yield _compare_single_stiffnesses(
                 network, overlaps.contacts[worst_first], all_ratios[worst_first]
@@ -363,26 +367,27 @@ def _is_far(ratios: Array) -> Flags:
     return np.asarray((ratios > _MOST_FACTOR) | (ratios < 1.0 / _MOST_FACTOR))
 
 
-def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative: Array) -> Flags:
-    """Return (m,) which contacts have a stiffness far from that of Hertz's law under their force,
-    while this force is near to that of the law at their overlap; so the stiffness is wrong, and
-    not the force.
+def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative_ratios: Array) -> Flags:
+    """Return (m,) whether the stiffness of each contact is far from that of Hertz's law under the
+    force, while the force is near to that of the law at the overlap: then the stiffness is wrong,
+    and not the force.
 
-    ``relative`` (m,) are the stiffnesses over those of the law, over the median of this ratio.
+    ``relative_ratios`` (m,) are the ratios of the stiffnesses to those of the law, over the median
+    of these ratios.
     """
     # forces of the law at the overlaps over those of the contacts, with the stiffness of the law
     # under the force in place of that of the contact
-    force_ratios = overlaps.find_ratios(EXPONENT) / relative**EXPONENT
-    force_ratios /= np.nanmedian(force_ratios[overlaps.strong])
+    force_ratios = overlaps.find_ratios(EXPONENT) / relative_ratios**EXPONENT
+    force_ratios /= np.nanmedian(force_ratios[overlaps.is_strong])
     force = network.normal_force[overlaps.contacts]
-    is_odd = _is_far(relative) & ~_is_far(force_ratios)
+    is_odd = _is_far(relative_ratios) & ~_is_far(force_ratios)
     return np.asarray(is_odd & (force > _LEAST_COMPARED * np.mean(force)))
 
 
 def _compare_single_stiffnesses(network: Any, outliers: Index, ratios: Array) -> Comparison:
-    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
-    stiffness is far from that of the law, the worst first; ``ratios`` (m,) are their stiffnesses
-    over those of the law.
+    """Return the comparison of the number of ``outliers`` with zero. These are indices (m,) of
+    contacts whose stiffness is far from that of the law, the worst first; ``ratios`` (m,) are their
+    stiffnesses over those of the law.
     """
     stiffnesses = network.normal_stiffness[outliers]
     return _compare_outliers(
@@ -408,12 +413,12 @@ def _compare_outliers(
     words: tuple[str, str, str],
     reason: str,
 ) -> Comparison:
-    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts with
-    a number that is far from that of the law, the worst first.
+    """Return the comparison of the number of ``outliers`` with zero. These are indices (m,) of
+    contacts with a number that is far from that of the law, the worst first.
 
-    ``numbers`` are those of the contacts and those of the law, each (m,). ``words`` are the
-    quantity that the numbers measure, its unit, and the quantity from which the law finds it. The
-    other arguments are fields of the comparison.
+    ``numbers`` are the numbers of the contacts and the numbers of the law, each (m,). ``words`` are
+    the quantity that the numbers measure, the unit of this quantity, and the quantity from which
+    the law finds it. The other arguments are fields of the comparison.
     """
     quantity, unit, cause = words
     pairs = _name_pairs(network, outliers)
@@ -437,21 +442,22 @@ def _compare_outliers(
 def _compare_forces_of_overlaps(
     network: Any, overlaps: _Overlaps, power: float, is_told: Flags
 ) -> Iterator[Comparison]:
-    """Yield four comparisons of the forces of contacts with those of the law at their overlaps, by
-    which forces go as the ``power`` of overlaps: of the median ratio, of the scatter about the
-    median, of the number of contacts far from it, and of the error that rounding leaves in forces.
+    """Yield four comparisons of the forces of contacts with those of the law at their overlaps. By
+    the law forces go as the ``power`` of overlaps.
 
-    ``is_told`` (m,) marks contacts of wrong stiffnesses, which are not counted again among those
-    far from the median.
+    The comparisons are of the median ratio, of the scatter about the median, of the number of
+    contacts far from the median, and of the error that rounding leaves in forces. ``is_told`` (m,)
+    marks contacts of wrong stiffnesses, which are not counted again among the contacts far from the
+    median.
     """
-    strong = overlaps.strong
-    ratios = overlaps.find_ratios(power)  # of the law over those of the contacts
-    median = float(np.median(ratios[strong]))
-    deviations = np.abs(ratios[strong] / median - 1.0)
+    is_strong = overlaps.is_strong
+    ratios = overlaps.find_ratios(power)  # forces of the law over those of the contacts
+    median = float(np.median(ratios[is_strong]))
+    deviations = np.abs(ratios[is_strong] / median - 1.0)
     scatter = float(np.median(deviations))
-    relative_errors = overlaps.errors[strong] / overlaps.linear_overlaps[strong]
+    relative_errors = overlaps.errors[is_strong] / overlaps.linear_overlaps[is_strong]
     # an overlap p f/k, to the power p, has the relative error p error/(p f/k) = error/(f/k)
-    error = float(np.median(relative_errors))
+    law_error = float(np.median(relative_errors))
     yield _compare_median(
         "law",
         "median of the force over that of the law at the overlap of the places, less one",
@@ -461,15 +467,15 @@ def _compare_forces_of_overlaps(
         " {effect}. Compare units, Young's modulus and columns. If the law is another one, give the"
         " stiffnesses",
         effect=median**FREQUENCY_EXPONENT,
-        slack=error,
+        slack=law_error,
     )
-    worst = overlaps.contacts[strong][np.argsort(-deviations, kind="stable")]
+    worst_first = overlaps.contacts[is_strong][np.argsort(-deviations, kind="stable")]
     yield Comparison(
         name="scatter",
         meaning="median deviation of that ratio from its median, over the median",
         value=scatter,
-        limit=_ALIKE + error,
-        worst=_name_pairs(network, worst),
+        limit=_ALIKE + law_error,
+        worst=_name_pairs(network, worst_first),
         fault=f"The ratios of forces to those of the law at the overlaps scatter by {scatter:.1%}",
         reason="Frequencies are of contacts whose forces are of another step, in another order, or"
         " of other materials",
@@ -482,27 +488,30 @@ def _compare_forces_of_overlaps(
     is_odd &= np.maximum(1.0, lowest_ratios) * force > _LEAST_COMPARED * np.mean(force)
     is_odd &= ~is_told
     yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
+    rounding_error = law_error
     if np.max(deviations) >= _FOLLOWS:
         # the forces were not computed from the overlaps: rounding of the places changes them only
         # through the directions of contacts
         i = network.i[overlaps.contacts]
         j = network.j[overlaps.contacts]
-        error = float(np.median(overlaps.errors / (network.radii[i] + network.radii[j])))
-    yield _compare_rounding(error)
+        relative_errors = overlaps.errors / (network.radii[i] + network.radii[j])
+        rounding_error = float(np.median(relative_errors))
+    yield _compare_rounding(rounding_error)
 
 
 def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comparison:
-    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
-    force is far from that of the law; ``ratios`` (m,) are the forces of the law over the forces of
-    these contacts.
+    """Return the comparison of the number of ``outliers`` with zero. These are indices (m,) of
+    contacts whose force is far from that of the law; ``ratios`` (m,) are the forces of the law over
+    the forces of these contacts.
     """
     forces = network.normal_force[outliers]
+    forces_of_law = ratios * forces
     # the contacts with the largest force, of the file or by the law, come first
-    order = np.argsort(-np.maximum(ratios * forces, forces), kind="stable")
+    order = np.argsort(-np.maximum(forces_of_law, forces), kind="stable")
     return _compare_outliers(
         network,
         outliers[order],
-        (forces[order], (ratios * forces)[order]),
+        (forces[order], forces_of_law[order]),
         name="single forces",
         meaning="contacts whose force is more than ten times that of the law at the overlap, or"
         " less than a tenth, beside the median ratio of all",
@@ -513,9 +522,13 @@ def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comp
 
 
 def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
-    """Return the names of the two balls of each of the first three ``contacts`` (m,)."""
-    named = contacts[:_NAMED]
-    pairs = zip(network.i[named].tolist(), network.j[named].tolist(), strict=True)
+    """Return the labels, or indices, of the two balls of each of the first three of ``contacts``,
+    indices (m,).
+    """
+    first_contacts = contacts[:_NAMED]
+    ends_i = network.i[first_contacts].tolist()
+    ends_j = network.j[first_contacts].tolist()
+    pairs = zip(ends_i, ends_j, strict=True)
     return tuple((network.name_ball(i), network.name_ball(j)) for i, j in pairs)
 
 
@@ -541,20 +554,21 @@ def _find_stiffness_ratios(network: Any, contacts: Index) -> Array:
     ratios = np.full(contacts.size, np.nan)
     moduli = _evaluate_materials(network, lambda material: material.contact_modulus)
     is_known = np.isfinite(moduli[network.i[contacts]] + moduli[network.j[contacts]])
-    known = contacts[is_known]
-    i = network.i[known]
-    j = network.j[known]
-    if not known.size:
+    known_contacts = contacts[is_known]
+    if not known_contacts.size:
         return ratios
+    i = network.i[known_contacts]
+    j = network.j[known_contacts]
     diameters = harmonic_diameter(2.0 * network.radii[i], 2.0 * network.radii[j])
     compliances = 0.5 / moduli[i] + 0.5 / moduli[j]  # of pairs of materials, 1/Pa
     # Hertz's coefficient is proportional to the modulus of the pair and to the root of the diameter
     material = network.contact_model.kinds[0].material
     coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters)
     coefficient /= compliances * material.contact_modulus
-    unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
-    expected = coefficient * unit.stiffness(unit.overlap(network.normal_force[known] / coefficient))
-    ratios[is_known] = network.normal_stiffness[known] / expected
+    unit_law = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+    overlaps = unit_law.overlap(network.normal_force[known_contacts] / coefficient)
+    stiffnesses_of_law = coefficient * unit_law.stiffness(overlaps)
+    ratios[is_known] = network.normal_stiffness[known_contacts] / stiffnesses_of_law
     return ratios
 
 
@@ -575,8 +589,9 @@ def _compare_rounding(error: float) -> Comparison:
 
 
 def _compare_balls(network: Any) -> Iterator[Comparison]:
-    """Yield the comparisons of masses against the density, if that is known, and of inertias
-    against those of solid spheres, of the balls that move.
+    """Yield the comparisons of the balls that move: of their masses with those of the density, if
+    it is known for all of them, and of their moments of inertia with those of solid spheres, if
+    balls rotate.
     """
     balls = np.flatnonzero(network.moving & np.isfinite(network.radii))
     if not balls.size:
@@ -595,26 +610,26 @@ def _compare_masses(network: Any, balls: Index, densities: Array) -> Iterator[Co
     volumes = 4.0 / 3.0 * np.pi * network.radii[balls] ** 3
     ratios = network.masses[balls] / (densities * volumes)
     median_ratio = float(np.median(ratios))
-    listed = ", ".join(f"{density:g}" for density in np.unique(densities))
+    listed_densities = ", ".join(f"{density:g}" for density in np.unique(densities))
     yield _compare_median(
         "masses",
         "median of the mass over that of a solid ball of the material, less one",
         median_ratio,
-        f"The masses are {{ratio}} times those of solid balls of {listed} kg/m3",
+        f"The masses are {{ratio}} times those of solid balls of {listed_densities} kg/m3",
         "The masses count, and the density does not: if the density is right, all frequencies are"
         " off by {effect}. Compare units and material. If balls are not solid, give the density of"
         " mass over volume",
         effect=median_ratio**-0.5,
     )
-    relative = ratios / median_ratio
-    is_odd = _is_far(relative)
+    relative_ratios = ratios / median_ratio
+    is_odd = _is_far(relative_ratios)
     yield _compare_single_balls(
         network,
         "single masses",
         "balls whose mass is more than ten times that of a solid ball of the material, or less than"
         " a tenth, beside the median ratio of all",
         balls[is_odd],
-        relative[is_odd],
+        relative_ratios[is_odd],
         "{count} more than ten times the mass of the size, or less than a tenth: {listed} times the"
         " mass",
         "Frequencies are of balls with these masses. Compare columns and units",
@@ -625,8 +640,8 @@ def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
     """Yield the comparisons of the moments of inertia of ``balls``, indices (n,), with those of
     solid spheres of their masses and radii: of the median ratio, and of single moments.
     """
-    of_solid_spheres = _SOLID * network.masses[balls] * network.radii[balls] ** 2
-    ratios = network.inertias[balls] / of_solid_spheres
+    solid_inertias = _SOLID * network.masses[balls] * network.radii[balls] ** 2
+    ratios = network.inertias[balls] / solid_inertias
     median_ratio = float(np.median(ratios))
     yield _compare_median(
         "inertias",
@@ -657,21 +672,21 @@ def _compare_single_balls(
     name: str,
     meaning: str,
     outliers: Index,
-    relative: Array,
+    ratios: Array,
     fault: str,
     reason: str,
 ) -> Comparison:
-    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of balls with a
-    wrong number, which is ``relative`` (m,) times the expected one.
+    """Return the comparison of the number of ``outliers`` with zero. These are indices (m,) of
+    balls with a wrong number; ``ratios`` (m,) are their numbers over the expected ones.
 
-    ``fault`` has the places {count} and {listed} of the number of balls, and of the worst of them.
-    The other arguments are fields of :class:`Comparison`.
+    In ``fault`` the number of outliers takes the place of {count}, and the worst of them that of
+    {listed}. The other arguments are fields of :class:`Comparison`.
     """
-    order = np.argsort(-np.abs(np.log(relative)), kind="stable")[:_NAMED]
+    order = np.argsort(-np.abs(np.log(ratios)), kind="stable")[:_NAMED]
     labels = [network.name_ball(ball) for ball in outliers[order].tolist()]
     shown = [
         f"ball {label} has {ratio:.3g}"
-        for label, ratio in zip(labels, relative[order].tolist(), strict=True)
+        for label, ratio in zip(labels, ratios[order].tolist(), strict=True)
     ]
     return Comparison(
         name=name,
@@ -695,8 +710,12 @@ def _compare_median(
     effect: float,
     slack: float = 0.0,
 ) -> Comparison:
-    """Return the comparison of a ``median`` ratio, whose difference from one must not be above the
-    limit and a ``slack``; ``effect`` is the factor of frequencies that belongs to it.
+    """Return the comparison of a ``median`` ratio with one. Their difference must not be above
+    :data:`_ALIKE` plus a ``slack``.
+
+    In ``fault`` the ratio takes the place of {ratio}. ``effect`` is the factor by which frequencies
+    are off; in ``reason`` its difference from one takes the place of {effect}. The other arguments
+    are fields of :class:`Comparison`.
     """
     value = abs(median - 1.0)
     return Comparison(
@@ -766,19 +785,20 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     n_soft = max(n_needed - n_resisted, 0)
     resisted_by_contact = n_resisted / n_contacts if n_resisted else 1.0
     n_isostatic = max(n_needed, 0) / resisted_by_contact  # contacts of the network
-    # a contact with a body that does not move is one of one ball alone
+    # a contact with a body that does not move has one end alone at a ball that is held; without
+    # contacts there is no mean, and each would join two balls
     n_ends = np.count_nonzero(is_held[network.i] & is_counted)
     n_ends += np.count_nonzero(is_held[network.j] & is_counted)
     balls_of_contact = n_ends / n_contacts if n_contacts else 2.0
-    per_ball = balls_of_contact * n_contacts / n_held
-    isostatic = balls_of_contact * n_isostatic / n_held
+    contacts_of_ball = balls_of_contact * n_contacts / n_held
+    isostatic_number = balls_of_contact * n_isostatic / n_held
     return Comparison(
         name="contacts",
         meaning="contacts per ball, of those that are held, against the isostatic number",
-        value=per_ball,
-        limit=isostatic,
-        fault=f"The balls have {per_ball:.3g} contacts each, fewer than the {isostatic:.3g} of an"
-        f" isostatic packing",
+        value=contacts_of_ball,
+        limit=isostatic_number,
+        fault=f"The balls have {contacts_of_ball:.3g} contacts each, fewer than the"
+        f" {isostatic_number:.3g} of an isostatic packing",
         reason=f"{n_soft} modes or more have the frequency zero",
         at_least=True,
     )
@@ -787,11 +807,12 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
 def _count_resisted(network: Any, is_counted: Flags) -> int:
     """Return the number of deformations that the contacts which ``is_counted`` (n_c,) marks resist.
 
-    The deformations of a contact that the motions make, by the stiffness that resists them: a
-    normal one, unless balls move out of the plane only, to which normals are perpendicular; slip
-    along the other displacements; twist; and rolling about the other rotations.
+    The motions of balls deform a contact along its normal, unless balls move out of the plane
+    alone; by slip along each of the other displacements; by twist; and by rolling about each of the
+    other rotations. Each deformation has its stiffness.
     """
     motions = network.ball_motions
+    # normals lie in the line or plane: they are shortened if balls move along x
     n_along = int(0 in motions.translations)
     n_twists = int(motions.twist)
     n_deformations = {

@@ -85,15 +85,15 @@ def find_sources(network: Any, layers: Layers, count: int, cut: Any) -> Index:
     # the same steps as in cut_network keep the same contacts in the same order
     stack = _LayerStack.of(network, layers, count)
     is_between = stack.has_i & stack.has_j
-    between = {name: getattr(stack, name)[is_between] for name in ("i", "j", "row")}
-    rows: Index = _leave_out_still(between, ~cut.moving)["row"]
+    contacts = {name: getattr(stack, name)[is_between] for name in ("i", "j", "row")}
+    rows: Index = _leave_out_still(contacts, ~cut.moving)["row"]
     return np.pad(rows, (0, cut.n_contacts - len(rows)), constant_values=-1)
 
 
 def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
-    """Return the fields that change, by name, where ``wall`` takes the place of the only wall of a
-    network, which has the same name: contacts keep their forces, and get the stiffnesses of balls
-    on the new wall.
+    """Return the fields of a network that change, by name, if ``wall`` takes the place of its only
+    wall of a known material. Both walls have one name. Contacts keep their forces, and get the
+    stiffnesses of balls on the new wall.
     """
     model = network.contact_model
     names = np.array(network.kinds or [wall.name] * network.n_balls)
@@ -103,10 +103,10 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     kinds = name_kinds(network, balls, model, f"face at {wall.name}")
     forces = network.normal_force[contacts]
     pressed = model.press_on_wall(kinds, network.radii[balls], forces, wall)
-    changed = {name: getattr(network, name).copy() for name in STIFFNESSES}
-    for name, stiffness in changed.items():
-        stiffness[contacts] = pressed[name]
-    return {"contact_model": replace(model, walls=(wall,)), **changed}
+    stiffnesses = {name: getattr(network, name).copy() for name in STIFFNESSES}
+    for name, values in stiffnesses.items():
+        values[contacts] = pressed[name]
+    return {"contact_model": replace(model, walls=(wall,)), **stiffnesses}
 
 
 def _hold_faces(
@@ -172,9 +172,9 @@ def _require_joined_cut(
 def _find_spread(network: Any) -> float:
     """Return the greatest difference between the radii of two balls of one kind, m.
 
-    Balls of one kind that differ by so much are off their sites, and still of one face. Zero if
-    balls name no kinds and differ by a quarter of the mean radius or more: such balls are taken to
-    be of several kinds, each of which has its sites.
+    Balls of one kind whose radii differ lie off the sites of their lattice, and are of one face all
+    the same. The difference counts as zero if balls name no kinds and differ by a quarter of the
+    mean radius or more: such balls are taken to be of several kinds, each of which has its sites.
     """
     kinds = np.array(network.kinds or [""] * network.n_balls)
     is_ball = np.isfinite(network.radii)  # a flat wall has an infinite radius
@@ -251,9 +251,9 @@ def name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> li
     if not network.kinds or not model.names:
         return []
     names = [network.kinds[ball] for ball in balls.tolist()]
-    unknown = sorted(set(names) - set(model.names))
-    if unknown:
-        fault = f"no material is known of balls of the kind {unknown[0]!r}"
+    other_names = sorted(set(names) - set(model.names))
+    if other_names:
+        fault = f"no material is known of balls of the kind {other_names[0]!r}"
         raise InputError(fault, f"It is of {', '.join(model.names)}")
     return names
 
@@ -264,10 +264,10 @@ class _LayerStack:
 
     Attributes
     ----------
-    network : the network, whose cell is one layer of n balls.
+    network : the network of n balls; a layer is a copy of its cell.
     layers : the vectors of the layers; p periods are left.
     count : the number of layers.
-    turn : (3, 3) rows are the axes of the cut: the periods that are left come first.
+    turn : (3, 3) the axes of the cut as rows: the p periods that are left span the first ones.
     positions : (n count, 3) centres of the balls, layer by layer, along the axes of the cut, m.
     i, j : (m,) the two balls of each contact, also of the contacts that the cut has opened: balls
         of layers below the cut have numbers below zero, and balls of layers above it have numbers
@@ -367,11 +367,12 @@ class _LayerStack:
         """Return the floor, a ``wall``, on which the balls of a ``face``, (m,) indices, stand: the
         lower face (``side`` -1) or the upper one (+1).
 
-        Each ball presses on the floor with the force of the contacts that the ball has lost there;
-        along the floor only if the network has tangential forces.
-        With ``allows_unpressed``, as in faces of balls of different sizes, a ball of the face that
-        has lost no contact stands on no floor; otherwise, and if no ball of the face has lost a
-        contact, InputError is raised.
+        Each ball presses on the floor with the force of the contacts that the ball has lost there.
+        The force has a part along the floor only if the network has tangential forces.
+
+        With ``allows_unpressed``, which is for faces of balls of different sizes, a ball of the
+        face that has lost no contact stands on no floor. InputError for such a ball without
+        ``allows_unpressed``, and if no ball of the face has lost a contact.
         """
         p = self.shift.shape[1]  # the axis across the layers
         leads_beyond = np.minimum(self.i, self.j) < 0
@@ -394,14 +395,15 @@ class _LayerStack:
         # the floor takes the place of the lost ball: where ball i is left, ball i presses on the
         # floor as on the lost ball j; where ball j is left, ball j presses with the opposite force
         signs = np.where(self.has_i, 1.0, -1.0)[cut_contacts]
-        on_floor = np.zeros((len(pressed_balls), 3))  # sums over the contacts of each ball
-        np.add.at(on_floor, np.searchsorted(pressed_balls, balls), signs[:, None] * forces)
-        normal_force = side * on_floor[:, p]
+        floor_forces = np.zeros((len(pressed_balls), 3))  # sums over the contacts of each ball
+        np.add.at(floor_forces, np.searchsorted(pressed_balls, balls), signs[:, None] * forces)
+        normal_force = side * floor_forces[:, p]
         springs = _press_on_floor(self.network, pressed_balls, normal_force, wall, _name_face(side))
-        on_floor[:, p] = 0.0
+        tangential_force = floor_forces
+        tangential_force[:, p] = 0.0
         if self.network.tangential_force is None:
-            on_floor[:] = 0.0
-        return _Floor(side, pressed_balls, springs | {"tangential_force": on_floor})
+            tangential_force[:] = 0.0
+        return _Floor(side, pressed_balls, springs | {"tangential_force": tangential_force})
 
 
 @dataclass(frozen=True, eq=False)

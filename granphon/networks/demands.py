@@ -22,8 +22,8 @@ _SPRINGS = {
     "normal_stiffness": "above zero",
     **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
 }
-#: a field, whether each of its entries meets the demand, the fault of one that does not, and how to
-#: mend it
+#: the name of a field, truth values that say whether each entry of the field meets the demand, the
+#: fault of an entry that does not, in words, and words on how to mend the fault, "" for none
 _Demand = tuple[str, Any, str, str]
 #: what messages say of numbers that are too large, and of products that would be
 _TOO_LARGE = f"that is not finite, or above {LARGEST:g}"
@@ -31,8 +31,8 @@ _BEYOND = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} i
 
 
 def list_demands(network: Any) -> Iterator[_Demand]:
-    """Yield the demands on the balls and contacts of a network, each a field, (n,) or (n_c,) truth
-    values, and words, see ``_Demand``. A demand may rely on earlier demands being met.
+    """Yield the demands on the balls and contacts of a network, see ``_Demand``; the truth values
+    are (n,) of balls, or (n_c,) of contacts. A demand may rely on earlier demands being met.
     """
     yield from _list_demands_on_balls(network)
     yield from _list_demands_on_ends(network)
@@ -122,19 +122,19 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
     # the components from d on are those that leave the line or the plane
     is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT, axis=1)
     yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
-    is_at_wall = ~(network.moving[network.i] & network.moving[network.j])
+    has_still_end = ~(network.moving[network.i] & network.moving[network.j])
     vector = network.vector
     arms = network.arm_i + network.arm_j
     is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
-    yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
+    yield "i", is_level | has_still_end, f"joins balls that are not both in {where}", ""
     leads_to_j = np.einsum("ca,ca->c", network.normal, vector) > 0.0
     fault = "has a normal that does not lead from ball i to ball j"
     mend = "Normals lead from ball i to ball j displaced by shift cells"
-    yield "normal", leads_to_j | is_at_wall, fault, mend
+    yield "normal", leads_to_j | has_still_end, fault, mend
     is_touching = span_distance(arms, vector)
     fault = "joins balls whose distance is not the sum of the two arms"
     mend = "Compare shift and cell with the positions"
-    yield "arm_i", is_touching | is_at_wall, fault, mend
+    yield "arm_i", is_touching | has_still_end, fault, mend
 
 
 def _list_demands_on_range(network: Any) -> Iterator[_Demand]:

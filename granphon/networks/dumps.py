@@ -254,7 +254,7 @@ class Lines:
         return len(self._starts) - 1
 
     @property
-    def at_end(self) -> bool:
+    def is_at_end(self) -> bool:
         """Whether all lines have been read."""
         return self.place >= len(self)
 
@@ -278,7 +278,7 @@ class Lines:
         """Return the line that is read next, without the space at its end, without moving on; ""
         at the end of the file.
         """
-        return "" if self.at_end else self.take(self.place, 1).decode().rstrip()
+        return "" if self.is_at_end else self.take(self.place, 1).decode().rstrip()
 
     def read(self) -> str:
         """Return the next line, without the space around it, and move on to the line after it; ""
@@ -332,7 +332,7 @@ class Lines:
         frame.first = self.place
         frame.count = count
         self.place += count
-        if self.at_end:
+        if self.is_at_end:
             self.refuse_cut(frame)
         next_line = self.peek()
         n_cells = len(next_line.split())
@@ -414,7 +414,7 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
     label = ""  # of the list of the frame: ATOMS, ENTRIES, or what dump_modify label says
     n_rows = -1  # of the frame; not known yet
     frame: Frame | None = None  # whose list is not read yet
-    while not lines.at_end:
+    while not lines.is_at_end:
         title = _read_title(lines)
         word, *names = title.split() or [""]
         if title == "UNITS":
@@ -484,7 +484,7 @@ def _split_yaml(lines: Lines, kind: str) -> Iterator[Frame]:
     names: list[str] = []
     boundaries: list[str] = []
     frame: Frame | None = None
-    while not lines.at_end:
+    while not lines.is_at_end:
         is_indented = lines.peek().startswith(" ")
         key, colon, value = lines.read().partition(":")
         if is_indented or (not colon and key in ("---", "...", "")):

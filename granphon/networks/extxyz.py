@@ -1,11 +1,11 @@
 """Tables of balls and of contacts as frames of extended XYZ, which OVITO and ASE open.
 
-A frame has the number of its rows in the first line; in the second one keys with values, of which
-``Lattice`` is the box and ``Properties`` names the columns; then the rows. Balls stand at their
-centres, contacts where they are. A column may be a vector. Two keys are granphon's own:
-``granphon_network``, the fields of the whole network as JSON in percent-encoding, which no reader
-of keys takes apart, and at last ``granphon_sha256``, the digest of all the rest. Numbers are in SI
-with all digits.
+The first line of a frame has the number of rows. The second line has keys with values, of which
+``Lattice`` is the box, and ``Properties`` names the columns. The rows follow. Balls stand at their
+centres, and contacts at their places. A column may be a vector. Two keys are granphon's own:
+``granphon_network``, the fields of the whole network as JSON in percent-encoding, so that readers
+of keys do not take it apart; and at the end ``granphon_sha256``, the digest of all the rest.
+Numbers are in SI units with all digits.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _VECTORS = {
     "force": ("force_x", "force_y", "force_z"),
 }
 _REMARK = "granphon_network"
-#: greatest difference of two cells that are one, over the largest entry: other programs round
+#: greatest difference of two cells that count as one, over the largest entry: other programs round
 _SAME = 1e-6
 _SEAL = " granphon_sha256="
 #: words for numbers that are not finite
@@ -156,18 +156,19 @@ def _require_box(name: str, head: str, remark: Mapping[str, Any]) -> None:
     """
     if "cell" not in remark or "pbc" not in remark:
         return
-    lattice = re.search('Lattice="([^"]*)"', head)
-    repeats = re.search('pbc="([^"]*)"', head)
+    lattice_match = re.search('Lattice="([^"]*)"', head)
+    pbc_match = re.search('pbc="([^"]*)"', head)
     is_same = True
     # a remark of other kinds of values is refused later
     with suppress(IndexError, TypeError, ValueError):
         pbc = np.array(remark["pbc"], bool)
         cell = np.array(remark["cell"], float)
-        if repeats:
-            is_same &= repeats[1].split() == ["T" if along else "F" for along in pbc.tolist()]
-        if lattice:
+        if pbc_match:
+            letters = ["T" if is_period else "F" for is_period in pbc.tolist()]
+            is_same &= pbc_match[1].split() == letters
+        if lattice_match:
             try:
-                box = np.array(lattice[1].split(), float).reshape(3, 3)
+                box = np.array(lattice_match[1].split(), float).reshape(3, 3)
             except ValueError:
                 box = np.full((3, 3), np.nan)
             is_same &= np.allclose(box[pbc], cell[pbc], rtol=0.0, atol=_SAME * np.max(np.abs(cell)))

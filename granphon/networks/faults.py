@@ -97,8 +97,7 @@ class Faults:
         ``words`` say what these rows have, ``why`` and ``mend`` are those of the message. The
         message shows the ``values`` (m,) or (m, d), in the ``unit``, of the worst rows, three at
         most: those whose values, or largest components, are greatest in magnitude; nan counts as
-        infinite.
-        Without values it names the first rows.
+        infinite. Without values the message names the first rows.
         """
         places = np.flatnonzero(has_fault & ~self.is_bad[self.rows])
         if not places.size:

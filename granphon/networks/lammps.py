@@ -92,10 +92,13 @@ class Scales:
         InputError for an unknown style, for frames of different styles, for a style other than that
         of the frames, and without ``units`` for frames of a style that has none in SI.
         """
-        named = [frame for frame in frames if frame.units]  # other frames do not say their style
-        styles_of_files = {frame.units for frame in named}
+        # other frames do not say their style
+        frames_with_units = [frame for frame in frames if frame.units]
+        styles_of_files = {frame.units for frame in frames_with_units}
         if len(styles_of_files) > 1:
-            listed = ", and ".join(f"{frame.name} is in units {frame.units}" for frame in named)
+            listed = ", and ".join(
+                f"{frame.name} is in units {frame.units}" for frame in frames_with_units
+            )
             raise InputError(listed, mend="Write both with the same units")
         if isinstance(units, Units):
             style = "lj"
@@ -103,7 +106,8 @@ class Scales:
         else:
             requested = next(iter(styles_of_files), "si") if units is None else units
             if units is None and requested not in _STYLES:
-                fault = f"{named[0].name} says that its units are {brief(requested, 40)}"
+                first_frame = frames_with_units[0]
+                fault = f"{first_frame.name} says that its units are {brief(requested, 40)}"
                 mend = f"Write it in {', '.join(_STYLES)}"
                 if requested == "lj":
                     mend = "Give the scales, units=gp.Units(length, stiffness, mass), in SI"
@@ -111,11 +115,10 @@ class Scales:
             style = require("units", lambda value: choice(value, [*_STYLES]), requested)
             scales = _STYLES[style]
         if styles_of_files and styles_of_files != {style}:
-            given = "a gp.Units, for units lj," if style == "lj" else f"units={style!r}"
-            raise InputError(
-                f"{named[0].name} says that its units are {named[0].units}, and {given} is given",
-                mend="Leave units out",
-            )
+            argument = "a gp.Units, for units lj," if style == "lj" else f"units={style!r}"
+            first_frame = frames_with_units[0]
+            fault = f"{first_frame.name} says that its units are {first_frame.units}"
+            raise InputError(f"{fault}, and {argument} is given", mend="Leave units out")
         return cls(*scales)
 
 
@@ -178,22 +181,22 @@ def read_dumps(
     granphon's own say another law of tangential forces or other levers, the source has these, and
     the walls that they name are read unless ``walls`` names others.
     """
-    atoms, touching = find_frames(dump, pairs, step)
-    scales = Scales.find(units, [atoms, touching])
+    atoms, contact_frame = find_frames(dump, pairs, step)
+    scales = Scales.find(units, [atoms, contact_frame])
     if springs.rolling is not None:  # "epsd2" is a law of LIGGGHTS alone
         not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
-        touching.names = read_names(columns, touching)
+        contact_frame.names = read_names(columns, contact_frame)
     options = atoms.options
     names_of_walls = _read_walls(walls) or _list_own_walls(atoms)
-    contacts = read_contacts(touching, scales, springs)
+    contacts = read_contacts(contact_frame, scales, springs)
     balls = read_balls(atoms, scales, frozen)
     lists = [contacts]
     for number, wall in enumerate(names_of_walls, 1):
         label = -number
         lists.append(_read_wall(atoms, balls, wall, label, scales, springs))
         balls = add_wall(balls, label, wall)
-    notes = note_pairs(touching, springs)
+    notes = note_pairs(contact_frame, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
     own_fields: dict[str, Any] = {name: options[name] for name in _OF_NETWORK if name in options}
     if _PRESTRESS in options:
@@ -226,16 +229,16 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
     """
     step = None if step is None else whole_number("step", step, 0, _LAST_STEP)
     atoms = Dump.open(dump, "atoms").find(step)
-    touching = Dump.open(pairs, "entries").find(step)
-    if atoms.step != touching.step:
-        fault = f"{atoms.name} ends at the time step {atoms.step}, and {touching.name} at"
+    contact_frame = Dump.open(pairs, "entries").find(step)
+    if atoms.step != contact_frame.step:
+        fault = f"{atoms.name} ends at the time step {atoms.step}, and {contact_frame.name} at"
         why = "Balls and contacts must be of one step"
-        raise InputError(f"{fault} {touching.step}", why, "Give the step that both have")
-    has_same_cell = np.allclose(atoms.cell, touching.cell, rtol=_SAME_BOX)
-    if not has_same_cell or np.any(atoms.pbc != touching.pbc):
-        fault = f"{atoms.name} and {touching.name} have different boxes"
+        raise InputError(f"{fault} {contact_frame.step}", why, "Give the step that both have")
+    has_same_cell = np.allclose(atoms.cell, contact_frame.cell, rtol=_SAME_BOX)
+    if not has_same_cell or np.any(atoms.pbc != contact_frame.pbc):
+        fault = f"{atoms.name} and {contact_frame.name} have different boxes"
         raise InputError(fault, mend="Are they of one simulation?")
-    return atoms, touching
+    return atoms, contact_frame
 
 
 # -- pairs -----------------------------------------------------------------------------------------
@@ -259,7 +262,8 @@ def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
             unit = scales.length if field == "vector" else scales.force
             vectors[field] = -unit * join_vectors(columns, names)
     if "twist" in names_read:
-        # along the vector from j to i on i: of j along that from i to j, with the same sign
+        # LAMMPS counts the torque on i along the vector from j to i. That on j is the opposite one
+        # along the opposite vector, so that the number is the same.
         vectors["twisting_torque"] = scales.force * scales.length * columns["twist"]
     return Contacts(
         pairs.name,
@@ -301,7 +305,7 @@ def note_pairs(pairs: Frame, springs: Springs) -> list[str]:
     return notes
 
 
-def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
+def read_names(columns: Any, contact_frame: Frame) -> tuple[str, ...]:
     """Return the names of the columns of pairs from ``columns``, a list or a text of words;
     InputError unless there is one name for each column of the dump, and for two columns of one name
     that is read.
@@ -309,13 +313,15 @@ def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
     words: object = columns.split() if isinstance(columns, str) else columns
     names = tuple(words) if isinstance(words, Sequence) else ()
     are_texts = all(isinstance(name, str) for name in names)
-    if are_texts and len(names) == len(touching.names):
+    if are_texts and len(names) == len(contact_frame.names):
         for name in OF_PAIRS:
             if names.count(name) > 1:
                 fault = f"columns name {name} twice: {brief(columns)}"
                 raise InputError(fault, "One alone can be read", "Give the other another name")
         return names
-    shown = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
+    shown = (
+        f"{contact_frame.name} has {len(contact_frame.names)}: {list_names(contact_frame.names)}"
+    )
     mend = f"Give a name for each; those that count are {', '.join(OF_PAIRS)}"
     raise InputError(f"columns are {brief(columns)}, and {shown}", mend=mend)
 
@@ -630,12 +636,12 @@ def _list_columns_of_pairs(network: Any, ids: Index) -> dict[str, Array]:
     """Return the columns (pairs,) of the dump of pairs by name, SI, without contacts with flat
     walls; ``ids`` (n,) are those of all bodies.
     """
-    normal_force, across = network.static_forces
+    normal_force, tangential_force = network.static_forces
     columns: dict[str, Any] = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
     # a dump has the vector from j to i, and the force on i
     columns |= zip(_VECTORS["vector"], -network.vector.T, strict=True)
     if network.tangential_force is not None:
-        columns |= zip(_VECTORS["tangential_force"], -across.T, strict=True)
+        columns |= zip(_VECTORS["tangential_force"], -tangential_force.T, strict=True)
     if network.contact_torque is not None:
         columns |= _write_torques(network)
     joins_balls = np.isfinite(network.radii[network.j])  # a flat wall is always ball j
@@ -653,10 +659,10 @@ def _find_walls(network: Any) -> dict[str, Index]:
     walls = network.j[contacts]
     contacts = contacts[np.lexsort((balls, walls))]
     ends = np.stack([network.j[contacts], network.i[contacts]], axis=1)
-    # contacts of one wall with one ball follow each other: which of these each contact is, from 0
-    _ends, first, inverse = np.unique(ends, axis=0, return_index=True, return_inverse=True)
-    repeats = np.arange(len(contacts)) - first[inverse.ravel()]
-    keys = np.stack([ends[:, 0], repeats], axis=1)  # a fix has the contacts of one wall and repeat
+    # the contacts of one wall with one ball follow each other, and are counted from 0
+    _ends, starts, inverse = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    ranks = np.arange(len(contacts)) - starts[inverse.ravel()]
+    keys = np.stack([ends[:, 0], ranks], axis=1)  # a fix has the contacts of one wall and rank
     fixes = np.unique(keys, axis=0)
     return {
         f"wall{number}": contacts[np.all(keys == fix, axis=1)]
@@ -665,13 +671,15 @@ def _find_walls(network: Any) -> dict[str, Index]:
 
 
 def _write_wall(network: Any, name: str, contacts: Index) -> dict[str, Array]:
-    """Return the columns (n,) of a fix of this ``name`` with the keyword contacts, for all bodies:
-    whether each touches the wall, the force on it, N, the place of the contact, m, and its radius,
-    m; ``contacts`` (m,) are those with the wall.
+    """Return the columns (n,) of a fix of this ``name`` with the keyword contacts, for all bodies.
+    They say whether a body touches the wall, and have the force on the body, N, the place of the
+    contact, m, and the radius of the body, m, all zero for bodies that do not touch the wall.
+
+    ``contacts`` are the indices (m,) of the contacts with the wall.
     """
     balls = network.i[contacts]
     normal = network.normal[contacts]
-    normal_force, across = network.static_forces
+    normal_force, tangential_force = network.static_forces
     stiffness = network.normal_stiffness[contacts]
     arms = network.arm_i[contacts] + network.arm_j[contacts]
     # arms that are the radii say nothing of the overlap, which is then that of the force
@@ -682,7 +690,7 @@ def _write_wall(network: Any, name: str, contacts: Index) -> dict[str, Array]:
     )
     rows = np.zeros((network.n_balls, 8))
     rows[balls, 0] = 1.0
-    rows[balls, 1:4] = -normal_force[contacts, None] * normal - across[contacts]
+    rows[balls, 1:4] = -normal_force[contacts, None] * normal - tangential_force[contacts]
     rows[balls, 4:7] = network.positions[balls] + distance[:, None] * normal
     rows[balls, 7] = network.radii[balls]
     return {f"f_{name}[{number}]": column for number, column in enumerate(rows.T, 1)}
@@ -692,26 +700,26 @@ def _warn_of_lost(network: Any) -> None:
     """Warn, once, of what a network has and dumps leave out, with the scatter of stiffnesses that
     are not of one material; those of one material follow from it.
     """
-    at_wall = np.isinf(network.radii[network.j])
-    lost = list[str]()
-    if network.contact_torque is not None and np.any(network.contact_torque[at_wall]):
-        lost.append("static torques of contacts with flat walls")
+    is_at_wall = np.isinf(network.radii[network.j])
+    losses = list[str]()
+    if network.contact_torque is not None and np.any(network.contact_torque[is_at_wall]):
+        losses.append("static torques of contacts with flat walls")
     if network.on_site is not None and np.any(network.on_site):
-        lost.append("springs to the ground")
+        losses.append("springs to the ground")
     if network.adhesive:
         n_pulling = np.count_nonzero(network.normal_force < 0.0)
-        lost.append(
+        losses.append(
             "that contacts adhere, so that those which pull are refused where dumps are read"
             f" ({n_pulling:,} of {network.n_contacts:,})"
         )
     scatter = _find_scatter(network)
     if scatter > _SAME_SPRINGS:
-        lost.append(
+        losses.append(
             "stiffnesses, which are not of one material by Hertz's and Mindlin's laws, and differ"
             f" from such by up to {100.0 * scatter:.3g} %"
         )
-    if lost:
-        fault = f"the dumps leave out {'; and '.join(lost)}"
+    if losses:
+        fault = f"the dumps leave out {'; and '.join(losses)}"
         why = "The network that is read from them has other modes"
         mend = "Write tables, which keep all: network.write_tables, as CSV or extended XYZ"
         warn_caller(message(fault, why, mend), InconsistencyWarning)
@@ -727,13 +735,14 @@ def _find_scatter(network: Any) -> float:
     """
     force = network.normal_force
     curvature = 1.0 / network.radii[network.i] + 1.0 / network.radii[network.j]
-    presses = force > 0.0
+    is_pressed = force > 0.0
     # the coefficients of one material go as the roots of the reduced radii; the unit of the moduli
     # that follow plays no part in their scatter
-    coefficient = 1.0 / np.sqrt(curvature[presses])
-    unit = HertzLaw(1.0)
-    of_one_material = coefficient * unit.stiffness(unit.overlap(force[presses] / coefficient))
-    moduli = network.normal_stiffness[presses] / of_one_material
+    coefficient = 1.0 / np.sqrt(curvature[is_pressed])
+    unit_law = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+    overlap = unit_law.overlap(force[is_pressed] / coefficient)
+    stiffness_of_law = coefficient * unit_law.stiffness(overlap)
+    moduli = network.normal_stiffness[is_pressed] / stiffness_of_law
     ratios = network.shear_stiffness / network.normal_stiffness
     normal_scatter = min(_find_spread(moduli), _find_spread(network.normal_stiffness))
     # without friction all ratios are zero
@@ -781,10 +790,10 @@ def _write_box(network: Any) -> str:
         raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
     inverse = np.linalg.inv(cell)
     # coordinates along the sides of the box, in m along open axes, and how far radii reach
-    along = places @ inverse
+    coordinates = places @ inverse
     reach = network.radii[is_ball, None] * np.linalg.norm(inverse, axis=0)
-    low = np.where(is_open, np.min(along - reach, axis=0), 0.0)
-    sides = np.max(along + reach, axis=0) - low
+    low = np.where(is_open, np.min(coordinates - reach, axis=0), 0.0)
+    sides = np.max(coordinates + reach, axis=0) - low
     cell[is_open] = np.diag(sides)[is_open]
     xy, xz, yz = cell[1, 0], cell[2, 0], cell[2, 1]
     # the bounds of a tilted box are those of the orthogonal box around it

@@ -78,28 +78,29 @@ def read_liggghts(
     Contacts with walls, if their dump is given, are the second list of contacts, and each mesh is
     one more body.
     """
-    atoms, touching = find_frames(dump, pairs, step)
-    scales = Scales.find(units, [atoms, touching])
+    atoms, contact_frame = find_frames(dump, pairs, step)
+    scales = Scales.find(units, [atoms, contact_frame])
     if columns is not None:
-        touching = replace(touching, names=read_names(columns, touching))
+        contact_frame = replace(contact_frame, names=read_names(columns, contact_frame))
     else:
-        touching = _name_columns(touching, keywords)
+        contact_frame = _name_columns(contact_frame, keywords)
     balls = read_balls(atoms, scales, frozen)
-    lists = [read_contacts(touching, scales, springs)]
-    notes = [*note_pairs(touching, springs), *note_atoms(atoms, (), frozen)]
+    lists = [read_contacts(contact_frame, scales, springs)]
+    notes = [*note_pairs(contact_frame, springs), *note_atoms(atoms, (), frozen)]
     if walls is not None:
-        at_walls = _name_columns(Dump.open(walls, "entries").find(atoms.step), keywords)
-        at_walls = replace(at_walls, names=_rename_wall(at_walls.names))
-        meshes = _read_walls(at_walls, balls, scales, springs)
-        for mesh in np.unique(meshes.j).tolist():
-            balls = add_wall(balls, mesh, f"mesh {-mesh - 1}")
-        lists.append(meshes)
-        notes.append(note_columns(at_walls, (*_OF_WALLS, "delta")))
+        wall_frame = _name_columns(Dump.open(walls, "entries").find(atoms.step), keywords)
+        wall_frame = replace(wall_frame, names=_rename_wall(wall_frame.names))
+        wall_contacts = _read_walls(wall_frame, balls, scales, springs)
+        for label in np.unique(wall_contacts.j).tolist():
+            balls = add_wall(balls, label, f"mesh {-label - 1}")
+        lists.append(wall_contacts)
+        notes.append(note_columns(wall_frame, (*_OF_WALLS, "delta")))
     else:
         notes.append("Contacts with walls are not in a dump of pairs: walls=FILE reads them.")
     source = make_source(atoms, scales, balls, lists, notes)
-    # the slip of the past is kept, and T grows as the shear stiffness that the program computes
-    # from the material; where the user gives a stiffness, that of Hooke's law does not grow
+    # By the law "liggghts" the slip of the past is kept, and tangential forces grow as the shear
+    # stiffness that the program computes from the material. A stiffness that the user gives is that
+    # of Hooke's law, and does not grow.
     return source if springs.shear is not None else replace(source, tangential_law="liggghts")
 
 

@@ -53,7 +53,7 @@ class _State:
     cell : (3, 3) the vectors of the cell as rows, m.
     pbc : (3,) whether each of these is a period.
     notes : what has been passed over, and why.
-    interactions : the number of contacts that the file states; None if it states none.
+    n_interactions : number of contacts that the file states; None if it states none.
     """
 
     name: str
@@ -62,7 +62,7 @@ class _State:
     cell: Array
     pbc: Flags
     notes: tuple[str, ...] = ()
-    interactions: int | None = None
+    n_interactions: int | None = None
 
 
 class _Times(Dump):
@@ -86,7 +86,7 @@ class _Data(_Times):
         A heading has the number of balls, the time, and the bounds of the box: first the lower ones
         along each axis, and then the upper ones.
         """
-        while not lines.at_end:
+        while not lines.is_at_end:
             number, *further_numbers = _read_numbers(lines)
             n_bounds = len(further_numbers) - 1
             is_count = 0.0 <= number < _MOST and not number % 1.0
@@ -162,23 +162,26 @@ def read_mercury(
     state = _read_state(particles, time, pbc, frozen)
     if not len(state.balls.radii):
         raise InputError(f"{state.name} has no ball at the time {state.time:g} s")
-    touching = _Fstat.open(fstat, "entries").find(state.time)
-    contacts, fixed = _read_contacts(touching, state.balls, springs)
+    contact_frame = _Fstat.open(fstat, "entries").find(state.time)
+    contacts, fixed = _read_contacts(contact_frame, state.balls, springs)
     balls = state.balls
-    notes = [*state.notes, f"{touching.name}: not read, as they play no part: time, x, y, z, slip."]
+    notes = [
+        *state.notes,
+        f"{contact_frame.name}: not read, as they play no part: time, x, y, z, slip.",
+    ]
     if balls.masses is None:  # of a file .data
         if frozen is None and np.any(fixed):
             listed = list_names(map(str, np.flatnonzero(fixed).tolist()))
             notes.append(
-                f"{touching.name} has the contacts of some balls from the other ball alone: these"
-                f" do not move: {listed}."
+                f"{contact_frame.name} has the contacts of some balls from the other ball alone:"
+                f" these do not move: {listed}."
             )
             balls = replace(balls, still=fixed)
         notes.append(
-            f"{touching.name} does not say how many contacts it has: the file .restart does, by"
-            f" which a file that is cut between two lines is told."
+            f"{contact_frame.name} does not say how many contacts it has: the file .restart does,"
+            f" by which a file that is cut between two lines is told."
         )
-    elif state.interactions is not None:
+    elif state.n_interactions is not None:
         _compare_number(contacts, state)
     for label in np.unique(contacts.j[contacts.j < 0])[::-1].tolist():
         balls = add_wall(balls, label, f"wall {-label - 1}")
@@ -276,7 +279,7 @@ def _read_restart(
     is_plane = False
     cell = np.zeros((3, 3))
     notes = list[str]()
-    while not lines.at_end:
+    while not lines.is_at_end:
         words = lines.read().split()
         if "timeMax" in words:
             time = _read_time(lines, words)
@@ -296,11 +299,11 @@ def _read_restart(
     n_balls = _read_count(lines, words, "Particles")
     balls = _read_particles(lines, n_balls, is_plane=is_plane)
     words = lines.read().split()
-    interactions = None
+    n_interactions = None
     if words[:1] == ["Interactions"]:
-        interactions = _read_count(lines, words, "Interactions")
+        n_interactions = _read_count(lines, words, "Interactions")
     pbc_of_network = _read_pbc(pbc, np.any(cell != 0.0, axis=1))
-    return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), interactions)
+    return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), n_interactions)
 
 
 def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
@@ -409,10 +412,10 @@ def _compare_number(contacts: Contacts, state: _State) -> None:
     sum_of_radii = state.balls.radii[i] + state.balls.radii[j]
     is_across = (contacts.j >= 0) & (np.linalg.norm(periods, axis=1) > sum_of_radii)
     n_most = len(contacts) + int(np.count_nonzero(is_across))
-    if state.interactions is not None and state.interactions > n_most:
+    if state.n_interactions is not None and state.n_interactions > n_most:
         fault = (
             f"{contacts.name} has {counted(len(contacts), 'contact')}, and {state.name} says that"
-            f" there are {state.interactions}"
+            f" there are {state.n_interactions}"
         )
         warn_caller(message(fault, mend="Is the file whole?"), InconsistencyWarning)
 

@@ -302,9 +302,9 @@ class ContactNetwork(Result):
         fields = vars(self)
         for name_i, name_j in (("i", "j"), ("arm_i", "arm_j")):
             ends = np.stack([fields[name_i], fields[name_j]])
-            exchanged = np.where(is_reversed, ends[::-1], ends)
-            fields[name_i] = read_only(exchanged[0])
-            fields[name_j] = read_only(exchanged[1])
+            exchanged_ends = np.where(is_reversed, ends[::-1], ends)
+            fields[name_i] = read_only(exchanged_ends[0])
+            fields[name_j] = read_only(exchanged_ends[1])
         for name in {"shift", "normal", "tangential_force", "contact_torque"} & {
             *self.contact_fields
         }:
@@ -513,14 +513,15 @@ class ContactNetwork(Result):
         """Sums of the static forces, N, and of their torques, N m, on each ball, both (n, 3); zero
         for balls that do not move.
         """
-        normal_force, across = self.static_forces
-        contact_forces = normal_force[:, None] * self.normal + across  # (n_c, 3), of i on j
+        normal_force, tangential_force = self.static_forces
+        # (n_c, 3) forces of balls i on balls j
+        contact_forces = normal_force[:, None] * self.normal + tangential_force
         forces = np.zeros((self.n_balls, 3))
         torques = np.zeros((self.n_balls, 3))
         # ball j gets the force of ball i, and ball i the opposite one
         for balls, sign, arms in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
             np.add.at(forces, balls, sign * contact_forces)
-            np.add.at(torques, balls, -arms[:, None] * np.cross(self.normal, across))
+            np.add.at(torques, balls, -arms[:, None] * np.cross(self.normal, tangential_force))
             if self.contact_torque is not None:
                 np.add.at(torques, balls, sign * self.contact_torque)
         forces[~self.moving] = 0.0
@@ -539,8 +540,9 @@ class ContactNetwork(Result):
         """Mean size of the static forces of contacts, N; zero without contacts."""
         if not self.n_contacts:
             return 0.0
-        normal_force, across = self.static_forces
-        return float(np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1))))
+        normal_force, tangential_force = self.static_forces
+        tangential_sizes = np.linalg.norm(tangential_force, axis=1)
+        return float(np.mean(np.hypot(normal_force, tangential_sizes)))
 
     @cached_property
     def residual_forces(self) -> Array:
@@ -738,8 +740,8 @@ class ContactNetwork(Result):
         contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
         count, as if their forces were equal; and in an ``adhesive`` network all count, as they are
-        stiff without a force, too. How many contacts hold a ball says
-        :meth:`without_rattlers`. A wall is no rattler, and neither is a ball whose displacements
+        stiff without a force, too. :meth:`without_rattlers` says how many contacts hold a ball. A
+        wall is no rattler, and neither is a ball whose displacements
         are all resisted by springs to the ground.
         """
         from granphon.networks.rattlers import find_rattlers
@@ -858,9 +860,8 @@ class ContactNetwork(Result):
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         They have no labels, and ``left_out`` counts the balls that are left out of all cells. If
         this network is one cell of a lattice, the ``lattice`` is kept, and the field ``shape`` is
-        the given one. Raises
-        :class:`~granphon.base.errors.InputError` for a network without periods, another number of
-        lengths, and more balls than memory holds.
+        the given one. Raises :class:`~granphon.base.errors.InputError` for a network without
+        periods, another number of lengths, and more balls than memory holds.
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
@@ -941,9 +942,9 @@ class ContactNetwork(Result):
             holds them. "clamped": the balls of the outer layer do not move. "floor": the outer
             balls touch a rigid plane. A :class:`~granphon.Wall`: they touch an elastic plane. Each
             ball presses on the plane with the force of the contacts that the ball has lost there,
-            along the plane too if the network has tangential forces;
-            the contact has the stiffness of a ball on such a plane under this force, by the
-            :attr:`contact_model`, as the floor of :meth:`Crystal.cut <granphon.Crystal.cut>` does.
+            along the plane too if the network has tangential forces. The contact has the stiffness
+            of a ball on such a plane under this force, by the :attr:`contact_model`, as a contact
+            with the floor of :meth:`Crystal.cut <granphon.Crystal.cut>` has.
 
         The layers follow each other along the first axis that is no longer a period, the lower face
         first: along y for a cut of a plane, along z for a cut of space, and along x for a cut of a
@@ -1406,15 +1407,15 @@ class ContactNetwork(Result):
 
     @property
     def reading(self) -> Reading | None:
-        """What the reader of the files of this network knows beside its numbers; None for a network
-        that no file holds, or that has been changed since.
+        """What the reader of the files of this network knows beside the numbers of the network;
+        None for a network that was not read, or that has been changed since.
         """
         return self._cache.get(_READING)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader of the files of this network has passed over, and why; empty for a
-        network that no file holds, or that has been changed since.
+        network that was not read, or that has been changed since.
         """
         return self.reading.notes if self.reading else ()
 

@@ -20,8 +20,9 @@ def find_rattlers(network: Any, held_by: int | None = None) -> Index:
     """Return the indices (m,) of the balls that carry no load; for ``held_by`` see
     :meth:`granphon.networks.network.ContactNetwork.without_rattlers`.
 
-    First the balls with too few contacts are found; then the contacts of these are removed, ball by
-    ball, and their neighbours that now have too few contacts are added, until none is left.
+    First the balls with too few contacts are found. Then the contacts of these balls are removed,
+    ball by ball, and neighbours that have too few contacts after that are added, until there is no
+    further one.
     """
     hold = _Hold(network, held_by)
     is_loose = ~hold.are_held(np.arange(network.n_balls))
@@ -41,9 +42,9 @@ def find_most_held_by(network: Any, most: int) -> int:
     """Return the greatest ``held_by``, a number of contacts up to ``most``, with which
     :func:`find_rattlers` leaves a ball that moves; 0 if there is no such number above 0.
     """
-    n_contacts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
+    counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
     low = 0
-    high = min(most, int(np.max(n_contacts, initial=0)))
+    high = min(most, int(np.max(counts, initial=0)))
     # bisection, as a ball that is held where more contacts are needed is held where fewer are
     while low < high:
         middle = (low + high + 1) // 2
@@ -61,16 +62,16 @@ class _Hold:
 
     Attributes
     ----------
-    is_held : (n,) whether a ball needs no contacts: it does not move, or springs to the ground
-        resist all of its displacements.
+    needs_no_contacts : (n,) whether a ball is held without contacts: it does not move, or springs
+        to the ground resist all of its displacements.
     i, j : (m,) the balls of the contacts that carry load; in an adhesive network of all contacts,
         which are stiff without a force, too.
     sizes : (m,) the magnitudes of the forces of these contacts, N, or 1 if no contact has a force.
     forces : (m, 3) these forces as vectors, of i on j.
-    counts : (n,) number of these contacts of each ball.
+    counts : (n,) number of these contacts that each ball has.
     total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the
         forces on each ball.
-    least : the least number of contacts that hold a ball.
+    least_count : least number of contacts that hold a ball.
     rows_hold : whether two or more contacts whose forces are in balance, as along a straight row,
         hold a ball, too.
     """
@@ -84,15 +85,15 @@ class _Hold:
         """
         n = network.n_balls
         slips_freely = not np.any(network.shear_stiffness)
-        self.is_held = ~network.moving | network.is_anchored
+        self.needs_no_contacts = ~network.moving | network.is_anchored
         self.rows_hold = slips_freely and held_by is None
         n_needed = network.dimension + 1 if slips_freely else 2
-        self.least = n_needed if held_by is None else held_by
+        self.least_count = n_needed if held_by is None else held_by
         force = network.normal_force
         if not np.any(force):
             force = np.ones(network.n_contacts)
         is_loaded = np.ones(network.n_contacts, bool)
-        if network.n_contacts and not network.adhesive:  # the mean of none is nan
+        if network.n_contacts and not network.adhesive:  # without contacts the mean would be nan
             is_loaded = force > HOLDING_FORCE * np.mean(force, where=force > 0.0)
         self.i = network.i[is_loaded]
         self.j = network.j[is_loaded]
@@ -117,13 +118,15 @@ class _Hold:
     def are_held(self, balls: Index) -> Flags:
         """Return (m,) whether each of some ``balls``, (m,) indices, is held: by enough contacts
         that have not been released, by contacts in balance (``rows_hold``), or without contacts
-        (``is_held``).
+        (``needs_no_contacts``).
         """
         counts = self.counts[balls]
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
         is_balanced = net_force <= BALANCED * self.total_sizes[balls]
         is_held_in_row = self.rows_hold & (counts >= 2) & is_balanced
-        return np.asarray((counts >= self.least) | is_held_in_row | self.is_held[balls])
+        return np.asarray(
+            (counts >= self.least_count) | is_held_in_row | self.needs_no_contacts[balls]
+        )
 
     def release(self, ball: int) -> Iterator[int]:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour at each.

@@ -64,7 +64,7 @@ class TangentialLaw(NamedTuple):
 
     Attributes
     ----------
-    power : p of the law that the force is proportional to delta^p, delta being the overlap.
+    power : the power p of the overlap to which the force is proportional.
     turns : whether the force turns about the normal with the balls, by the mean of their rotations.
     levers : one of :data:`SLIP_LEVERS`, the levers of slip in the program.
     """
@@ -242,9 +242,9 @@ class Contacts:
 
     ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m: the bending stiffness is k R^2,
     where R is the reduced radius; or "epsd2" for that law of LIGGGHTS, in which k is the shear
-    stiffness. ``twisting`` is the torsion stiffness, N m, or "marshall" for
-    Marshall's law, by which the torsion stiffness is half of the shear coefficient times the square
-    of the radius of the contact spot.
+    stiffness. ``twisting`` is the torsion stiffness, N m; or "marshall" for Marshall's law, by
+    which the torsion stiffness is half of the shear coefficient times the square of the radius of
+    the contact spot.
     """
 
     name: str
@@ -276,9 +276,9 @@ class Contacts:
 
     def select(self, rows: Any) -> Self:
         """Return some of the contacts, given by their indices or by truth values (n_c,)."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        selected = {name: a[rows] for name, a in arrays.items() if isinstance(a, np.ndarray)}
-        return replace(self, **selected)
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        return replace(self, **{name: array[rows] for name, array in arrays.items()})
 
     def describe(self, row: int) -> str:
         """Return the words that name a contact, by its index."""
@@ -333,12 +333,12 @@ def are_across(tangential: Array, normal: Array, normal_force: Array | float) ->
     (n_c, 3) of its contact, but for rounding; ``normal_force`` is (n_c,), N, or the number zero if
     it is not known.
 
-    Where the part along the normal is below 1e-12 of the normal force, or below the least float of
-    full precision, it is rounding, and the force counts as across.
+    Rounding is a part along the normal up to the sum of :data:`ALONG` times the tangential force,
+    1e-12 times the normal force, and the least float of full precision.
     """
     along = np.abs(np.einsum("ca,ca->c", tangential, normal))
-    negligible = _NOTHING * np.abs(normal_force) + np.finfo(float).tiny
-    return np.asarray(along <= ALONG * np.linalg.norm(tangential, axis=1) + negligible)
+    rounding = _NOTHING * np.abs(normal_force) + np.finfo(float).tiny
+    return np.asarray(along <= ALONG * np.linalg.norm(tangential, axis=1) + rounding)
 
 
 def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:
@@ -406,14 +406,16 @@ def find_rounding(values: Array) -> Array:
     """
     sizes = np.abs(values)
     with np.errstate(over="ignore"):
-        single = values.astype(np.float32)
+        single_precision = values.astype(np.float32)
     is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)
     least_digits, _most_digits = _DIGITS
     n_digits = _count_digits(sizes[is_counted])
     if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
         return np.zeros(values.shape)
-    if n_digits >= least_digits and np.array_equal(single[is_counted], values[is_counted]):
-        spacing = np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0)))
+    if n_digits >= least_digits and np.array_equal(
+        single_precision[is_counted], values[is_counted]
+    ):
+        spacing = np.spacing(np.where(is_counted, np.abs(single_precision), np.float32(1.0)))
         return np.where(is_counted, 0.5 * spacing, 0.0)
     # a unit of the last digit of each value
     exponents = np.floor(np.log10(np.where(is_counted, sizes, 1.0)))
@@ -500,9 +502,9 @@ def _find_twins(pair: Index, step: Index) -> tuple[Index, Index]:
     is_as_following = np.append(is_as_previous[1:], False)
     # Only contacts whose pair has several contacts are sorted by their steps, too. There are few of
     # them, as balls rarely touch through more than one image.
-    shared = by_pair[is_as_previous | is_as_following]
-    ordered = shared[np.lexsort((*step[shared].T, pair[shared]))]
-    has_same_pair = np.diff(pair[ordered]) == 0
-    has_same_step = ~np.any(np.diff(step[ordered], axis=0), axis=1)
+    contacts = by_pair[is_as_previous | is_as_following]
+    contacts = contacts[np.lexsort((*step[contacts].T, pair[contacts]))]
+    has_same_pair = np.diff(pair[contacts]) == 0
+    has_same_step = ~np.any(np.diff(step[contacts], axis=0), axis=1)
     is_twin = has_same_pair & has_same_step
-    return ordered[:-1][is_twin], ordered[1:][is_twin]
+    return contacts[:-1][is_twin], contacts[1:][is_twin]

@@ -290,18 +290,18 @@ class _Columns:
         ``names`` are those of the columns of the table, ``keys`` the same names as they are
         compared, without units; ``known`` and ``columns`` are those of :meth:`__init__`.
         """
-        requested = {Heading.parse(columns.get(name, name)).key for name in known}
-        lacking = [name for name in known if Heading.parse(name).key not in keys]
-        if not lacking:
+        requested_keys = {Heading.parse(columns.get(name, name)).key for name in known}
+        missing_names = [name for name in known if Heading.parse(name).key not in keys]
+        if not missing_names:
             return
         for name, key in zip(names[:_MOST_NAMES], keys[:_MOST_NAMES], strict=True):
-            is_expected = key in requested or key in known
+            is_expected = key in requested_keys or key in known
             if is_expected or len(key) <= 2:  # one or two letters are near to any name
                 continue
             # the names of springs are long, and like those of other vectors
             options = known if "site" in key else set(known) - set(_ON_SITE.values())
             guess = closest(key, options)
-            if guess in lacking:
+            if guess in missing_names:
                 problem = f"{self.name} has a column {brief(str(name))}"
                 raise InputError(problem, mend=f"Did you mean {guess!r}?")
 
@@ -315,11 +315,13 @@ class _Columns:
         """Return a sentence that names the columns that are not read; "" if all are read. The
         arguments are those of :meth:`_require_spelling`.
         """
-        read = {Heading.parse(columns.get(name, name)).key for name in known}
-        passed_over = [str(name) for name, key in zip(names, keys, strict=True) if key not in read]
-        if not passed_over:
+        keys_read = {Heading.parse(columns.get(name, name)).key for name in known}
+        other_names = [
+            str(name) for name, key in zip(names, keys, strict=True) if key not in keys_read
+        ]
+        if not other_names:
             return ""
-        listed = list_names(passed_over)
+        listed = list_names(other_names)
         return (
             f"{self.name}: not read, as they go by no name that is known: {listed}."
             f" columns={{NAME: HEADING}} names one."
@@ -363,10 +365,10 @@ class _Columns:
 
     def require(self, *names: str) -> None:
         """Raise :class:`InputError` unless there are columns of all these names."""
-        lacking = [name for name in names if name not in self]
-        if lacking:
-            fault = f"{self.name} has no column {', '.join(map(repr, lacking))}"
-            mend = f"Name the column that is meant, as in columns={{{lacking[0]!r}: 'NAME'}}"
+        missing_names = [name for name in names if name not in self]
+        if missing_names:
+            fault = f"{self.name} has no column {', '.join(map(repr, missing_names))}"
+            mend = f"Name the column that is meant, as in columns={{{missing_names[0]!r}: 'NAME'}}"
             raise InputError(fault, f"Its columns are {list_names(self._headings)}", mend)
 
     def read(self, name: str) -> Array:
@@ -402,35 +404,35 @@ class _Columns:
         ``wide``, of all names, with zeros in place of the lacking columns. InputError if a name
         before one of the present columns is lacking, and for columns in different units.
         """
-        present = [name for name in names if name in self]
-        if not present:
+        names_present = [name for name in names if name in self]
+        if not names_present:
             return None
-        self.require(*names[: names.index(present[-1]) + 1])
-        units = [self._units.get(name, "") for name in present]
+        self.require(*names[: names.index(names_present[-1]) + 1])
+        units = [self._units.get(name, "") for name in names_present]
         if len(set(units)) > 1 and all(units):
-            pairs = zip(present, units, strict=True)
+            pairs = zip(names_present, units, strict=True)
             shown = ", ".join(f"{name} ({unit})" for name, unit in pairs)
             problem = f"{self.name} has its coordinates in different units: {shown}"
             raise InputError(problem, mend="Use one unit")
-        values = np.stack([self.read(name) for name in present], axis=1)
+        values = np.stack([self.read(name) for name in names_present], axis=1)
         if not wide:
             return values
-        n_lacking = len(names) - len(present)
-        return np.pad(values, ((0, 0), (0, n_lacking)))
+        n_missing = len(names) - len(names_present)
+        return np.pad(values, ((0, 0), (0, n_missing)))
 
     def rounding(self, *names: str) -> Array:
-        """Return half a unit of the last digit of each number of the source, (rows, m), in SI
-        units, of m columns: those of ``names`` that are present. One of these at least must be
-        present, and all must have one unit.
+        """Return the greatest rounding errors of the m columns of balls that are present among
+        ``names``, (rows, m), in SI units, see :func:`~granphon.networks.sources.find_rounding`. One
+        of these columns at least must be present, and all must have one unit.
         """
-        present = [name for name in names if name in self]
-        quantity = BALLS[present[0]]
-        unit = self._units.get(present[0], "")
+        names_present = [name for name in names if name in self]
+        quantity = BALLS[names_present[0]]
+        unit = self._units.get(names_present[0], "")
         factor = 1.0
         if quantity is not None and unit:
             factor = quantity.factor(unit)
         # the digits are those of the numbers in the unit of the file
-        numbers = np.stack([self.read(name) for name in present], axis=1) / factor
+        numbers = np.stack([self.read(name) for name in names_present], axis=1) / factor
         return factor * find_rounding(numbers)
 
 
@@ -464,7 +466,7 @@ def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None
     return np.where(is_infinite, math.inf, values)
 
 
-#: fields of the whole network that a written table has in its remark, as they are
+#: fields of the whole network that the remark of a written table may hold as they are
 _WHOLE_FIELDS = (
     "dimension",
     "motions",
@@ -482,9 +484,9 @@ def read_tables(
     """Return the balls and contacts of two tables, in SI units; see ``ContactNetwork.from_table``
     for the arguments, warnings and errors.
 
-    A table of balls that granphon has written has a remark, which gives further fields, and the
-    cell unless a ``cell`` is given. Which of its vectors are periods the remark says for its own
-    cell alone, and unless ``pbc`` is given.
+    A table of balls that granphon has written has a remark, which gives further fields. The cell is
+    that of the remark if no ``cell`` is given. The remark also says which vectors of its own cell
+    are periods; this counts if neither ``cell`` nor ``pbc`` is given.
     """
     _require_columns(columns)
     headings_of_balls = {name: columns[name] for name in columns if name in BALLS}
@@ -677,21 +679,21 @@ def write_tables(
 
 def _show_balls(network: Any) -> dict[str, Array]:
     """Return the columns (n,) of balls for viewers alone: the masses as ASE names them, the sum of
-    the normal forces on a ball, N, and whether it is a rattler, 1 or 0.
+    the normal forces on each ball, N, and whether the ball is a rattler, 1 or 0.
     """
     load = np.zeros(network.n_balls)
     for end in (network.i, network.j):
         np.add.at(load, end, network.normal_force)
-    rattler = np.isin(np.arange(network.n_balls), network.rattlers)
-    return {"masses": network.masses, "load": load, "rattler": rattler.astype(int)}
+    is_rattler = np.isin(np.arange(network.n_balls), network.rattlers)
+    return {"masses": network.masses, "load": load, "rattler": is_rattler.astype(int)}
 
 
 def _show_contacts(network: Any) -> dict[str, Array]:
     """Return the columns (n_c,) of contacts for viewers alone: places, m, and the whole static
     force with which ball i acts on ball j, N.
     """
-    along, across = network.static_forces
-    force = along[:, None] * network.normal + across
+    normal_force, tangential_force = network.static_forces
+    force = normal_force[:, None] * network.normal + tangential_force
     columns = dict(zip(_AXES, network.contact_places.T, strict=True))
     return columns | dict(zip(_FORCE_VECTOR, force.T, strict=True))
 

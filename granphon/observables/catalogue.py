@@ -204,7 +204,7 @@ def _write_words(name: str) -> str:
 
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     """Return a function that finds the quantity of ``find``, and returns None where ``find`` raises
-    :class:`InputError` because the lattice does not have the quantity.
+    :class:`InputError`, for whatever reason: it is for quantities that some states do not have.
     """
 
     def find_or_none(analysis: Analysis) -> Any:

@@ -75,9 +75,9 @@ class VelocitySensitivities(Sensitivities):
 def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:
     """Return the network at each load of a state, in C order.
 
-    Raises InputError, whose message names the ``quantity``, if ``state`` is None, as it is for a
-    result that was read from a file, and if the state has samples, each of which has a network of
-    its own.
+    Raises InputError if ``state`` is None, as it is for a result that was read from a file, and if
+    the state has samples, each of which has a network of its own. The ``quantity`` is the name of
+    the public function whose result asks, such as "moduli", for the message.
     """
     if state is None:
         raise InputError(

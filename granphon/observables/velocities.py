@@ -43,25 +43,28 @@ _NO_FREQUENCY = 1e-12
 
 
 def local_exponent(state: ContactState) -> Any:
-    """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
+    """Return the exponent d log v / d log P of the sound velocities v, with the shape of the load
+    of a ``state`` of a medium or crystal.
 
-    The exponent of media with a contact law leaves out terms of relative order delta/d; that of a
-    simulation with geometry="exact" has all terms. With ``finite_overlap`` scenes and sweeps have
-    the exponent of such a simulation alone. As v goes as the root of the normal stiffness k, and P
-    as the contact force f, the exponent is f k'/2k^2, with the slope k' = dk/d(delta) of the
-    medium's law; 1/6 for equal balls. With listed diameters k has a kink, and the exponent a spike,
-    where the contacts between two of the diameters open.
+    In a medium with a contact law both velocities have the same exponent: v goes as the root of the
+    normal stiffness k, and the pressure P as the contact force f. The exponent is f k'/2k^2, with
+    the slope k' = dk/d(delta) of the medium's law; 1/6 for equal balls. With listed diameters k has
+    a kink, and the exponent a spike, where the contacts between two of the diameters open. The
+    exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
     longitudinal velocity, which follows from the mean K + G of the samples (K + 4G/3 in space): the
     same samples are solved at two loads, 5 % below and above (after a history of friction 5 % and
     15 % above), and the difference is taken. ``state.exponent_error`` is the standard error over
-    the samples: 0 for a medium that does not sample, nan for one sample. The exponent of a crystal
-    is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    the samples: 0 for a medium that does not sample, nan for one sample.
+
+    The exponents of contact laws leave out terms of relative order delta/d. That of a simulation
+    with geometry="exact" has all terms, and is the only exponent that scenes and sweeps with
+    ``finite_overlap`` have.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
-    and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
-    crystal whose contacts have different exponents.
+    and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, for what is
+    no state, and for a crystal whose contacts have different exponents or are all open.
     """
     exponent = getattr(state, "exponent", None)
     return given_state(state).exponent if exponent is None else exponent
@@ -140,12 +143,12 @@ class SoundVelocities(Result):
 
     @property
     def transverse_slow(self) -> Any:
-        """The slow transverse wave, m/s, where there are two; else None."""
+        """Velocity of the slow transverse wave, m/s, where there are two; else None."""
         return self._take_transverse(0, self.transverse)
 
     @property
     def transverse_fast(self) -> Any:
-        """The fast transverse wave, m/s, where there are two; else None."""
+        """Velocity of the fast transverse wave, m/s, where there are two; else None."""
         return self._take_transverse(1, self.transverse)
 
     @property
@@ -277,10 +280,12 @@ def explain_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
 def choose_direction(
     state: State, direction: ArrayLike | None, quantity: str, *, isotropic: bool
 ) -> Array:
-    """Return the direction as unit vectors (p,) or (n, p): x if it is None.
+    """Return a ``direction`` (p,), or several (n, p), as unit vectors, for a state whose lattice
+    has p periods. The direction None is the axis x if the ``quantity`` is ``isotropic``.
 
-    None is an :class:`~granphon.base.errors.InputError` unless the ``quantity``, a plural noun for
-    the message, is ``isotropic``; so is a direction that is not p finite numbers, or has no length.
+    Raises :class:`~granphon.base.errors.InputError` for the direction None of a quantity that is
+    not isotropic, and for a direction that is not p finite numbers, or has no length. The
+    ``quantity`` is a plural noun for the message.
     """
     periods = state.reference_lattice.periods
     if direction is None:

@@ -23,9 +23,9 @@ pre { background: #f4f4f4; padding: .7rem; overflow-x: auto; }
 figure { margin: 1rem 0; } img { max-width: min(100%, 34rem); height: auto; }
 figcaption { color: #444; }
 @media print { body { margin: 0; max-width: none; } figure, tr { break-inside: avoid; } }"""
-#: letters that have a meaning in a cell or a text of Markdown, with the sign that takes the meaning
-#: from them
-_MARKED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#"})
+#: letters that have a meaning in a cell or a text of Markdown, each with the backslash that takes
+#: the meaning away
+_ESCAPES = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#"})
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ class Section:
 
 
 def write_html(title: str, sections: Iterable[Section], folder: str = "") -> str:
-    """Return the sections as one page of HTML, which needs no other file and runs no program; links
-    lead to files in a ``folder``, a path from the page, empty if they stand beside the page.
+    """Return the sections as one page of HTML, which needs no other file and runs no program. Links
+    lead to files in a ``folder``: a path from the page, empty for files beside the page.
     """
     pieces = [
         "<!DOCTYPE html>",
@@ -170,8 +170,8 @@ def write_html(title: str, sections: Iterable[Section], folder: str = "") -> str
 
 
 def write_markdown(title: str, sections: Iterable[Section], folder: str = "") -> str:
-    """Return the sections as Markdown. Pictures and links lead to files in a ``folder``, a path
-    from the text, empty if they stand beside the text; the text holds no bytes of pictures.
+    """Return the sections as Markdown. Pictures and links lead to files in a ``folder``: a path
+    from the text, empty for files beside the text. The text holds no bytes of pictures.
     """
     pieces = [f"# {_mark(title)}"]
     for section in sections:
@@ -193,7 +193,7 @@ def _mark(text: str) -> str:
     """Return a text of Markdown on one line, in which the letters that mark emphasis, code, links,
     headings and cells stand for themselves.
     """
-    return " ".join(text.split()).translate(_MARKED)
+    return " ".join(text.split()).translate(_ESCAPES)
 
 
 def _write_cells(cells: Sequence[str], tag: str) -> str:

@@ -32,8 +32,8 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     Lengths are in spacings of touching balls. ``rows`` are the rows of
     :mod:`granphon.dynamics.deformation_rows`, for all six motions of each ball and stiffnesses of
     1: a page takes the motions that the page shows, and weights each kind by the root of its
-    stiffness. ``motions`` has an entry for each set of motions, whose ``statements`` name the free
-    branches of the lattice and its mechanism for each choice of the kinds of stiffness.
+    stiffness. ``motions`` has an entry for each set of motions. The ``statements`` of an entry name
+    the free branches and the mechanism of the lattice for each choice of the kinds of stiffness.
     """
     structure = packing.structure
     lattice = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
@@ -50,11 +50,11 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
 def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     """Return the data of the lattice of a network for a page, as :func:`describe_lattice` does.
 
-    Rows have ``weights``, see :func:`_list_weighted_rows`, so that the page takes a stiffness of 1
-    for each kind; each ball has its own mass and radius of gyration. ``complex`` says whether C(q)
-    is complex, which that of a cell of several balls always is. In a cut, ``sides`` are -1 for
-    balls in the lower quarter, 1 for balls in the upper quarter, and 0 for all other balls; without
-    a cut ``sides`` is None.
+    The network is called ``name``. Rows have ``weights``, see :func:`_list_weighted_rows`, so that
+    the page takes a stiffness of 1 for each kind; each ball has its own mass and radius of
+    gyration. ``complex`` says whether C(q) is complex, as it always is for a cell of several balls.
+    In a cut, ``sides`` are -1 for balls in the lower quarter, 1 for balls in the upper quarter, and
+    0 for all other balls; without a cut ``sides`` is None.
 
     Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip by
     levers that exceed the arms.
@@ -75,7 +75,7 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
         "mechanism": mechanism,
     }
     kinds = _write_key(lattice.mindlin_ratio, lattice.torsion, lattice.bending)
-    heights = np.zeros(1)
+    heights = np.zeros(1)  # without a cut no ball is at an edge
     is_cut = periods < lattice.dimension
     if is_cut:
         heights = lattice.positions[:, periods]
@@ -129,15 +129,15 @@ def _find_default_path(lattice: ContactLattice) -> BandPath:
 
 
 def _write_key(eta: ArrayLike, torsion: ArrayLike, bending: ArrayLike) -> str:
-    """Return the key of the statements on a lattice: three digits that say whether contacts have a
-    shear stiffness (``eta``), a torsion and a bending, 1 if any of the numbers is not zero, else 0.
-    "101" has shear and bending, but no torsion.
+    """Return the key of the statements on a lattice: three digits, for shear stiffness (``eta``),
+    torsion and bending. A digit is 1 if a number of its kind is not zero, else 0: "101" has shear
+    and bending, but no torsion.
     """
     return "".join(str(int(np.any(ratio))) for ratio in (eta, torsion, bending))
 
 
 def _describe_axes(lattice: ContactLattice, motions: Motions) -> dict[str, Any]:
-    """Return the axes of a set of motions, and the names of the waves of its lattice."""
+    """Return the axes of a set of ``motions``, and the names of the waves of the ``lattice``."""
     return {
         "name": motions.name,
         "translations": list(motions.translations),

@@ -1,9 +1,11 @@
 """The contact laws of media as tables that a page interpolates, each with its error.
 
-In units of the width W and of c W^(3/2), a law is one curve for all loads and widths: the overlap y
-and the stiffness k* at the reduced force f*. A table has that curve at nodes of ln f*, with slopes,
-between which it is a cubic (Hermite's). The effective medium depends on eta too: it has a curve at
-each of a few nodes of eta^1/2, between which it is a polynomial.
+Balls have Hertz's force c delta^(3/2) at the overlap delta, and diameters of the width W. In units
+of W and of c W^(3/2), a law is one curve for all loads and widths: the overlap y and the stiffness
+k* at the reduced force f*. A table has the values and slopes of this curve at nodes of ln f*, and
+is a cubic (Hermite's) between the nodes. The law of the effective medium depends on eta too, the
+ratio of the shear to the normal stiffness: the table has a curve at each of a few nodes of
+eta^1/2, and is a polynomial in eta^1/2 between these.
 """
 
 from __future__ import annotations
@@ -36,15 +38,15 @@ _TOLERANCE = 1e-6
 #: distance of nodes of ln f* that is not halved any more
 _LEAST_STEP = 1e-4
 #: y above which the page takes the law of equal balls: the two laws differ by less than 1e-8
-_EQUAL = 3000.0
+_EQUAL_BALLS_OVERLAP = 3000.0
 #: number of nodes of eta^1/2, with two and with three periods
 _FRICTION_NODES = {2: 8, 3: 5}
 #: least eta of a table on a lattice that does not stand without friction
 _LEAST_FRICTION = 0.05
 #: relative change of k from which a note gives the size of the change
-_NOTED = 1e-4
+_NOTED_CHANGE = 1e-4
 #: number of loads of a simulation
-_SIMULATED = 17
+_N_SIMULATED = 17
 #: f* at which the table of a simulation begins at the lowest, and y at which the table ends
 _LEAST_SIMULATED_FORCE = 1e-2
 _MOST_SIMULATED_OVERLAP = 30.0
@@ -131,7 +133,7 @@ def tabulate_medium(
         change = _find_effect_of_rolling(packing, choice, most_rolling, start)
         note = _write_note_on_rolling(packing, change)
     checks = _make_checks(packing, choice, roots)
-    table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
+    table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL_BALLS_OVERLAP), checks)
     return description | table | {"valid": valid, "note": note}
 
 
@@ -176,7 +178,8 @@ _SIMULATION_NOTE = (
 
 def _find_least_root(packing: Packing, choice: MediumChoice) -> float:
     """Return the least eta^1/2 of the table: zero, or ``_LEAST_FRICTION**0.5`` where the lattice
-    is a mechanism without friction. Raises MechanismError if the lattice is one at that eta too.
+    is a mechanism without friction. Raises MechanismError if the lattice is a mechanism with this
+    friction too.
     """
     try:
         _find_xi(packing, choice, 0.0)
@@ -210,19 +213,20 @@ def _choose_roots(packing: Packing, choice: MediumChoice, most: float) -> list[f
 def _find_effect_of_rolling(
     packing: Packing, choice: MediumChoice, most: float, low: float
 ) -> float:
-    """Return the largest relative change of k, from ln f* = ``low`` on, as torsion and bending,
-    over k d^2, go to ``most`` or zero.
+    """Return the largest relative change of k, from ln f* = ``low`` on, if torsion and bending,
+    over k d^2, are ``most`` or zero in place of the packing's; zero where the medium has the law of
+    equal balls.
 
     Pairs of torsion and bending with which the lattice is a mechanism do not count: with them the
     medium has no stiffness.
     """
     if dict(choice.options).get("local_field") == "paper":
-        return 0.0
+        return 0.0  # the factor that the paper prints depends on eta alone
     eta = packing.mindlin_ratio
     law_of_packing = _make_law(packing, choice, eta)
     if law_of_packing is None:
         return 0.0
-    log_force = np.linspace(low, EXPONENT * np.log(_EQUAL), _NODES)
+    log_force = np.linspace(low, EXPONENT * np.log(_EQUAL_BALLS_OVERLAP), _NODES)
     _, log_stiffness, _ = _make_curve(law_of_packing)(log_force)
     # in a plane balls turn about its normal alone, which twists no contact
     torsions = (packing.torsion, most) if packing.structure.periods == 3 else (packing.torsion,)
@@ -242,8 +246,9 @@ def _find_effect_of_rolling(
 
 
 def _write_note_on_rolling(packing: Packing, change: float) -> str:
-    """Return the note on the torsion and the bending with which the effective medium is computed,
-    and, unless it is zero, on the largest relative ``change`` of the stiffness by other ones.
+    """Return the note on the torsion and the bending with which the effective medium is computed.
+    Unless ``change`` is zero, the note tells it too: the largest relative change of the stiffness
+    by other torsion and bending.
     """
     ratios = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
     words = [f"{name} {ratio:g}" if ratio else f"no {name}" for name, ratio in ratios.items()]
@@ -253,8 +258,8 @@ def _write_note_on_rolling(packing: Packing, change: float) -> str:
     )
     if not change:
         return note
-    is_noted = change >= _NOTED
-    size = f"up to {100.0 * change:.2g} %" if is_noted else f"less than {100.0 * _NOTED:g} %"
+    is_noted = change >= _NOTED_CHANGE
+    size = f"up to {100.0 * change:.2g} %" if is_noted else f"less than {100.0 * _NOTED_CHANGE:g} %"
     return f"{note} In the medium they would change the stiffness by {size}."
 
 
@@ -327,8 +332,8 @@ def _tabulate(
     """Return "table", "error" and "friction_error" of :func:`tabulate_medium` from one of the
     ``curves`` for each of the ``roots`` of eta, between ``low`` and ``high`` of ln f*.
 
-    The error at other eta is that at ``checks``, roots of eta between the nodes and their curves.
-    Without checks there is no further error.
+    "friction_error" is "error" and the largest error at ``checks``, pairs of a root of eta between
+    the nodes and its curve; without checks nothing is added.
     """
     from scipy.interpolate import barycentric_interpolate
 
@@ -353,10 +358,12 @@ def _tabulate(
 def _refine_nodes(
     curves: list[_Curve], low: float, high: float
 ) -> tuple[Array, list[Array], float]:
-    """Return nodes (n,) of ln f* from ``low`` to ``high``, and the values (3, n) of each curve
-    there. The third result is the largest relative error of k in the middle between two nodes.
+    """Return nodes (n,) of ln f* from ``low`` to ``high``, the values (3, n) of each curve at the
+    nodes, and the largest relative error of k in the middle between two nodes.
 
-    A law has a kink at loads where contacts open: nodes are closer at a kink.
+    A law has a kink at loads where contacts open: nodes are closer at a kink. Nodes are added until
+    the errors are below ``_TOLERANCE`` or the steps below ``_LEAST_STEP``, and as long as there are
+    ``_MOST_NODES`` at most.
     """
     nodes = np.linspace(low, high, _NODES)
     while True:
@@ -384,7 +391,7 @@ def _simulate(
     """Return the curve of a simulation, the lower and the upper end of ln f*, and the relative
     error of k on the curve; ``least`` is the least f* of the page.
 
-    The curve is a spline through :data:`_SIMULATED` loads. The error is that of a spline through
+    The curve is a spline through :data:`_N_SIMULATED` loads. The error is that of a spline through
     half of the loads, at the other half.
     """
     from scipy.interpolate import CubicSpline
@@ -405,7 +412,7 @@ def _simulate(
     if medium.friction_history:  # the samples carry no load below that of their start
         start = _find_start(find_state, low, InputError)
         low = low if start is None else start
-    loads = np.linspace(low, high, _SIMULATED)  # ln f*
+    loads = np.linspace(low, high, _N_SIMULATED)  # ln f*
     state = find_state(loads)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)

@@ -45,8 +45,8 @@ _EXPORTED = re.compile(r"export\{([^}]*)\};")
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
 #: lowest force of the slider over the least of the scene, and highest over the greatest
-_BELOW = 1e-2
-_ABOVE = 1e2
+_LEAST_FORCE_RATIO = 1e-2
+_MOST_FORCE_RATIO = 1e2
 #: largest overlap of the slider, over the diameter: contacts of larger overlap are not small
 _MOST_OVERLAP = 0.05
 #: reduced force f* of the first load at the largest width of the slider
@@ -54,17 +54,18 @@ _LEAST_REDUCED = 0.1
 #: largest width of the slider, over the diameter, and least of its largest widths, over the width
 #: of the packing
 _MOST_WIDTH = 0.5
-_WIDENING = 2.0
+_WIDTH_RATIO = 2.0
 #: largest number of branches on the page of a network
 _MOST_BRANCHES = 100
 #: sliders of torsion and bending go to this stiffness, over k d^2, or to this multiple of the
 #: packing's
 _MOST_ROLLING = 0.2
-_MORE_ROLLING = 2.0
+_ROLLING_RATIO = 2.0
 #: the slider of eta goes to equal stiffness at least
 _MOST_SLIP = 1.0
-#: relative difference of sizes or masses from which balls of a kind have only a mean
-_SAME = 1e-9
+#: relative difference of sizes or masses up to which balls of a kind are equal; beyond, the page
+#: gives their means
+_EQUAL_TO = 1e-9
 
 
 def make_page(
@@ -75,9 +76,10 @@ def make_page(
     title: str = "granphon",
     **options: Any,
 ) -> str:
-    """Return the text of the page, HTML, of a packing under a ``load``, or, if there is none, of a
-    state of a crystal, a sample or a network, which has no ``media`` to choose.
+    """Return the text of the page of a ``source``, HTML, with a ``title``.
 
+    With a ``load`` the source is a packing, and the page lets choose among the ``media``. Without a
+    load the source is the state of a crystal, a sample or a network, and ``media`` are not used.
     ``options``, and what is raised, are those of :func:`describe_page` for a packing, and of
     :func:`describe_network_page` for others.
     """
@@ -186,8 +188,8 @@ def _list_facts(state: NetworkState) -> list[list[str]]:
 
 
 def _choose_direction(direction: Sequence[float] | None, periods: int) -> list[float]:
-    """Return the direction (p,) of sound that a page shows at first, of length one; x by default.
-    InputError for what is not one direction.
+    """Return the direction of sound that a page shows at first, of length one, with a component
+    for each of the ``periods``; x by default. InputError for what is not one direction.
     """
     x_axis = (1.0, 0.0, 0.0)[:periods]
     components = x_axis if direction is None else direction
@@ -196,13 +198,13 @@ def _choose_direction(direction: Sequence[float] | None, periods: int) -> list[f
 
 
 def _describe_kind(masses: Array, radii: Array) -> str:
-    """Return number, mass and diameter of the balls of a kind, in words; masses, kg, and radii, m,
-    are (n,).
+    """Return in words the number, the mass and the diameter of the n balls of a kind, from their
+    ``masses`` (n,), kg, and ``radii`` (n,), m.
     """
     mass = write_quantity(1e3 * float(masses.mean()), "g")
     diameter = write_quantity(2.0 * float(radii.mean()), "m")
     relative_spread = max(np.ptp(radii) / radii[0], np.ptp(masses) / masses[0])
-    qualifier = "mean " if relative_spread > _SAME else ""
+    qualifier = "mean " if relative_spread > _EQUAL_TO else ""
     count = counted(masses.size, "ball")
     return f"{count}, {qualifier}{mass}, {qualifier}diameter {diameter}"
 
@@ -381,21 +383,21 @@ class _Limits(NamedTuple):
         # the slider of the width ends where f* of the first load falls to _LEAST_REDUCED, but not
         # below a multiple of the packing's width, nor above a part of the diameter
         width_at_first_load = float(law.overlap(forces[0] / _LEAST_REDUCED))
-        largest_width = max(width_at_first_load, _WIDENING * packing.width)
+        largest_width = max(width_at_first_load, _WIDTH_RATIO * packing.width)
         return cls(
-            least_force=_BELOW * min(forces),
-            most_force=min(_ABOVE * max(forces), largest_force),
+            least_force=_LEAST_FORCE_RATIO * min(forces),
+            most_force=min(_MOST_FORCE_RATIO * max(forces), largest_force),
             width=min(largest_width, _MOST_WIDTH * packing.diameter),
             slip=max(_MOST_SLIP, packing.mindlin_ratio),
-            rolling=max(_MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * torsion),
+            rolling=max(_MOST_ROLLING, _ROLLING_RATIO * packing.bending, _ROLLING_RATIO * torsion),
         )
 
 
 def _choose_media(
     packing: Packing, media: Sequence[MediumChoice], load: Load
 ) -> tuple[list[MediumChoice], list[str]]:
-    """Return the media of a page, none of which is automatic, and a sentence for each that takes
-    the place of an automatic one.
+    """Return the media of a page, none of which is automatic, and a sentence for each medium that
+    takes the place of an automatic one. ``media`` are those of the scene, "ala" if there are none.
     """
     first_load = load.applied.flat[np.array([0])]  # a list of one load
     media_of_page = []
@@ -430,10 +432,11 @@ def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[flo
 def _tabulate_media(
     packing: Packing, media: Sequence[MediumChoice], limits: _Limits
 ) -> list[dict[str, Any]]:
-    """Return the table of each medium, see :func:`tabulate_medium`, within the ``limits`` of the
-    sliders.
+    """Return the table of each of the ``media``, see :func:`tabulate_medium`, within the ``limits``
+    of the sliders.
 
-    Raises :class:`MechanismError` if a medium has no table and the packing needs one.
+    Raises :class:`MechanismError` if a medium has no table because the lattice is a mechanism, and
+    the balls of the packing differ.
     """
     # f* is least at the largest width
     least_reduced = limits.least_force / float(packing.law.force(limits.width))
@@ -482,10 +485,11 @@ def join_modules(*names: str) -> str:
 
 
 def wrap_three() -> str:
-    """Return three.js, of two modules, as a script that defines the object ``THREE``.
+    """Return three.js as a script that defines the object ``THREE``.
 
-    Each module becomes the body of a function that returns its exports; the second takes those of
-    the first, the core, as its argument.
+    The library consists of two modules. Each becomes the body of a function that returns the
+    exports of the module; the second function takes the exports of the first module, the core, as
+    its argument.
     """
 
     def import_from_core(match: re.Match[str]) -> str:
@@ -515,7 +519,9 @@ def _write_members(names: str) -> str:
 
 
 def fill_template(data: dict[str, Any], title: str) -> str:
-    """Return the text of the page, HTML, with libraries, program, and ``data`` as JSON inside."""
+    """Return the text of a page with this ``title``, HTML, which holds the libraries, the program,
+    and the ``data`` as JSON. ValueError for a number in ``data`` that is not finite.
+    """
     licences = [read_asset(f"vendor/{name}.LICENSE").strip() for name in ("plotly", "three")]
     json_text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     texts = {
@@ -524,7 +530,7 @@ def fill_template(data: dict[str, Any], title: str) -> str:
         "licences": "\n\n".join(licences),
         "plotly": read_asset("vendor/plotly-basic.min.js"),
         "three": wrap_three(),
-        # "<" would end the element, as "</script>"; JSON reads \\u003c as the same character
+        # "<" would end the element, as "</script>"; JSON reads \u003c as the same character
         "data": json_text.replace("<", "\\u003c"),
         "program": join_modules("main"),
     }

@@ -30,13 +30,15 @@ _REPETITIONS = {1: 10, 2: 6, 3: 3}
 
 
 def write_phononwebsite(bands: Bands, name: str) -> str:
-    """Return the text of a JSON file with bands in the layout that phononwebsite reads.
+    """Return the text of a JSON file with bands in the layout that phononwebsite reads; ``name`` is
+    what the viewer calls them.
 
-    Each ball is an atom, of the symbol of its kind (:func:`~granphon.atoms`), Fe if all are equal.
-    A ball that turns carries two more atoms as marks, of the symbol H (He if a kind is called H).
-    A mark at r from the centre of its ball moves by u + phi x r. Vectors are displacements, with
-    the phase of the ball in its cell; the viewer multiplies the vectors of cell n by
-    exp(2 pi i q.n). Lengths are in Angstrom, and a ball of one diameter is 2.5 Angstrom wide.
+    Each ball is an atom with the symbol of its kind (:func:`~granphon.atoms`), Fe if all are equal.
+    A ball that turns carries two more atoms as marks, with the symbol H (He if a kind is called H).
+    A mark at r from the centre of its ball moves by u + phi x r, for the displacement u and the
+    rotation phi of the ball. Vectors are displacements, with the phase of the ball in its cell. For
+    the wave vector q, in fractions, the viewer multiplies the vectors of the cell l steps away by
+    exp(2 pi i q.l). Lengths are in Angstrom, and a ball of one diameter is 2.5 Angstrom wide.
     ``eigenvalues`` are in the decimal unit of hertz that stands in the name of the file's data;
     the viewer writes cm^-1 in its place.
     """
@@ -89,19 +91,20 @@ def _place_marks(bands: Bands) -> Array:
 
 
 def _displace_atoms(bands: Bands, marks: Array) -> Complex:
-    """Return the displacements, for segments, points and branches (s, p, b, atoms, 3), of each
-    ball, and of its ``marks`` (n, m, 3) after the ball.
+    """Return the displacements (segments, points, branches, atoms, 3) of the atoms: each of n balls
+    is followed by its m ``marks`` (n, m, 3), positions from its centre in diameters.
     """
     motions = bands.motions
     displacements = []
     for ball in range(len(bands.positions)):
         amplitude = bands.motion[:, :, ball] / np.sqrt(bands.masses[ball])
         phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
-        motion = np.moveaxis(amplitude * phase[:, :, None, None], 2, 3)  # (s, p, b, motions)
+        # (segments, points, branches, motions)
+        motion = np.moveaxis(amplitude * phase[:, :, None, None], 2, 3)
         shift = np.zeros((*bands.frequencies.shape, 3), complex)
         turn = np.zeros_like(shift)
         shift[..., list(motions.translations)] = motion[..., motions.translating]
-        # angles from w = R_g phi
+        # rotations come as w = R_g phi, with the radius of gyration R_g
         turn[..., list(motions.rotations)] = motion[..., motions.turning] / bands.gyration[ball]
         displacements.append(shift)
         for mark in marks[ball]:

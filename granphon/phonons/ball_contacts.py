@@ -4,6 +4,9 @@ Balls are Atoms whose lengths are in m. Each has a radius and a kind. Their posi
 balls touch, and how far they overlap, and the contact law of the two balls gives the force. ASE
 reads tables and dumps of networks by the formats ``granphon-tables`` and ``granphon-lammps``, and
 finds the calculators as plug-ins.
+
+E* and G* are the moduli of a contact along its normal and across it
+(:class:`~granphon.balls.ball.ContactConstants`).
 """
 
 from __future__ import annotations

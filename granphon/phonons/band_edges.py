@@ -182,9 +182,9 @@ class EdgeSearch(NamedTuple):
         """
         points = self.zone.points
         n_chosen = min(count, len(points))
-        chosen = np.empty((depths.shape[1], n_chosen), int)
+        numbers_of_all = np.empty((depths.shape[1], n_chosen), int)
         neighbours_of: dict[int, Flags] = {}
-        for numbers, depth in zip(chosen, depths.T, strict=True):
+        for numbers, depth in zip(numbers_of_all, depths.T, strict=True):
             order = np.argsort(depth, kind="stable")
             is_far = np.ones(len(points), bool)  # from all points chosen so far
             is_unchosen = is_far.copy()
@@ -198,7 +198,7 @@ class EdgeSearch(NamedTuple):
                 if number not in neighbours_of:
                     neighbours_of[number] = self._find_neighbours(points[number])
                 is_far &= ~neighbours_of[number]
-        return self.lattice.wavevectors(points[chosen])
+        return self.lattice.wavevectors(points[numbers_of_all])
 
     def _find_neighbours(self, point: Array) -> Flags:
         """Return (n_q,) whether each point of the mesh is a neighbour of a ``point`` (p,), in
@@ -260,18 +260,18 @@ class EdgeSearch(NamedTuple):
         last_slope = np.zeros_like(q)
         p = q.shape[1]
         direction = np.eye(p)[0]
-        climbing = np.arange(len(q))
+        paths = np.arange(len(q))  # the numbers of the paths that still climb
         for turn in range(_MOST_STEPS):
-            modes = self.lattice.modes(q[climbing], direction)
-            mode = (np.arange(climbing.size), branch[climbing])
-            new_heights = sign[climbing] * modes.frequencies[mode]
-            is_higher = new_heights > heights[climbing]
-            heights[climbing[is_higher]] = new_heights[is_higher]
-            points[climbing[is_higher]] = q[climbing[is_higher]]
-            slope = sign[climbing, None] * modes.group_velocities[mode]
+            modes = self.lattice.modes(q[paths], direction)
+            mode = (np.arange(paths.size), branch[paths])
+            new_heights = sign[paths] * modes.frequencies[mode]
+            is_higher = new_heights > heights[paths]
+            heights[paths[is_higher]] = new_heights[is_higher]
+            points[paths[is_higher]] = q[paths[is_higher]]
+            slope = sign[paths, None] * modes.group_velocities[mode]
             steepness = np.linalg.norm(slope, axis=1)
             is_steep = steepness > 0.0
-            longest_step = longest[climbing]
+            longest_step = longest[paths]
             # unit vectors along the slopes; zero without a slope
             uphill = np.zeros_like(slope)
             np.divide(slope, steepness[:, None], out=uphill, where=is_steep[:, None])
@@ -280,14 +280,14 @@ class EdgeSearch(NamedTuple):
                 uphill[~is_steep] = _ASIDE[:p] / np.linalg.norm(_ASIDE[:p])
                 step = 0.5 * longest_step
             else:
-                moved = q[climbing] - last_q[climbing]
-                unlimited_step = _secant_step(moved, slope - last_slope[climbing], steepness)
+                last_step = q[paths] - last_q[paths]
+                unlimited_step = _secant_step(last_step, slope - last_slope[paths], steepness)
                 step = np.minimum(unlimited_step, np.where(is_steep, longest_step, 0.0))
-            last_q[climbing] = q[climbing]
-            last_slope[climbing] = slope
-            q[climbing] += step[:, None] * uphill
-            climbing = climbing[step > _LEVEL]
-            if not climbing.size:
+            last_q[paths] = q[paths]
+            last_slope[paths] = slope
+            q[paths] += step[:, None] * uphill
+            paths = paths[step > _LEVEL]
+            if not paths.size:
                 break
         return Extremes(heights, points)
 
@@ -304,19 +304,19 @@ class EdgeSearch(NamedTuple):
         q = starts.reshape(-1, p).copy()
         lower = np.repeat(branch, n_starts)
         widths = np.zeros(len(q))
-        moving = np.arange(len(q))
+        searches = np.arange(len(q))  # the numbers of the searches that still move
         for _ in range(_MOST_CROSSING_STEPS):
-            splitting, slopes = self._find_splitting(q[moving], lower[moving])
+            splitting, slopes = self._find_splitting(q[searches], lower[searches])
             step = -_solve_least(slopes, splitting)
             length = np.linalg.norm(step, axis=1)
             steepest = np.linalg.norm(slopes, axis=(1, 2))
             size = np.linalg.norm(splitting, axis=1)
             width = np.divide(size, steepest, out=np.zeros_like(size), where=steepest > 0.0)
-            widths[moving] = width
+            widths[searches] = width
             shortening = np.minimum(1.0, self.zone.spacing / np.maximum(length, _LEVEL))
-            q[moving] += shortening[:, None] * step
-            moving = moving[length > _LEVEL]
-            if not moving.size:
+            q[searches] += shortening[:, None] * step
+            searches = searches[length > _LEVEL]
+            if not searches.size:
                 break
         return q.reshape(n, n_starts, p), widths.reshape(n, n_starts)
 
@@ -356,15 +356,16 @@ def _solve_least(matrices: Array, values: Array) -> Array:
     return np.asarray((inverses @ values[..., None])[..., 0])
 
 
-def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
+def _secant_step(last_step: Array, change: Array, steepness: Array) -> Array:
     """Return the lengths (n,), 1/d, of steps along slopes of size ``steepness`` (n,) that would
     reach the top of a parabola; zero if the slope has not changed.
 
     The curvature of the parabola is that by which the slope changed by ``change`` (n, p) over the
-    last step, ``moved`` (n, p), 1/d.
+    ``last_step`` (n, p), 1/d.
     """
-    bend = np.abs(np.sum(moved * change, axis=1))
-    squared = np.sum(moved**2, axis=1)
+    # the curvature times the square of the step, and that square
+    bend = np.abs(np.sum(last_step * change, axis=1))
+    square = np.sum(last_step**2, axis=1)
     lengths = np.zeros(len(bend))
-    np.divide(squared * steepness, bend, out=lengths, where=bend > 0.0)
+    np.divide(square * steepness, bend, out=lengths, where=bend > 0.0)
     return lengths

@@ -298,7 +298,7 @@ class HarmonicContacts(ContactCalculator):
         table = lattice.contacts
         network = self.state.network
         sizes = network.normal_force[network.in_lattice] / self.state.scales.force
-        # springs to the ground come behind the contacts, and bear none
+        # springs to the ground come after the contacts, and bear no static force
         rows = slice(len(sizes))
         vectors = np.ascontiguousarray(put_in_space(table.vector[rows]))
         ends = (table.i[rows], table.j[rows])
@@ -391,8 +391,8 @@ class _PairSearch(NamedTuple):
                 change = np.linalg.solve(self.cell, cell)
             stretch = float(np.linalg.svd(change, compute_uv=False)[-1])
             expected = expected @ change
-        moved = positions - expected
-        squares = np.einsum("na,na->n", moved, moved)
+        displacement = positions - expected
+        squares = np.einsum("na,na->n", displacement, displacement)
         farthest = float(np.sqrt(np.max(squares, initial=0.0)))
         return stretch * self.reach - 2.0 * farthest >= cutoff
 
@@ -546,12 +546,12 @@ class HertzMindlin(ContactCalculator):
 
     follows = tuple(ARRAYS)
 
-    def __new__(cls, state: Any = None, *balls: Any, **options: Any) -> Any:
-        """Return a :class:`BallContacts` if ``state`` is a mapping of kinds to balls, else a new
-        calculator of this class.
+    def __new__(cls, state: Any = None, *arguments: Any, **options: Any) -> Any:
+        """Return a :class:`BallContacts` of ``state`` and the other arguments if ``state`` is a
+        mapping of kinds to balls, else a new calculator of this class.
         """
         if isinstance(state, Mapping):
-            return BallContacts(state, *balls, **options)
+            return BallContacts(state, *arguments, **options)
         return super().__new__(cls)
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
@@ -695,12 +695,12 @@ class HertzMindlin(ContactCalculator):
         i, j, _, vector = self._find_pairs(balls, balls.positions[:, : self._coordinates])
         deviations = balls.arrays["diameter_deviations"]
         # the diameters add this much to the distance at which the balls touch
-        extra = 0.5 * (deviations[i] + deviations[j])
-        normal, is_near = self._find_normals(vector, extra)
+        added_reach = 0.5 * (deviations[i] + deviations[j])
+        normal, is_near = self._find_normals(vector, added_reach)
         if self.finite_overlap:
-            overlap, along = find_overlaps(vector, 1.0, extra)
+            overlap, along = find_overlaps(vector, 1.0, added_reach)
         else:
-            overlap, along = find_overlaps(vector, 1.0, self._overlap + extra, normal)
+            overlap, along = find_overlaps(vector, 1.0, self._overlap + added_reach, normal)
         is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
         return _ClosedContacts(*keep_rows(is_closed, i, j, vector, normal, along, overlap))
 
@@ -783,11 +783,11 @@ class HertzMindlin(ContactCalculator):
         periodic = tuple(axis < self._periods for axis in range(3))
         pairs = PairList().near(positions, cell, periodic, reach)
         distance = np.linalg.norm(pairs.vector, axis=1)
-        second = np.min(distance, where=distance > 1.0 + TOUCH, initial=reach)
-        return 0.5 * self._spacing * (1.0 + float(second))
+        second_distance = np.min(distance, where=distance > 1.0 + TOUCH, initial=reach)
+        return 0.5 * self._spacing * (1.0 + float(second_distance))
 
     def _find_normals(
-        self, vector: Array, extra: Array, at_sites: bool = False
+        self, vector: Array, added_reach: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
         """Return the direction (n, m) of that contact of the lattice that is nearest to each pair,
         and (n,) whether the pair is near enough to be that contact.
@@ -795,9 +795,9 @@ class HertzMindlin(ContactCalculator):
         With finite overlap and balls that do not turn, the direction is that of the pair itself,
         and the length of its vector alone decides: however deep balls overlap, they are near.
 
-        ``vector`` (n, m), d, joins the balls of each pair. ``extra`` (n,), d, is what the diameters
-        of the two balls add to the distance at which balls touch. With ``at_sites`` the vectors
-        join the sites of the balls, and only tell which balls touch.
+        ``vector`` (n, m), d, joins the balls of each pair. ``added_reach`` (n,), d, is what the
+        diameters of the two balls add to the distance at which balls touch. With ``at_sites`` the
+        vectors join the sites of the balls, and only tell which balls touch.
 
         Raises :class:`~granphon.base.errors.InputError` if balls touch in another direction, if the
         lattice is turned too far for contacts of fixed direction, or if two balls are at one place.
@@ -810,7 +810,7 @@ class HertzMindlin(ContactCalculator):
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
         is_near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
-        reach = self._spacing + self._overlap + extra - self._least_overlap
+        reach = self._spacing + self._overlap + added_reach - self._least_overlap
         is_touching = is_near & (np.einsum("ca,ca->c", vector, normal) < reach)
         turn = _find_turn(normal, vector, distance, is_touching)
         # a turn shortens the part of a vector along its normal, and so adds to the overlap
@@ -849,20 +849,21 @@ class HertzMindlin(ContactCalculator):
         )
 
         m = self._coordinates
-        along = np.zeros((len(normal), 3))
-        along[:, :m] = normal
-        ends = (i, j, self._spacing * along)
+        normal_in_space = np.zeros((len(normal), 3))
+        normal_in_space[:, :m] = normal
+        ends = (i, j, self._spacing * normal_in_space)
         loss = np.empty(len(normal))  # of overlap, which the functions below write
         no_strain = np.zeros((3, 3))
         if not self.finite_overlap:
-            measure_losses(*ends, along, displacement, no_strain, loss)
+            measure_losses(*ends, normal_in_space, displacement, no_strain, loss)
             return normal, overlap - loss, distance
-        vector = np.empty_like(along)
+        # the function below writes these, and the distance
+        vector = np.empty_like(normal_in_space)
+        turned_normal = np.empty_like(normal_in_space)
         is_flat = np.zeros(len(normal), bool)
-        turned = np.empty_like(along)
-        places = (vector, distance, turned)
+        places = (vector, distance, turned_normal)
         measure_turned(*ends, is_flat, displacement, no_strain, loss, *places)
-        return turned[:, :m], overlap - loss, distance
+        return turned_normal[:, :m], overlap - loss, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls: that of two balls for the Atoms of a sample, else
@@ -1054,8 +1055,8 @@ class HertzMindlin(ContactCalculator):
         """
         i, j, shift, vector = self._find_pairs(atoms, sites)
         deviations = atoms.arrays["diameter_deviations"]
-        extra = 0.5 * (deviations[i] + deviations[j])
-        normal, is_near = self._find_normals(vector, extra, at_sites=True)
+        added_reach = 0.5 * (deviations[i] + deviations[j])
+        normal, is_near = self._find_normals(vector, added_reach, at_sites=True)
         axis, overlap, distance = self._find_rest(atoms, i, j, normal)
         is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
         rows = keep_rows(is_closed, i, j, shift, vector, axis, overlap, distance)
@@ -1172,17 +1173,18 @@ def _make_turn_error(fault: str) -> InputError:
     )
 
 
-def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -> float:
+def _find_turn(normal: Array, vector: Array, distance: Array, is_touching: Flags) -> float:
     """Return the angle, rad, by which pairs of balls are turned on average against the directions
     ``normal`` (n, m) of their contacts; in the plane with its sign.
 
-    The mean is over the pairs for which ``touching`` (n,) is true. ``vector`` (n, m), in diameters,
-    joins the balls of each pair, and ``distance`` (n,) is its length.
+    The mean is over the pairs for which ``is_touching`` (n,) is true; the angle is zero without
+    such a pair, and for balls on a line. ``vector`` (n, m), in diameters, joins the balls of each
+    pair, and ``distance`` (n,) is its length.
     """
     m = normal.shape[1]
-    if m == 1 or not np.any(touching):
+    if m == 1 or not np.any(is_touching):
         return 0.0
-    normal, vector, distance = keep_rows(touching, normal, vector, distance)
+    normal, vector, distance = keep_rows(is_touching, normal, vector, distance)
     if m == 2:
         across = normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0]
         return float(np.mean(across / distance))

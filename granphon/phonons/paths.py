@@ -596,11 +596,11 @@ class BandPath:
 
 
 def _write_coordinate(x: float) -> str:
-    """Return the text of a number ``x``: a fraction if its denominator is at most 100, else a
-    decimal number with all digits.
+    """Return the text of a number ``x``: a fraction if one with a denominator of at most 100 is
+    exactly ``x`` in double precision, else a decimal number with all digits.
     """
-    near = Fraction(x).limit_denominator(100)
-    return str(near) if float(near) == x else repr(x)
+    nearest_fraction = Fraction(x).limit_denominator(100)
+    return str(nearest_fraction) if float(nearest_fraction) == x else repr(x)
 
 
 # -- the zone itself: a polygon in the plane, faces in space ---------------------------------------
@@ -650,7 +650,7 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
         ring = cells.vertices[vertices]
         sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
         corners = ring[sides > _SAME_CORNER]
-        # faces without area, of neighbours that the zone touches along an edge or at a corner
+        # where the zone touches a neighbour along an edge or at a corner, their face has no area
         if len(corners) < 3:
             continue
         spokes = corners[1:] - corners[0]

@@ -97,6 +97,8 @@ _STARTS = 6
 #: number of points of the mesh from which the edges of every branch are sought, which may have
 #: several extremes
 _MORE_STARTS = 24
+#: length of a vector along an axis without period, over its own, for which images do not matter
+_FAR_IMAGES = 1e6
 #: relative difference of a cell of Atoms from that of the state up to which it is rounding
 _SAME = 1e-9
 
@@ -263,17 +265,17 @@ class Phonons:
                 "An axis that is not periodic has one cell",
                 "Give 1 for it",
             )
-        shown = " x ".join(map(str, dim))
+        dim_text = " x ".join(map(str, dim))
         if not touch_once_at_most(self._image_cell, dim, self._longest_contact):
             raise InputError(
-                f"a supercell of {shown} cells is too small",
+                f"a supercell of {dim_text} cells is too small",
                 "Two balls would touch through more than one image, and their contacts could not be"
                 " told apart",
                 f"Use at least {' x '.join(map(str, self._choose_dim()))}",
             )
         memory = costs.force_constants(dim, self.lattice.n_balls).working
         require_memory(
-            f"force constants of a supercell of {shown} cells", memory, "Take a smaller dim"
+            f"force constants of a supercell of {dim_text} cells", memory, "Take a smaller dim"
         )
         return dim
 
@@ -310,18 +312,18 @@ class Phonons:
         Along an axis without period there are no images; its vector is made very long, so that
         images are too far away to matter.
         """
-        periodic = self._cell.pbc[: self._periods]
-        return np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
+        is_period = self._cell.pbc[: self._periods]
+        return np.where(is_period[:, None], self.lattice.cell, _FAR_IMAGES * self.lattice.cell)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh of ``numbers`` (p,) of
         wave vectors do not fit into the memory of this machine.
         """
         cost = costs.density_of_states(numbers, self.lattice.n_branches)
-        shown = " x ".join(map(str, numbers))
+        mesh_text = " x ".join(map(str, numbers))
         memory = cost.working + cost.kept
         require_memory(
-            f"modes on a mesh of {shown} wave vectors", memory, "Take fewer wave vectors (mesh)"
+            f"modes on a mesh of {mesh_text} wave vectors", memory, "Take fewer wave vectors (mesh)"
         )
 
     def _require_state_cell(self, with_stiffness: bool = False) -> None:

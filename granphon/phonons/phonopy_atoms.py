@@ -70,9 +70,9 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
     """
     from ase.data import chemical_symbols  # imported here, as figures of bands do not need ASE
 
-    used = set(taken)
+    taken_symbols = set(taken)
     candidates = (symbol, *KINDS, *chemical_symbols[1:])
-    return next(str(candidate) for candidate in candidates if candidate not in used)
+    return next(str(candidate) for candidate in candidates if candidate not in taken_symbols)
 
 
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:

@@ -228,12 +228,12 @@ def _couple_auxiliary(constants: Array, firsts: list[int]) -> Array:
     """
     n, size = constants.shape[:2]
     *balls, auxiliary = firsts
-    lacking = constants.sum(axis=1)  # (n, 3, 3)
+    sums = constants.sum(axis=1)  # (n, 3, 3), which the auxiliary atom takes away
     coupled = np.zeros((n + 1, size + size // n, 3, 3))
     coupled[:n, :size] = constants
-    coupled[:n, auxiliary] = -lacking
-    coupled[n, balls] = -lacking.swapaxes(1, 2)
-    coupled[n, auxiliary] = 0.5 * (lacking.sum(axis=0) + lacking.sum(axis=0).T)
+    coupled[:n, auxiliary] = -sums
+    coupled[n, balls] = -sums.swapaxes(1, 2)
+    coupled[n, auxiliary] = 0.5 * (sums.sum(axis=0) + sums.sum(axis=0).T)
     return coupled
 
 

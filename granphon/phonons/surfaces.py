@@ -239,7 +239,7 @@ class Surface:
         """The outer layers with the wall of the edge, from which the half space goes on."""
         return self.half_space.cut
 
-    def _read(self, q: ArrayLike | None) -> tuple[Array, Array]:
+    def _read_wave_vectors(self, q: ArrayLike | None) -> tuple[Array, Array]:
         """Return wave vectors as (n_q, p - 1) and as (n_q, 3), in fractions of the reciprocal cell.
 
         Raises :class:`~granphon.base.errors.InputError` for no wave vector, another shape, numbers
@@ -312,7 +312,7 @@ class Surface:
         contacts reach across. Raises :class:`~granphon.base.errors.InputError` for wave vectors of
         another shape or that leave the edge.
         """
-        squares = self.half_space.bands(self._read(q)[0])
+        squares = self.half_space.bands(self._read_wave_vectors(q)[0])
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
 
     def spectrum(
@@ -333,7 +333,7 @@ class Surface:
         frequencies, numbers out of range, frequencies without a step from which the damping would
         follow, and spectra that do not fit into memory.
         """
-        fractions, points = self._read(q)
+        fractions, points = self._read_wave_vectors(q)
         half = self.half_space
         unit = self._frequency
         hertz = finite_array("frequencies", frequencies, low="zero or above")
@@ -348,9 +348,9 @@ class Surface:
         self._require_memory(n_points, n_frequencies)
         # reduced frequencies; at zero itself the spectrum is a quotient of zeros
         reduced = np.maximum(hertz / unit, _ZERO * np.sqrt(half.highest))
-        w = reduced * (reduced + 1j * width / unit)
+        damped_squares = reduced * (reduced + 1j * width / unit)  # omega^2 + i gamma omega
         numbers = np.repeat(np.arange(n_points), n_frequencies)
-        inverse = half.inverse_green(fractions, numbers, np.tile(w, n_points))
+        inverse = half.inverse_green(fractions, numbers, np.tile(damped_squares, n_points))
         diagonal = np.diagonal(np.linalg.inv(inverse), axis1=1, axis2=2).imag
         by_ball = diagonal.reshape(n_points, n_frequencies, -1, half.motions.count)
         outer_layer = by_ball[:, :, : half.per_layer].mean(axis=2)
@@ -384,7 +384,7 @@ class Surface:
         q, distances, corners, labels = self.path(npoints)
         if frequencies is None:
             self._require_memory(len(q), N_FREQUENCIES)
-            highest = float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
+            highest = float(np.sqrt(np.max(self.half_space.bands(self._read_wave_vectors(q)[0]))))
             frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, N_FREQUENCIES)
         spectrum = self.spectrum(q, frequencies, damping)
         # waves that do not leak are kept, as a figure and a data set need the same
@@ -408,7 +408,7 @@ class Surface:
         leave the edge, for flags that are not true or false, and for waves that do not fit into
         memory.
         """
-        fractions, points = self._read(q)
+        fractions, points = self._read_wave_vectors(q)
         self._require_memory(len(points), _POLES)
         waves = [self.half_space.find_waves(fractions)]
         if require("leaky", truth, leaky):
@@ -438,7 +438,7 @@ class Surface:
         :class:`~granphon.base.errors.PrecisionError` for a wave so near to an edge of a band that
         it cannot be told from waves of the bulk.
         """
-        fractions, _ = self._read(q)
+        fractions, _ = self._read_wave_vectors(q)
         waves = self.branches(q)
         squares = (waves.frequencies / self._frequency) ** 2
         warnings = network_warnings(self.network)
@@ -479,7 +479,7 @@ class Surface:
         bands, one that no wave of the edge has, and where the wave enters the bands.
         """
         start = positive("frequency", frequency, "Hz")
-        points = self._read(q)[1]
+        points = self._read_wave_vectors(q)[1]
         continuum = self.continuum(q)
         branches = self.branches(q)
         bottoms, tops = continuum[0].T
@@ -518,7 +518,7 @@ class Surface:
         """
         half_space = self.half_space
         n_below = whole_number("below", below, 1, half_space.size - 1)
-        points = self._read(q)[0]
+        points = self._read_wave_vectors(q)[0]
         return np.array([find_zak_phase(half_space, point, n_below) for point in points])
 
     def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
@@ -528,7 +528,7 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations
         as balls have motions (an isostatic lattice), and where det C vanishes.
         """
-        points = self._read(q)[0]
+        points = self._read_wave_vectors(q)[0]
         return np.array([find_winding(self.half_space, point) for point in points], np.intp)
 
     def velocity(self, direction: ArrayLike | None = None) -> float:
@@ -589,7 +589,7 @@ def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
 
 def observe_surface(
     states: Sequence[State],
-    different: Sequence[State],
+    distinct_states: Sequence[State],
     axis: Any,
     edge: str | Wall,
     points: int,
@@ -601,16 +601,16 @@ def observe_surface(
     :meth:`Surface.path` with ``points`` in each segment, nan where a wave vector has fewer waves;
     the path itself, "surface_qpoint" (n, n_q, 3) and "surface_distance" (n, n_q); and where there
     is a long wave "surface_velocity" (n,), m/s, along the first segment of the path. ``axis`` and
-    ``edge`` are those of :class:`Surface`. ``different`` are the states, or the first state if all
-    have one lattice in reduced units.
+    ``edge`` are those of :class:`Surface`. ``distinct_states`` are the ``states``, or the first
+    state alone if all have one lattice in reduced units.
     """
-    surfaces = [state.cached(Surface, axis, edge) for state in different]
+    surfaces = [state.cached(Surface, axis, edge) for state in distinct_states]
     paths = [surface.path(points) for surface in surfaces]
     q = paths[0][0]
     branches = [surface.along_path(points) for surface in surfaces]
     # from the units of the surfaces to those of the states
     of_states = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
-    of_surfaces = [[state.scales.frequency, state.scales.velocity] for state in different]
+    of_surfaces = [[state.scales.frequency, state.scales.velocity] for state in distinct_states]
     frequency_ratio, velocity_ratio = (of_states / of_surfaces).T
     frequencies, weights = _tabulate_waves(branches, len(q))
     distances = np.array([path[1] for path in paths])

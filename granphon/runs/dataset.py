@@ -83,7 +83,7 @@ Array = NDArray[Any]
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
-_UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
+_UNEVEN = ("surface_wave", "gap", "branch", "response_peak")
 #: name of the attribute that says of each medium, by its label, whether its states have finite
 #: overlap, null if some have it and others have not; a JSON text
 OVERLAP_OF_MEDIA = "finite_overlap_of_media"
@@ -508,9 +508,11 @@ def find_dataset(result: Any) -> Dataset | None:
 
 
 def find_wave_errors(data: Dataset | None, of: str = "frequency") -> Any:
-    """Return the standard errors (n,) of the n waves of an edge in a ``data`` set of one state:
-    ``of`` their "frequency", Hz, or of another of their numbers, such as "weight". None without a
-    data set, or if it has no such errors.
+    """Return the standard errors (n,) of one number of each of the n waves of an edge in a ``data``
+    set of one state; None without a data set, or if it has no such errors.
+
+    ``of`` is the number whose errors are returned: "frequency", Hz, or another number that waves of
+    an edge have, such as "weight".
     """
     name = f"surface_{of}_error"
     if data is None or name not in data:
@@ -522,8 +524,10 @@ def find_wave_errors(data: Dataset | None, of: str = "frequency") -> Any:
 
 def find_energy_errors(motion: Any, data: Dataset | None) -> dict[str, Any]:
     """Return the standard errors (n,), J, of the energies of a ``motion`` at its n times, by the
-    names of its attributes. Empty if the motion is that of one of several samples, as the ``data``
-    set then has the means over the samples and their errors.
+    names of its attributes.
+
+    The mapping is empty without a data set, and if the motion is that of one of several samples:
+    the errors of the ``data`` set are then those of the means over the samples.
     """
     if data is None or not np.array_equal(data["motion_stored"].values.ravel(), motion.stored):
         return {}
@@ -549,10 +553,10 @@ def list_finite_overlap(dataset: Dataset) -> list[bool | None]:
     Where a data set does not tell this of a medium, its attribute ``finite_overlap`` tells it of
     all media; without this attribute no state has finite overlap.
     """
-    everywhere = bool(dataset.attrs.get("finite_overlap", 0))
-    of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
+    default = bool(dataset.attrs.get("finite_overlap", 0))
+    overlap_of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
     labels = np.atleast_1d(dataset["medium"].values).astype(str)
-    return [of_media.get(label, everywhere) for label in labels.tolist()]
+    return [overlap_of_media.get(label, default) for label in labels.tolist()]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
@@ -573,9 +577,9 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     identity["versions"] = {name: all_versions[name] for name in packages()}
     parameters = {*LOAD_KINDS, *SWEPT, "direction"}
     # a name with a point is a parameter of a medium
-    swept = [name for name in frame.coords if name in parameters or "." in str(name)]
-    path = [name for name in ("labels", "qpoints") if name in frame]
-    for name in swept + path:
+    swept_names = [name for name in frame.coords if name in parameters or "." in str(name)]
+    path_names = [name for name in ("labels", "qpoints") if name in frame]
+    for name in swept_names + path_names:
         # where the values of a coordinate are labels, an attribute holds what the labels stand for
         values = frame[name].attrs.get("values")
         if values is None:
@@ -618,7 +622,11 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     if "sensitivities" in grid.request.observe:
-        frame = _label_sensitivities(frame, grid, variables, edge_waves)
+        # imported here: other runs do not need derivatives
+        from granphon.runs.sensitivities import NAME
+
+        labels, variables[NAME] = _label_sensitivities(grid, variables[NAME], edge_waves)
+        frame = frame.assign_coords(labels)
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
         frame.drop_vars(list(along_path))
@@ -629,8 +637,9 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
 
 
 def _join_edge_waves(grid: Grid, results: Sequence[TaskResult]) -> list[str]:
-    """Join, in place, the derivatives of the waves of an edge to those of the other quantities, and
-    return the names of these waves; empty of a run without derivatives.
+    """Add the derivatives of the waves of an edge to those of the other quantities in each of the
+    ``results``, which are changed in place. Return the names of these waves; empty for a run
+    without derivatives.
     """
     if "sensitivities" not in grid.request.observe:
         return []
@@ -640,29 +649,32 @@ def _join_edge_waves(grid: Grid, results: Sequence[TaskResult]) -> list[str]:
 
 
 def _label_sensitivities(
-    frame: Dataset, grid: Grid, variables: dict[str, Any], edge_waves: list[str]
-) -> Dataset:
-    """Return the ``frame`` with the names of the quantities, among which are those of
-    ``edge_waves``, and of the parameters as coordinates of the derivatives, the last two axes of
-    the variable ``sensitivity``.
+    grid: Grid, derivatives: tuple[tuple[str, ...], Array, dict[str, str]], edge_waves: list[str]
+) -> tuple[dict[str, Array], tuple[tuple[str, ...], Array, dict[str, str]]]:
+    """Return the labels of the last two axes of the variable ``derivatives``, by dimension, and the
+    variable.
 
-    Quantities and parameters of which no state has a derivative are taken out of the names, and, in
-    place, of the ``variables``.
+    A variable consists of dimensions, values and attributes. The values are (..., quantities,
+    parameters). The labels are the names of the quantities, the last of which are ``edge_waves``,
+    and the names of the parameters. Quantities and parameters of which no state has a derivative
+    are left out of the labels and of the values that are returned.
     """
-    from granphon.runs.sensitivities import NAME, Parameters, list_quantities
+    from granphon.runs.sensitivities import Parameters, list_quantities
 
     request = grid.request
     balls = grid.cases[0].packing
     quantities = list_quantities(balls, has_cutoffs="cutoffs" in request.observe)
     parameters = Parameters(balls, grid.load, request.surface).names
-    dims, values, attributes = variables[NAME]
-    for axis, labels in ((-2, [*quantities, *edge_waves]), (-1, parameters)):
-        other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
-        is_known = np.any(np.isfinite(values), axis=other_axes)
-        values = np.compress(is_known, values, axis=axis)
-        frame = frame.assign_coords({dims[axis]: np.array(labels)[is_known]})
-    variables[NAME] = dims, values, attributes
-    return frame
+    dims, values, attributes = derivatives
+    state_axes = tuple(range(values.ndim - 2))
+    is_known = np.any(np.isfinite(values), axis=state_axes)  # (quantities, parameters)
+    has_derivatives = np.any(is_known, axis=1)
+    can_change = np.any(is_known, axis=0)
+    labels = {
+        dims[-2]: np.array([*quantities, *edge_waves])[has_derivatives],
+        dims[-1]: np.array(parameters)[can_change],
+    }
+    return labels, (dims, values[..., has_derivatives, :][..., can_change], attributes)
 
 
 def _stack(
@@ -689,7 +701,7 @@ def _stack(
 
 
 def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add, in place, the standard errors that some ``results`` lack and others have.
+    """Add to the ``results``, in place, the standard errors that some of them lack and others have.
 
     The error at a load is zero for a medium that samples nothing and for equal balls. For simulated
     arrays of balls that differ the error is not known, as of a single sample, and is nan.
@@ -714,8 +726,8 @@ def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
 
 
 def _pad_uneven(results: Sequence[TaskResult]) -> None:
-    """Pad, in place and with nan, the variables of which some states have fewer values than
-    others, so that the values of all cases have the same shape.
+    """Pad the variables of which some states have fewer values than others with nan, so that the
+    values of all cases have the same shape. The ``results`` are changed in place.
     """
     if len(results) == 1:
         return
@@ -723,7 +735,7 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
         name
         for result in results
         for name in result
-        if (entry := CATALOGUE.get(name)) and entry.dims[-1:] in _UNEVEN
+        if (entry := CATALOGUE.get(name)) and entry.dims and entry.dims[-1] in _UNEVEN
     }
     for name in uneven_names:
         results_with_name = [result for result in results if name in result]
@@ -762,35 +774,37 @@ def _fill_missing(
     modulus and the shear modulus, or on a chain (``periods`` 1) the bulk modulus alone. A variable
     is left out with its standard error.
     """
-    # a value of each variable that may be nan, from the first result with the variable
+    # values of each variable that may be nan, from the first result with the variable
     examples = {
-        name: value
+        name: values
         for result in reversed(results)
-        for name, value in result.items()
+        for name, values in result.items()
         if _may_be_missing(name)
     }
-    left_out = {
+    omitted_names = {
         name
         for name in ("bulk", "shear", "anisotropy")
         if any("tensor" in result and name not in result for result in results)
     }
     # a chain has no shear modulus that the tensor would have to stand for
-    may_lack = {"shear", "anisotropy"} if periods == 1 else {"anisotropy"}
-    if "bulk" in examples and left_out <= may_lack:
-        left_out.add("tensor")
-    left_out |= {f"{name}_error" for name in left_out}
-    filled = list[TaskResult]()
+    dispensable_names = {"shear", "anisotropy"} if periods == 1 else {"anisotropy"}
+    if "bulk" in examples and omitted_names <= dispensable_names:
+        omitted_names.add("tensor")
+    omitted_names |= {f"{name}_error" for name in omitted_names}
+    filled_results = list[TaskResult]()
     sentences = list[str]()
     for result in results:
         nans = {
             name: np.full_like(example, np.nan)
             for name, example in examples.items()
-            if name not in result and name not in left_out
+            if name not in result and name not in omitted_names
         }
-        remaining = {name: value for name, value in result.items() if name not in left_out}
-        filled.append(remaining | nans)
+        values_of_result = {
+            name: values for name, values in result.items() if name not in omitted_names
+        }
+        filled_results.append(values_of_result | nans)
         sentences.append(_explain_missing(result, list(nans)))
-    return filled, sentences
+    return filled_results, sentences
 
 
 def _explain_missing(result: TaskResult, missing: Sequence[str]) -> str:
@@ -812,7 +826,7 @@ def _explain_missing(result: TaskResult, missing: Sequence[str]) -> str:
 
 
 def _may_be_missing(name: str) -> bool:
-    """Whether a variable may be nan in the cases of a sweep that lack it, while others have it."""
+    """Whether a variable is nan in the cases of a sweep that lack it, if other cases have it."""
     return name == "pressure" or _find_cost(name) in ("velocities", *WAVE_COSTS)
 
 
@@ -924,9 +938,9 @@ def _write_states(dataset: Dataset, path: Path) -> None:
 
 
 def _digest_values(values: Array) -> tuple[str, Any]:
-    """Return the type of ``values`` in words, and, for texts, a list of the texts, for numbers
-    their sha256 in hexadecimal digits. Neither the byte order of numbers nor the stored length of
-    texts counts.
+    """Return the type of ``values`` in words, and what stands for the values in a digest: the list
+    of them if they are texts, their sha256 in hexadecimal digits if they are numbers. Neither the
+    byte order of numbers nor the stored length of texts counts.
     """
     if values.dtype.kind in "OUT":
         return "text", values.astype(str).tolist()
@@ -959,8 +973,8 @@ def write_waves(
     """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
     those of the states, with a row for each of their points in every state.
 
-    With ``numbered``, for dimensions ``wave_dims`` without coordinates in the data set, columns of
-    their indices, from zero, tell rows apart.
+    ``numbered`` is for ``wave_dims`` without coordinates in the data set: columns of their indices,
+    from zero, then tell rows apart.
     """
     dims = (*dataset["valid"].dims, *wave_dims)
     if numbered:

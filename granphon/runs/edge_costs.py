@@ -19,9 +19,10 @@ from granphon.waves.settings import SurfaceSettings
 
 #: for each dimension the lattice of the crystals that are timed
 LATTICES = {1: "chain", 2: "triangular", 3: "fcc"}
-#: most balls of a layer of the crystal whose waves of an edge are timed, and the power of their
-#: number with which this time grows, as measured from 4 to 16 balls
+#: greatest number of balls in a layer of the crystal whose waves of an edge are timed
 _TIMED_LAYER = 4
+#: power of the number of balls in a layer with which this time grows, as measured from 4 to 16
+#: balls
 _GROWTH = 3.0
 #: number of segments of the path along an edge, by the number of periods along it
 _SEGMENTS = (0, 1, 3)
@@ -33,29 +34,30 @@ _TIMED_FREQUENCIES = 128
 
 
 def estimate_edge(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cost:
-    """Return the estimated memory and time of the waves of an edge along its path, of the states of
-    a medium that simulates no arrays, at all its loads.
+    """Return the estimated memory and time of the waves of an edge along its path, at all loads of
+    a medium that simulates no arrays.
     """
     from granphon.phonons.surfaces import estimate_waves_memory
 
     balls = serving.packing
     n_points = _count_points(serving, settings)
     n_motions = balls.ball_motions.count * balls.structure.n_balls
+    # a search of all corners is timed, and takes as long as one of so many other points
     n_searches = serving.load.size * n_points / _CORNERS[balls.structure.dimension - 1]
-    units = costs.Units(n_searches, partial(measure_corners, *_list_measured(serving)))
+    units = costs.Units(n_searches, partial(measure_corners, *_describe_layer(serving)))
     words = f"waves of an edge at {n_points:,} wave vectors"
     memory = estimate_waves_memory(n_motions, n_points)
     return costs.Cost(memory, units=(units,), parts=(words,))
 
 
 def estimate_map(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cost:
-    """Return the estimated time of the spectra of an edge along its path, of the one state of a
-    medium that simulates no arrays.
+    """Return the estimated time of the spectra of an edge along its path, for a medium that
+    simulates no arrays and has one load.
     """
     from granphon.phonons.surfaces import N_FREQUENCIES
 
     n_points = _count_points(serving, settings)
-    measure = partial(_measure_spectrum, *_list_measured(serving))
+    measure = partial(_measure_spectrum, *_describe_layer(serving))
     words = f"spectra of an edge at {n_points:,} wave vectors"
     return costs.Cost(units=(costs.Units(n_points * N_FREQUENCIES, measure),), parts=(words,))
 
@@ -66,9 +68,9 @@ def _count_points(serving: ServingMedium, settings: SurfaceSettings) -> int:
     return 1 + n_segments * (settings.points - 1)
 
 
-def _list_measured(serving: ServingMedium) -> tuple[int, int, bool]:
-    """Return what the time of an edge depends on: the dimension, the number of balls in a layer,
-    and whether there is friction.
+def _describe_layer(serving: ServingMedium) -> tuple[int, int, bool]:
+    """Return what the time of the waves of an edge depends on: the dimension, the number of balls
+    in a layer, and whether there is friction.
     """
     structure = serving.packing.structure
     return structure.dimension, structure.n_balls, serving.packing.friction
@@ -113,8 +115,8 @@ def _measure_spectrum(dimension: int, n_balls: int, friction: bool) -> float:
 
 
 def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, int]:
-    """Return the free edge of a crystal that is timed, across its last axis, and the number of
-    balls in a layer: ``n_balls``, or :data:`_TIMED_LAYER` if that is less.
+    """Return the free edge, across the last axis, of a crystal that is timed, and the number of
+    balls in a layer of this crystal: ``n_balls``, but at most :data:`_TIMED_LAYER`.
     """
     from granphon.phonons.surfaces import Surface  # others do not need surfaces
 
@@ -125,8 +127,8 @@ def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, in
 
 
 def make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crystal:
-    """Return a crystal of equal balls that is timed, without a load, of ``cells`` along its
-    periods.
+    """Return a crystal of equal balls, without a load, whose times are measured; it has ``cells``
+    along each of its periods.
     """
     ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
     return Crystal.on(LATTICES[dimension], [ball], friction=friction).repeat(cells)

@@ -296,12 +296,12 @@ class _Work:
         suspects = {index for index, losses in self.losses.items() if losses >= MOST_LOSSES - 1}
         return not suspects.isdisjoint(chain([self.waiting[0]], *self.running.values()))
 
-    def _name_suspects(self, following: int) -> str:
+    def _name_suspects(self, next_index: int) -> str:
         """Return words for the tasks with which workers were lost: the name of the first of them,
-        and how many others there are. If no worker was lost, return the name of the task
-        ``following``, an index.
+        and how many others there are. If no worker was lost, return the name of the task of the
+        index ``next_index``.
         """
-        suspects = sorted(self.losses) or [following]
+        suspects = sorted(self.losses) or [next_index]
         name = str(self.tasks[suspects[0]].where)
         if len(suspects) == 1:
             return name

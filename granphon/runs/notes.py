@@ -126,28 +126,31 @@ def _find_force_unit(case: Case) -> str:
 
 
 def _find_place(entry: CaseNotes, check: Check) -> str:
-    """Return in words the loads at which a condition on the case of an entry fails; an empty text
-    if these are none or all of the loads, if they are not known, or if the condition's own text
-    names them.
+    """Return in words the loads at which a condition on the case of an entry fails. The text is
+    empty if the condition fails at none or at all of the loads, if the loads are not known, or if
+    the condition's own text names them.
     """
-    failing = entry.find_failing(check)
-    # the text of a condition on the medium names contact forces, the loads if these are given so
+    failing_loads = entry.find_failing(check)
+    # the text of a condition on the medium names forces of contacts: the loads, if they are given
+    # as these forces
     is_given_as_force = entry.case.load.kind == "force" and entry.case.written.load is None
     text_names_loads = check.name == "medium" and is_given_as_force
-    if failing is None or not 0 < failing.size < entry.n_loads or text_names_loads:
+    if failing_loads is None or text_names_loads:
         return ""
-    return _describe_loads(entry.case, failing)
+    if not 0 < failing_loads.size < entry.n_loads:
+        return ""
+    return _describe_loads(entry.case, failing_loads)
 
 
-def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]) -> str:
+def _tell_check(failures: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]) -> str:
     """Return the warning of one limit of a sweep, whose notes are the ``entries``.
 
-    ``failing`` holds the entries of the cases that pass the limit, each with the condition that
-    fails. The warning has the number of states beyond the limit, where they lie, the worst value,
-    and where this lies.
+    ``failures`` are pairs of the entry of a case that passes the limit and the condition that
+    fails. The warning has the number of states beyond the limit, where these states lie, the worst
+    value, and where the worst value lies.
     """
-    _entry, check = failing[0]
-    media = {entry.case.medium.label for entry, _ in failing}
+    _entry, check = failures[0]
+    media = {entry.case.medium.label for entry, _ in failures}
     all_entries = list(entries)
     if check.name == "medium":  # a limit of one medium
         all_entries = [entry for entry in entries if entry.case.medium.label in media]
@@ -155,14 +158,14 @@ def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[Ca
             (entry,) = all_entries
             return str(check.tell(_find_place(entry, check), _find_force_unit(entry.case)))
     n_states = _count_states(all_entries)
-    n_failing = sum(check.failing for _, check in failing)
+    n_failing = sum(check.failing for _, check in failures)
     share = f"at {n_failing} of {n_states} states"
     if n_failing == n_states:
         share = f"at all {n_states} states"
-    places = _describe_places(failing, all_entries)
+    places = _describe_places(failures, all_entries)
     if places:
         share += f" ({places})"
-    worst_entry, worst_check = max(failing, key=lambda pair: pair[1].excess)
+    worst_entry, worst_check = max(failures, key=lambda pair: pair[1].excess)
     worst_load = None
     if worst_entry.find_failing(worst_check) is not None:
         number = worst_check.worst_index
@@ -174,7 +177,9 @@ def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[Ca
 
 
 def _count_states(entries: Sequence[CaseNotes]) -> int:
-    """Return the number of states that the notes are about; a case may have several entries."""
+    """Return the number of states that the notes are about. A case may have several entries, whose
+    common loads count once.
+    """
     loads_of_cases: dict[str, set[int]] = {}
     for entry in entries:
         loads = range(entry.n_loads) if entry.loads is None else entry.loads.tolist()
@@ -183,18 +188,20 @@ def _count_states(entries: Sequence[CaseNotes]) -> int:
 
 
 def _describe_places(
-    failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]
+    failures: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]
 ) -> str:
     """Return in words where the states beyond a limit lie: the media, the values of parameters and
-    the loads of the entries ``failing``, each left out where it is all that the ``entries`` have.
+    the loads. ``failures`` are those of :func:`_tell_check`.
 
-    Loads are also left out if they are not known of one of the ``failing`` entries.
+    Media are left out if the states beyond the limit have all the media of the ``entries``; so are
+    the values of a parameter, and the loads. Loads are also left out if the loads of one of the
+    ``failures`` are not known.
     """
-    words = [_describe_values([entry.values for entry, _ in failing], entries)]
-    loads_of_entries = [entry.find_failing(check) for entry, check in failing]
+    words = [_describe_values([entry.values for entry, _ in failures], entries)]
+    loads_of_entries = [entry.find_failing(check) for entry, check in failures]
     known_loads = [loads for loads in loads_of_entries if loads is not None]
     if len(known_loads) == len(loads_of_entries):
-        case = failing[0][0].case
+        case = failures[0][0].case
         failing_loads = np.unique(np.concatenate(known_loads))
         if failing_loads.size < case.load.size:
             words.append(_describe_loads(case, failing_loads))
@@ -202,9 +209,10 @@ def _describe_places(
 
 
 def _describe_worst(entry: CaseNotes, index: int | None, entries: Sequence[CaseNotes]) -> str:
-    """Return in words where the worst of several states lies: the medium and the parameters of the
-    ``entry``, where these differ among the ``entries``, and the load number ``index``, unless the
-    number is None, not known, or there is one load.
+    """Return in words where the worst of several states lies: those of the medium and the
+    parameters of its ``entry`` that differ among the ``entries``, and the load number ``index``.
+    The load is left out if ``index`` is None, for a load that is not known, and if there is one
+    load.
     """
     words = []
     for name, text in entry.values.items():
@@ -221,8 +229,8 @@ def _write_value(name: str, text: str) -> str:
 
 
 def _describe_values(values: Sequence[Mapping[str, str]], entries: Sequence[CaseNotes]) -> str:
-    """Return in words the ``values``, by name, of the medium and the parameters of some cases; a
-    name of which all values of the ``entries`` are among them is left out.
+    """Return in words the ``values``, by name, of the medium and the parameters of some cases. A
+    name is left out if these cases have all the values that the ``entries`` have of it.
     """
     words = []
     for name in values[0]:

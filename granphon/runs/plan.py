@@ -1,8 +1,8 @@
-"""The plan of many states: their cases, the media that serve the loads, what can be carried out,
-memory and time, and the work itself.
+"""The plan of many states: which cases there are, which media serve their loads, whether the work
+can be carried out, how much memory and time it takes, and the work itself.
 
-Reading, checking, running and estimating the cost of a scene, and a sweep in Python, all use a
-plan, so that nothing is computed twice.
+A scene is read, checked, estimated and run by one plan, so that nothing is computed twice. A sweep
+in Python has a plan too.
 """
 
 from __future__ import annotations
@@ -73,30 +73,33 @@ if TYPE_CHECKING:
     from granphon.waves.waves import Waves
 
 
-#: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
-#: its cost
+#: a part of the work, as three entries: the path of the key that asks for the part, a sentence that
+#: says how the user can make the part smaller, and the cost of the part
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: the path of the key by which the cost of an edge is known
+#: the path of the key at which the cost of the waves of an edge stands
 PLACE_OF_EDGE = ("surface", "points")
-#: greatest number of cases that are all checked; of more cases, only the ends of the axes are
+#: greatest number of cases that are all checked; of more cases, only those at the ends of the axes
+#: are checked
 MOST_CASES = 100
 #: greatest number of states that are all solved by a survey; of more states, the survey solves the
 #: ends of the axes and loads
 MOST_STATES = 20_000
-#: most balls of a network whose product with a vector is timed
+#: number of balls up to which a cell is repeated, about, before the product of its dynamical matrix
+#: with a vector is timed
 _PRODUCT_BALLS = 2000
 #: greatest number of balls of an array whose waves are checked when a scene is read
 QUICK_BALLS = 100_000
-#: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found
-#: when a scene is read
+#: greatest number of balls, of all samples and cases together, that are brought to rest at the
+#: start of a loading when a scene is read
 QUICK_STARTS = 5_000
-#: random vectors of a density of states: ten, each cut into translations and rotations
+#: greatest number of vectors of a density of states: the translations and the rotations of each of
+#: ten random vectors
 _DOS_VECTORS = 20.0
 
 
 class Places:
-    """Where errors stand in what the user wrote; of a sweep in Python nowhere, so that errors pass
-    unchanged. The source of a scene derives from this class.
+    """The places of errors in what the user wrote. This class is that of a sweep in Python, in
+    which errors have no places and pass unchanged; the source of a scene derives from it.
     """
 
     def at(self, *path: str | int, prefix: str = "") -> AbstractContextManager[None]:
@@ -129,12 +132,15 @@ NOWHERE = Places()
 def list_parameters_of_branches(
     packing: Balls, parameters: Iterable[tuple[str, Sequence[Any]]]
 ) -> list[str]:
-    """Return the names of those of the swept ``parameters`` of a ``packing``, pairs of name and
-    values, on which the number of branches or the Brillouin zone depends: bands are not swept over
-    these.
+    """Return the names of the swept parameters on which the number of branches or the Brillouin
+    zone depends. Bands are not swept over these.
+
+    ``parameters`` are pairs of the name and the values of a swept parameter, and ``packing`` is the
+    packing before any of them is changed.
     """
-    changing = []
+    names = []
     for name, values in parameters:
+        # the motions of balls, which the number of branches follows, at the values of the parameter
         motions = set[Any]()
         if name in ("motions", "torsion", "bending"):
             # a value that the packing cannot have is refused later, with its place
@@ -142,16 +148,20 @@ def list_parameters_of_branches(
                 packings = [change_packing(packing, {name: value}) for value in values]
                 motions = {changed.ball_motions for changed in packings}
         if name in ("friction", "lattice") or len(motions) > 1:
-            changing.append(name)
-    return changing
+            names.append(name)
+    return names
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedCase:
-    """A case of a plan, whose errors have places: one medium on one packing, at all loads.
+    """A case of a plan, one medium on one packing at all loads, with the places of its errors.
 
-    The load of the ``case`` is a load of the contacts: a force, pressure or overlap; ``written`` is
-    the kind of load that the user gives, which may be a side force instead.
+    Attributes
+    ----------
+    case : the case.
+    written : the kind of load that the user gives. It is the kind of the load of the ``case``, or a
+        side force, from which the force of the contacts follows.
+    places : where errors stand in what the user wrote.
     """
 
     case: Case
@@ -205,18 +215,19 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
                 if serving.is_quick:
+                    # the case keeps its state under the first load
                     state = self.case.solve(index) if index else self.case.state
                     if self.case.packing.repeats:
                         state.contact_lattice()  # raises for a lattice that is not rigid
         return True
 
     def require_start(self, most: float) -> float:
-        """Raise GranphonError if a load is below the start of a loading with friction, and return
-        how many balls may still be looked at.
+        """Raise GranphonError if a load is below the start of a loading with friction.
 
         A start that is given by another kind of load, say an overlap where the loads are forces,
         must be solved for before the two can be compared. This is done for at most ``most`` balls,
-        in all samples together; larger samples are left out.
+        all samples of the case together; a medium with more balls is left out. Returns how many of
+        the ``most`` balls remain for other cases.
         """
         n_remaining = most
         for serving in self.serving_media:
@@ -239,8 +250,8 @@ class PlannedCase:
 
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
-    """Return the conditions of validity on those states of a case that are quick to find, joined
-    over the media, with the indices of the loads of these states.
+    """Return the notes on those states of a case that are quick to find: the conditions of
+    validity, each joined over the media, and the indices of the loads of these states.
     """
     checks: dict[Any, Check] = {}
     loads = []
@@ -465,10 +476,10 @@ class Plan:
         if waves is None:
             return
         has_only_dos = waves.spectrum is None and waves.pulse is None and not waves.of_networks
-        if has_only_dos:  # which any array has
+        if has_only_dos:  # any array has a density of states
             return
         # imported here: not all scenes need waves
-        from granphon.runs.wave_records import require_network, require_waves
+        from granphon.runs.wave_records import require_friction, require_network, require_waves
 
         for planned in self.checked_cases:
             named = partial(self._name_case, planned.case)
@@ -480,6 +491,11 @@ class Plan:
                 require_waves(planned.serving_media, replace(waves, pulse=None), most)
             with self.places.at("pulse"), named():
                 require_waves(planned.serving_media, replace(waves, spectrum=None), most)
+        cases = [planned.serving_media for planned in self.checked_cases]
+        for settings in waves.of_networks:
+            if isinstance(settings, MotionSettings):
+                with self.places.at(settings.block, "friction_coefficient"):
+                    require_friction(cases, settings, most)
 
     @contextmanager
     def _name_case(self, case: Case) -> Iterator[None]:
@@ -550,7 +566,8 @@ class Plan:
 
     @cached_property
     def surveyed_cases(self) -> tuple[PlannedCase, ...]:
-        """The cases of a survey: all, or those at the least and the greatest load and value of each
+        """The cases of a survey: all, or, of more than :data:`MOST_CASES` cases or
+        :data:`MOST_STATES` states, those at the least and the greatest load and value of each
         numeric parameter.
         """
         if self.is_surveyed_whole:
@@ -567,8 +584,8 @@ class Plan:
         return self._plan_cases(grid)
 
     def collect(self, names: Sequence[str]) -> dict[str, Any]:
-        """Return numbers of all states of the :attr:`surveyed_cases`, attributes of states in SI
-        units, arrays (n,) by their ``names``; empty if some states are not quick to find.
+        """Return the attributes ``names`` of all n states of the :attr:`surveyed_cases`, as arrays
+        (n,) by name, in SI units; an empty mapping if some states are not quick to find.
         """
         cases = self.surveyed_cases
         if not all(serving.is_quick for planned in cases for serving in planned.serving_media):
@@ -580,13 +597,12 @@ class Plan:
         }
 
     def survey(self) -> tuple[Iterator[CaseNotes], str]:
-        """Return the notes on the cases whose states are quick to find, which are solved as the
-        iterator comes to them, and words for the states that are left out; an empty text for none.
-        The notes are conditions of validity.
+        """Return an iterator over notes on the :attr:`surveyed_cases`, and words for the states
+        that are left out, an empty text for none.
 
-        Simulations and effective media of long lists are left out. If there are more than 100
-        combinations of medium and packing, or more than 20 000 states, so are all but those at the
-        least and the greatest load and value of each numeric parameter.
+        The notes of a case are the conditions of validity on its states that are quick to find. The
+        states are solved as the iterator comes to their case. Simulations and effective media of
+        long lists are left out, and so are all states that are not among the surveyed cases.
         """
         left_out = list[str]()
         cases = self.surveyed_cases
@@ -643,9 +659,10 @@ class Plan:
         """Compute every state as one data set; arguments and errors are those of
         :func:`granphon.runs.sweep.sweep`.
 
-        A load that cannot be carried raises :class:`~granphon.base.errors.SceneError` if a scene
-        was read from a file, and one that a computation does not reach
-        :class:`~granphon.base.errors.ConvergenceError`.
+        Raises :class:`~granphon.base.errors.InputError` for a load that cannot be carried, as a
+        :class:`~granphon.base.errors.SceneError` if a scene was read from a file; and
+        :class:`~granphon.base.errors.ConvergenceError` for a load that a computation does not
+        reach.
         """
         require_executor(executor)
         require_progress(progress)
@@ -761,8 +778,9 @@ class Plan:
         ]
 
     def _add_over_cases(self, works: list[Cost]) -> Cost:
-        """Return the cost of a part of the work in all cases, done one after the other, from the
-        costs ``works`` of this part in the :attr:`checked_cases`.
+        """Return the cost of a part of the work in all cases, done one after the other. ``works``
+        are the costs of this part in the :attr:`checked_cases`, in which a case may have several or
+        none.
 
         If only the cases at the ends of axes are checked, every case is taken to have as many works
         as the checked cases have in the mean, each as large as the largest of ``works``.
@@ -799,7 +817,7 @@ class Plan:
             ]
             total = self._add_over_cases(works)
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
-        return ("medium",), mend, replace(total, parts=total.parts[:1])
+        return ("medium",), mend, _describe_once(total)
 
     def _cost_derivatives(self) -> list[CostPart]:
         """Return the part of the work that finds derivatives by parameters of states that are no
@@ -821,7 +839,7 @@ class Plan:
             return []
         total = self._add_over_cases(works)
         mend = "Take fewer loads, values or balls, or leave sensitivities out"
-        return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
+        return [(("observe",), mend, _describe_once(total))]
 
     @property
     def _ordered_media(self) -> list[ServingMedium]:
@@ -848,7 +866,7 @@ class Plan:
             "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser"
             " resolution (spectrum)"
         )
-        return ("medium",), mend, replace(total, parts=total.parts[:1])
+        return ("medium",), mend, _describe_once(total)
 
     def _cost_packings(self) -> list[CostPart]:
         """Return the part of the work that finds the sound and the waves in packings of files;
@@ -864,14 +882,14 @@ class Plan:
         ]
         total = self._add_over_cases(works)
         mend = "Observe less, or take fewer wave vectors or a coarser resolution (spectrum)"
-        return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
+        return [(("observe",), mend, _describe_once(total))]
 
     def _cost_networks(self) -> list[CostPart]:
-        """Return the parts of the work that find motions and responses of networks, if the scene
-        observes them.
+        """Return the parts of the work that find the motions and the responses of networks; a part
+        that the scene does not observe is left out.
         """
         parts: list[CostPart] = []
-        for block, estimate, fewer in (
+        for block, estimate, other_mend in (
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
             ("response", _estimate_response, "fewer response.frequencies, or give more losses"),
         ):
@@ -885,13 +903,14 @@ class Plan:
                     for serving in case.serving_media
                 ]
             total = self._add_over_cases([work for work in works if work is not None])
-            mend = f"Take fewer balls ({block}.repeat, {block}.cut), {fewer}"
-            # the words for one of the works serve for all
-            parts.append(((block,), mend, replace(total, parts=total.parts[:1])))
+            mend = f"Take fewer balls ({block}.repeat, {block}.cut), {other_mend}"
+            parts.append(((block,), mend, _describe_once(total)))
         return parts
 
     def _find_network_settings(self, block: str) -> Any:
-        """Return the settings of the ``block`` about networks; None if it is not observed."""
+        """Return the settings of a ``block`` about networks, "response", "motion" or "modes"; None
+        if the scene does not observe it.
+        """
         networks: Sequence[NetworkSettings] = self.waves.of_networks if self.waves else ()
         return next((settings for settings in networks if settings.block == block), None)
 
@@ -903,8 +922,8 @@ class Plan:
 
     @property
     def n_path_points(self) -> int:
-        """Number of wave vectors along the path of the bands, a list of pieces as scenes have it; 0
-        without bands.
+        """Number of wave vectors along the path of the bands, 0 without bands. The path is that of
+        a scene, a list of pieces.
         """
         if self.grid.request.path is None:
             return 0
@@ -937,19 +956,19 @@ class Plan:
         from granphon.phonons.paths import choose_gap_mesh  # other runs do not need it
 
         structure = self.grid.packing.structure
-        points = math.prod(choose_gap_mesh(structure.n_balls, structure.periods))
+        n_points = math.prod(choose_gap_mesh(structure.n_balls, structure.periods))
         n_states = self.n_cases * self.grid.load.size
         estimate = partial(
             costs.band_edges,
             n_states,
-            points,
+            n_points,
             self.n_branches,
             of_network=self.grid.packing.is_network,
         )
         # the edges of gaps are among the cut-offs; onsets seek the lowest edge alone
         total = estimate(of_all="cutoffs" in of_zone)
         mend = "Take fewer loads or values, or leave the edges of bands out"
-        return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
+        return [(("observe",), mend, _describe_once(total))]
 
     def _cost_waves_of_edge(self) -> list[CostPart]:
         """Return the part of the work that finds the waves of an edge; empty if the scene observes
@@ -965,7 +984,14 @@ class Plan:
             return []
         total = self._add_over_cases(works)
         mend = "Take fewer points, loads or balls"
-        return [(PLACE_OF_EDGE, mend, replace(total, parts=total.parts[:1]))]
+        return [(PLACE_OF_EDGE, mend, _describe_once(total))]
+
+
+def _describe_once(total: Cost) -> Cost:
+    """Return the cost ``total`` of works of one kind with the words for the first work alone, which
+    serve for all.
+    """
+    return replace(total, parts=total.parts[:1])
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:
@@ -979,27 +1005,28 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
     spectrum = settings.spectrum
     pulse = settings.pulse
     for force in costs.estimate_contact_force(packing, load).tolist():
-        ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
+        # equal balls at the same mean force stand for those of the samples
+        state = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         # Hz, a bound for differing balls too
-        top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency
+        top = 1.5 * state.contact_lattice().top_frequency * state.scales.frequency
         n_products = 0.0  # of the dynamical matrix with a vector, in one sample
         if settings.dos:
             n_products += _DOS_VECTORS * 0.5 * MOMENTS  # each product gives two moments
         if spectrum is not None:
             n_products += _count_spectrum_products(medium, spectrum, settings.path, top)
-        n_heard = 0.0
-        n_readings = 0.0
+        n_heard = 0.0  # products in one sample times the balls at which the pulse is read
+        n_readings = 0.0  # times at which the pulse is read times these balls, in all samples
         if pulse is not None:
-            length = _find_pulse_length(medium, ideal.network, pulse, settings.direction)
+            length = _find_pulse_length(medium, state.network, pulse, settings.direction)
             # the burst, and the pulse on three times its way
-            duration = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity  # s
+            duration = pulse.cycles / pulse.frequency + 3.0 * length / state.scales.velocity  # s
             n_steps = math.pi * top * duration  # a product for each half period of the top
             n_products += n_steps
             # the planes of balls that hear the pulse are largest across the shortest side
             n_heard = n_steps * medium.balls / min(medium.cells)
             n_readings = READINGS * pulse.frequency * duration * n_heard * medium.samples
         yield costs.array_waves(
-            partial(_measure_product, ideal.network, medium.balls),
+            partial(_measure_product, state.network, medium.balls),
             products=n_products * medium.samples,
             balls=medium.balls,
             contacts=n_contacts,
@@ -1012,9 +1039,9 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
 def _find_pulse_length(
     medium: DirectSimulation, network: ContactNetwork, pulse: PulseSettings, direction: Any
 ) -> float:
-    """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of a
-    simulation, of which ``network`` is one cell; 0 for a pulse that cannot be sent, which has a
-    note in place of numbers.
+    """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of the
+    simulation ``medium``, of which ``network`` is one cell; 0 for a pulse that cannot be sent. In
+    place of numbers such a pulse has a note, which takes no time.
     """
     # imported here: other scenes do not need it
     from granphon.waves.pulses import PulseSource
@@ -1032,9 +1059,9 @@ def _find_pulse_length(
 def _estimate_packing(
     serving: ServingMedium, settings: WaveSettings | None, has_sound: bool
 ) -> Cost:
-    """Return the estimated memory and time of the moduli and sound velocities, if the scene
-    ``has_sound``, and of the density of states, spectral functions and pulse of the packing in
-    files that a medium serves.
+    """Return the estimated memory and time of what a scene observes in the packing in files that a
+    medium serves: with ``has_sound`` the moduli and sound velocities, and the density of states,
+    spectral functions and pulse of the ``settings``; None for none of these.
     """
     # imported here: other scenes do not need it
     from granphon.runs.wave_records import find_typical_state
@@ -1051,10 +1078,12 @@ def _estimate_packing(
 
 
 def _estimate_packing_waves(waves: Waves, settings: WaveSettings) -> Iterator[Cost]:
-    """Yield the estimated memory and time of the density of states, spectral functions and pulse of
-    a packing in files.
+    """Yield the estimated memory and time of the density of states, of the spectral functions of
+    each polarisation and of the pulse of the ``settings``, in a packing in files with these
+    ``waves``.
     """
     # imported here: other scenes do not need it
+    from granphon.waves.estimates import WaveEstimate
     from granphon.waves.path_spectra import find_packing_points
     from granphon.waves.pulses import PulseSource
 
@@ -1069,10 +1098,8 @@ def _estimate_packing_waves(waves: Waves, settings: WaveSettings) -> Iterator[Co
     if pulse is not None:
         # a pulse that cannot be sent has a note in place of numbers, and takes no time
         with suppress(InputError):
-            sent = PulseSource.of(pulse, waves.network, settings.direction)
-            way = (sent.direction, sent.distance, sent.cycles, sent.polarisation)
-            ends = {"source": sent.source, "ends": sent.ends}
-            yield waves.estimate("transmit", sent.frequency, *way, **ends, **pulse.losses)
+            source = PulseSource.of(pulse, waves.network, settings.direction)
+            yield WaveEstimate(waves.operator).find_pulse(source)
 
 
 def _count_spectrum_products(
@@ -1083,20 +1110,21 @@ def _count_spectrum_products(
     """
     # each point of the path becomes the nearest wave vector that the array has, of which there are
     # as many along a leg as cells
-    points_of_leg = min(spectrum.points - 1, max(medium.cells))
-    n_vectors = points_of_leg * sum(len(piece) - 1 for piece in path)
+    n_points_of_leg = min(spectrum.points - 1, max(medium.cells))
+    n_vectors = n_points_of_leg * sum(len(piece) - 1 for piece in path)
     n_products = 0.5 * MOMENTS  # each product gives two moments
     if spectrum.resolution is not None:
-        # the resolution of M moments is pi top / 2M
+        # the resolution of M moments is pi top / 2M, and M/2 products give them
         n_products = max(n_products, 0.25 * math.pi * top / spectrum.resolution)
     # a wave is complex, so that each moment takes two products
     return 2.0 * n_products * n_vectors * len(spectrum.polarisation)
 
 
 def _measure_product(network: ContactNetwork, balls: int) -> float:
-    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector. The
-    matrix is that of ``network``, repeated to about ``balls`` balls, or to :data:`_PRODUCT_BALLS`
-    if these are fewer.
+    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector.
+
+    The matrix is that of ``network``, repeated along its periods to about as many balls as the
+    smaller of ``balls`` and :data:`_PRODUCT_BALLS`. A network that has more stays as it is.
     """
     # imported here: other scenes do not need it
     from granphon.waves.operator import make_operator
@@ -1115,7 +1143,8 @@ def _measure_product(network: ContactNetwork, balls: int) -> float:
 
 def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Cost | None:
     """Return the estimated memory and time of the responses of a medium at all its loads, in all
-    samples; None if no network is quickly found.
+    samples. None if no state of the medium is quickly found, or if the network, repeated and cut,
+    has more than :data:`QUICK_BALLS` balls.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
@@ -1140,7 +1169,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
     is_factorised, seconds = work.choose(None)
     cost_of_network = costs.response(
         partial(_measure_product, state.network, network.n_balls),
-        products=seconds / work.step_time,
+        products=seconds / work.step_time,  # the time of factors is counted in products too
         balls=network.n_balls,
         contacts=network.n_contacts,
         frequencies=len(settings.frequencies),
@@ -1173,8 +1202,8 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
         if any(network.pbc):
             few_cells = network.repeat((3,) * sum(network.pbc))
         step = make_waves(state, few_cells, settings).find_step(**settings.extremes)
-    steps_of_frame = math.ceil(settings.duration / (settings.frames - 1) / step)
-    n_steps = steps_of_frame * (settings.frames - 1)
+    n_steps_of_frame = math.ceil(settings.duration / (settings.frames - 1) / step)
+    n_steps = n_steps_of_frame * (settings.frames - 1)
     require_steps(n_steps)
     n_balls = n_cells * network.n_balls
     cost_of_motion = costs.motion(
@@ -1213,7 +1242,7 @@ def _load_finished_sweep(run: SweepRun, path: Path) -> Dataset | None:
     if not is_whole(path.parent, file_names(path)):
         return None
     earlier_sweep = load_sweep(path)
-    # through JSON and back, as tuples, for one, come back as lists from a file
+    # through JSON and back, as what was read from a file has lists in place of tuples
     identity = json.loads(to_json(collect_identity(run.frame)))
     return earlier_sweep if collect_identity(earlier_sweep) == identity else None
 
@@ -1229,12 +1258,12 @@ def _name_incomplete_files(name: str) -> list[str]:
 def keep_incomplete(
     error: GranphonError, files: ResultFiles, name: str, store: Store | None
 ) -> GranphonError:
-    """Write the data set that an ``error`` has ``reached`` into the locked folder of ``files``,
-    clear the ``store``, if one is given, and return the error with the names of the files in its
-    message.
+    """Write the data set that is the ``reached`` of an ``error`` into the locked folder of
+    ``files``, clear the ``store``, if one is given, and return an error whose message ends with the
+    names of the files that were written.
 
-    ``name`` is the name of the file of the whole sweep. If the files cannot be written, the store
-    is not cleared, and the error is returned as it is.
+    ``name`` is the name of the file that the whole sweep would have. If the files cannot be
+    written, the store is not cleared, and ``error`` is returned as it is.
     """
     names = _name_incomplete_files(name)
     n_loads = error.reached.sizes["load"]

@@ -1,5 +1,5 @@
-"""What velocities, moduli, cut-off frequencies and waves of an edge depend on, by the parameters of
-the balls and their load: the variable ``sensitivity`` of a data set.
+"""How velocities, moduli, cut-off frequencies and waves of an edge depend on the parameters of the
+balls and on their load: the variable ``sensitivity`` of a data set.
 """
 
 from __future__ import annotations
@@ -47,31 +47,34 @@ _OF_EDGE = "edge_sensitivity"
 _CORNERS = "edge_corners"
 #: name of the quantity that a wave of an edge is
 EDGE_WAVE = "surface_frequency"
-#: magnitude of a logarithmic derivative that is rounding
+#: magnitude up to which a logarithmic derivative counts as rounding of zero
 _ROUNDING = 1e-8
-#: cut-off frequency, over the highest, that is rounding of zero: the root of the precision of its
-#: square
+#: cut-off frequency, over the highest, that counts as rounding of zero: about the root of the
+#: precision with which its square is known
 _ZERO = 1e-7
 #: note on balls that are held
 _HELD = "derivatives of velocities and moduli are left out: balls that are held have none"
 #: for each dimension the power of the number of balls with which the time of the velocities and
 #: moduli of a crystal grows, as measured from 200 to 2300 balls
 _GROWTH = {1: 1.0, 2: 1.0, 3: 1.75}
-#: most balls of that crystal
+#: greatest number of balls of a crystal that is timed
 _TIMED_BALLS = 200
 
 
 def spell_quantity(name: str) -> str:
-    """Return the words for a quantity of the variable: those of the catalogue, or of a branch or a
-    wave of an edge "top of branch 3" and "edge wave 0 at X".
+    """Return the words for the quantity ``name`` of the variable: for an entry of the catalogue its
+    own words, for "cutoff_upper 3" the words "top of branch 3", and for "surface_frequency X 0" the
+    words "edge wave 0 at X".
     """
     if " " not in name:
         return CATALOGUE[name].words
-    entry, *place, number = name.split(" ")
+    entry, *letters, number = name.split(" ")
     if entry == EDGE_WAVE:
-        at_corner = f" at {place[0]}" if place else ""
+        # the end of a chain has no corner
+        at_corner = f" at {letters[0]}" if letters else ""
         return f"edge wave {number}{at_corner}"
-    return f"{'bottom' if entry == 'cutoff_lower' else 'top'} of branch {number}"
+    end = "bottom" if entry == "cutoff_lower" else "top"
+    return f"{end} of branch {number}"
 
 
 class Parameters:
@@ -79,10 +82,11 @@ class Parameters:
 
     Attributes
     ----------
-    names : those of the balls, as :func:`granphon.observables.parameters.name_parameters` has them,
-        the kind of the load, the ratio of shear to normal stiffness, and those of a wall at the
-        edge of the ``surface``, as "surface.wall.young_modulus". A wall of the material of a kind
-        changes with the kind, and has no name of its own.
+    names : the names of all parameters. First come those of the balls, which
+        :func:`granphon.observables.parameters.name_parameters` lists; then the kind of the load;
+        then the ratio of shear to normal stiffness; then the parameters of a wall at the edge of
+        the ``surface``, such as "surface.wall.young_modulus". A wall of the material of a kind of
+        ball changes with the kind, and its parameters have no names of their own.
     """
 
     def __init__(self, balls: Any, load: Load, surface: SurfaceSettings | None) -> None:
@@ -92,17 +96,17 @@ class Parameters:
         self._walls = dict[str, Wall]()
         if surface is not None and not kinds_of_walls:
             self._walls = surface.list_walls({})
-        of_walls = [".".join(pair) for pair in product(self._walls, WALL_PARAMETERS)]
-        self._of_balls = name_parameters(balls, kinds_of_walls)
-        self.names = [*self._of_balls, load.kind, MINDLIN_RATIO, *of_walls]
+        names_of_walls = [".".join(pair) for pair in product(self._walls, WALL_PARAMETERS)]
+        self._names_of_balls = name_parameters(balls, kinds_of_walls)
+        self.names = [*self._names_of_balls, load.kind, MINDLIN_RATIO, *names_of_walls]
 
     def list_known(self, load: Load, *, has_samples: bool) -> list[str]:
         """Return those of the ``names`` that can change at a ``load`` while all others stay.
 
-        With ``has_samples``, of simulated arrays, only parameters of the balls and the load are
-        among these: each sample has a network of its own, in which nothing can be changed.
+        With ``has_samples``, which is for simulated arrays, these are parameters of the balls and
+        the load alone: each sample has a network of its own, in which nothing can be changed.
         """
-        names = [*list_parameters(self._balls, load, self._of_balls)]
+        names = [*list_parameters(self._balls, load, self._names_of_balls)]
         if has_samples:
             return names
         if has_ratio(self._balls):
@@ -112,7 +116,7 @@ class Parameters:
     @cached_property
     def changes_of_states(self) -> dict[str, StateChange]:
         """The functions that change the parameters on which the balls at rest do not depend, by the
-        names of these.
+        names of the parameters. Parameters of walls that are zero are left out.
         """
         changes: dict[str, StateChange] = {MINDLIN_RATIO: change_ratio}
         for wall, parameter in product(self._walls, WALL_PARAMETERS):
@@ -148,6 +152,7 @@ def list_quantities(balls: Balls, *, has_cutoffs: bool) -> list[str]:
         name
         for name, entry in CATALOGUE.items()
         if entry.cost == "velocities"
+        # numbers of a state without axes of their own; users' observables have no derivatives here
         and not (entry.dims or entry.sampled or CATALOGUE.is_added(name))
         and (entry.unit == "m/s" or entry.per_dimension == "modulus")
     ]
@@ -173,10 +178,12 @@ def observe_sensitivities(
     ``load``; and notes on derivatives that are left out.
 
     A derivative is nan if the state does not have the quantity, if the quantity is zero, or if the
-    parameter cannot change; it is zero where it is rounding. Of many directions of sound the first
-    counts. With a ``surface`` the result has also the derivatives of the waves of its edge, at the
-    corners of the path along the edge, for :func:`join_edge_waves`. The derivatives are nan of a
-    wave that meets a band as the parameter changes; simulated arrays have no edge waves.
+    parameter cannot change. A derivative up to :data:`_ROUNDING` is zero. Velocities are those of
+    sound along ``direction``, the first if there are many, and x for None.
+
+    With a ``surface`` the result also has the derivatives of the waves of its edge, at the corners
+    of the path along the edge, for :func:`join_edge_waves`. The derivatives of a wave that meets a
+    band as the parameter changes are nan. Simulated arrays have no edge waves.
     """
     balls = serving.packing
     quantities = list_quantities(balls, has_cutoffs=has_cutoffs)
@@ -184,7 +191,7 @@ def observe_sensitivities(
     edge = None if serving.arrays else surface
 
     derivatives = np.full((load.size, len(quantities), len(parameters.names)), np.nan)
-    of_edges = list[Array]()
+    edge_tables = list[Array]()  # (parameters, corners, waves) at each load
     corners = np.zeros(0, "S")
     for index in range(load.size):
         single = load.flat[index]
@@ -205,22 +212,24 @@ def observe_sensitivities(
         derivatives[index][:, columns] = slopes[:, : len(quantities)].T
         if finder.edge_waves is not None:
             corners = np.array(finder.edge_waves.letters, "S")
-            of_edge = np.full((len(parameters.names), *finder.edge_waves.shape), np.nan)
-            of_edge[columns] = finder.edge_waves.tabulate(slopes[:, len(quantities) :])
-            of_edges.append(of_edge)
+            edge_table = np.full((len(parameters.names), *finder.edge_waves.shape), np.nan)
+            edge_table[columns] = finder.edge_waves.tabulate(slopes[:, len(quantities) :])
+            edge_tables.append(edge_table)
     result = {NAME: derivatives}
-    if of_edges:
-        result[_OF_EDGE] = np.array(pad_columns(of_edges))
+    if edge_tables:
+        result[_OF_EDGE] = np.array(pad_columns(edge_tables))
         result[_CORNERS] = np.tile(corners, (load.size, 1))
     notes = [_HELD] if balls.is_held else []
     return result, notes
 
 
 def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
-    """Join, in place, the derivatives of the waves of an edge to those of the other quantities of
-    each result, and return the names of these waves: the letter of the corner of the path, which
-    the end of a chain does not have, and the number of the wave there, from the lowest on. A wave
-    that a result does not have gets derivatives of nan there.
+    """Add the derivatives of the waves of an edge to those of the other quantities in each of the
+    ``results``, which are changed in place, and return the names of these waves.
+
+    A name holds :data:`EDGE_WAVE`, the letter of the corner of the path, and the number of the wave
+    at this corner, from the lowest on; the end of a chain has no letter. A wave that a result does
+    not have has derivatives of nan in this result.
     """
     rows_of_results = list[dict[str, Array]]()
     for result in results:
@@ -244,11 +253,13 @@ def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
 
 
 class _Quantities:
-    """The quantities of :func:`list_quantities`, of states of ``balls`` that differ little from
-    each other.
+    """The search for the ``quantities``, names of :func:`list_quantities`, of states of ``balls``
+    that differ little from each other.
 
-    A cut-off frequency does not change to first order as its wave vector moves: the wave vectors of
-    the first state serve for all.
+    Velocities are those of sound along ``direction``, the first if there are many, and x for None.
+    With ``has_cutoffs`` the names end with those of cut-off frequencies. A cut-off frequency does
+    not change to first order as its wave vector moves: the wave vectors of the first state serve
+    for all. The edge is that of the ``surface``.
 
     Attributes
     ----------
@@ -306,9 +317,9 @@ class _Quantities:
         return values
 
     def _find_long_waves(self, state: Any) -> dict[str, Any]:
-        """Return the velocities and moduli of a state by name; empty of balls that are held, and of
-        a mechanism, of which the notes on its state tell. Raises MechanismError if a state is a
-        mechanism and the first one is none.
+        """Return the velocities and moduli of a state by name; an empty mapping for balls that are
+        held, and for a mechanism. Raises MechanismError if a state is a mechanism and the first
+        state is not.
         """
         if not self._has_long_waves:
             return {}
@@ -317,6 +328,7 @@ class _Quantities:
         except MechanismError:
             if self._first is not None:
                 raise
+            # the notes on the state say that it has no velocities
             self._has_long_waves = False
             return {}
 

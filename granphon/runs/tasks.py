@@ -78,14 +78,14 @@ LATTICE_BANDS = (
 )
 #: the observables that are sought in the whole zone of wave vectors
 OF_ZONE = ("gaps", "cutoffs", "onsets")
-#: names of the marks of a result: indices of the loads that were not reached
+#: name of the mark of a result that holds the indices of the loads that were not reached
 _MISSED = "path.missed"
-#: why the path ended, a text
+#: name of the mark that says why the path ended, a text
 _WHY = "path.why"
-#: the index of the load at which the path ended, -1 where it is not known
+#: name of the mark that holds the index of the load at which the path ended, -1 if it is not known
 _END = "path.at"
 _MARKS = (_MISSED, _WHY, _END)
-#: the values of a mark of a path that did not end early
+#: what stands for a mark of a path that did not end early
 _NO_MARKS = np.zeros(0)
 #: numbers of any sample that its state averages
 _AVERAGED = (
@@ -426,17 +426,18 @@ class Grid:
 
         Values of losses and of walls change the request, and all others the packing.
         """
-        losses = {name: value for name, value in values.items() if name in LOSS_PARAMETERS}
-        walls = {name: value for name, value in values.items() if is_of_wall(name)}
-        of_balls = {name: x for name, x in values.items() if name not in losses | walls}
-        packing = change_packing(self.packing, of_balls)
+        loss_values = {name: value for name, value in values.items() if name in LOSS_PARAMETERS}
+        wall_values = {name: value for name, value in values.items() if is_of_wall(name)}
+        request_names = loss_values | wall_values
+        ball_values = {name: value for name, value in values.items() if name not in request_names}
+        packing = change_packing(self.packing, ball_values)
         request = replace(self.request, kept=not self.swept)
-        if losses:
-            request = request.with_losses(losses)
-        if walls:
+        if loss_values:
+            request = request.with_losses(loss_values)
+        if wall_values:
             from granphon.media.arrangement import find_kinds  # other sweeps have no kinds
 
-            request = request.with_walls(walls, find_kinds(packing))
+            request = request.with_walls(wall_values, find_kinds(packing))
         return packing, request
 
 
@@ -448,8 +449,8 @@ def list_swept(
     no axes.
     """
     counts = {"load": load.size, "medium": len(media)}
-    several = {name: count for name, count in counts.items() if count > 1}
-    return several | {name: len(values) for name, values in parameters}
+    axes = {name: count for name, count in counts.items() if count > 1}
+    return axes | {name: len(values) for name, values in parameters}
 
 
 def require_arrays(
@@ -461,12 +462,12 @@ def require_arrays(
     ``names`` are those of the waves of simulated arrays that are requested, "dos", "spectrum" and
     "pulse"; without names nothing is raised. ``swept`` are the parameters that are swept.
     """
-    waves = list(names)
-    if not waves:
+    wave_names = list(names)
+    if not wave_names:
         return
     for choice in media:
-        choice.require_arrays(waves[0])
-    if "spectrum" not in waves:
+        choice.require_arrays(wave_names[0])
+    if "spectrum" not in wave_names:
         return
     for parameter in swept:
         if parameter in ("lattice", "motions"):
@@ -782,8 +783,8 @@ def _split_loads(state: ContactState) -> list[ContactState]:
 
 
 def _find_distinct(state: ContactState, states: list[ContactState]) -> list[ContactState]:
-    """Return those of the ``states``, which are those of a ``state`` at its loads, whose lattices
-    differ: the first alone, or all.
+    """Return those of the ``states`` whose lattices differ: the first alone, or all. The ``states``
+    are the single states of ``state`` at its loads.
 
     In the limit of small overlaps one reduced dispersion relation serves all loads, unless the
     torsion is that of a Hertz contact.
@@ -812,13 +813,11 @@ def _observe_zone(state: ContactState, request: Request) -> TaskResult:
 
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
-    numbers_of_states = [
-        _find_in_zone(find_phonons(distinct), request) for distinct in distinct_states
-    ]
+    numbers_of_states = [_find_in_zone(find_phonons(single), request) for single in distinct_states]
     # from the frequencies of the distinct states to those of all states; curvatures go as
     # frequencies do, as lattices that serve all loads have one length
     scales = np.array([single.scales.frequency for single in states])
-    ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
+    ratios = scales / [single.scales.frequency for single in distinct_states]
     variables: TaskResult = {}
     for name in numbers_of_states[0]:
         values = np.array([numbers[name] for numbers in numbers_of_states])
@@ -876,7 +875,7 @@ def _observe_bands(
     q = qpoints.reshape(-1, 3)
     shape = (len(states), *qpoints.shape[:2], -1)
     # the frequencies that phonopy gives, but from C(q), which needs no force constants
-    lattices = [distinct.contact_lattice() for distinct in _find_distinct(state, states)]
+    lattices = [single.contact_lattice() for single in _find_distinct(state, states)]
     paths = [lattice.wavevectors(q) for lattice in lattices]
     scales = np.array([single.scales.frequency for single in states])  # Hz
     # reduced frequencies are (lattices, s p, branches), in units of the scale of each state
@@ -1209,32 +1208,33 @@ def find_reached(results: Sequence[TaskResult], size: int) -> list[int]:
 
     Raises the ConvergenceError of the first path that ended early if no load is reached by all.
     """
-    missed = set[int]()
+    missed_loads = set[int]()
     for result in results:
-        missed.update(result.get(_MISSED, _NO_MARKS).tolist())
-    if len(missed) == size:
+        missed_loads.update(result.get(_MISSED, _NO_MARKS).tolist())
+    if len(missed_loads) == size:
         raise explain_end(results)
-    return [index for index in range(size) if index not in missed]
+    return [index for index in range(size) if index not in missed_loads]
 
 
 def _join_marks(results: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> TaskResult:
     """Return the marks of several results together; empty if no path ended early.
 
-    Each of the ``loads`` holds the indices, in the whole, of the loads of a result, to which the
-    marks of this result refer.
+    The loads that a result has not reached are counted among its own loads; each of the ``loads``
+    holds the indices that the loads of one result have among all loads, in which the returned marks
+    count. The index of the load at which a path ended is that among all loads already.
     """
-    missed = list[Array]()
+    missed_loads = list[Array]()
     reasons = list[Array]()
     ends = list[Array]()
     for result, indices in zip(results, loads, strict=True):
         if _MISSED in result:
-            missed.append(indices[result[_MISSED]])
+            missed_loads.append(indices[result[_MISSED]])
             reasons.append(result[_WHY])
             ends.append(result[_END])
-    if not missed:
+    if not missed_loads:
         return {}
     return {
-        _MISSED: np.unique(np.concatenate(missed)),
+        _MISSED: np.unique(np.concatenate(missed_loads)),
         _WHY: np.concatenate(reasons),
         _END: np.concatenate(ends),
     }

@@ -1,19 +1,20 @@
 """The numbers that a run keeps of the waves in each sample or network, and their means over samples
 with standard errors.
 
-:func:`require_waves` and :func:`require_network` refuse what can be known to be impossible before
-anything is simulated.
+:func:`require_waves`, :func:`require_network` and :func:`require_friction` refuse what can be known
+to be impossible before anything is simulated.
 
-Of a sample, :func:`record_waves` keeps arrays by name. :func:`average_waves` makes of those of
-several samples at one load the observables that the catalogue lists under the costs "dos",
-"spectrum", "pulse" and "network". What cannot be found in a state has no entry there, and a note
-says why.
+The record of a sample holds arrays by name, which :func:`record_waves` finds. From the records of
+all samples at one load :func:`average_waves` finds the observables that the catalogue lists under
+the costs "dos", "spectrum", "pulse" and "network". An observable that cannot be found in a state is
+left out, and a note says why. A state without samples has one record, that of its network.
 
 A block of a scene about the network of a state, such as ``response``, has settings, and a row of
-:data:`RECORDS` with two functions. The first takes a state, sample or network and the settings, and
-returns arrays by name, and for each result that a single state has in a file of its own, a function
-that makes its bytes. The second takes these of all samples at one load, one of a state without
-samples, and the settings, and returns observables of the catalogue by name, and notes.
+:data:`RECORDS` with two functions. The first records: it takes a state, sample or network and the
+settings, and returns arrays by name and functions by name. There is a function for each result that
+a single state has in a file of its own; the function makes the bytes of the file. The second
+averages: it takes the records at one load and the settings, and returns observables of the
+catalogue by name, and notes.
 """
 
 from __future__ import annotations
@@ -100,14 +101,14 @@ Array = NDArray[Any]
 Record = Mapping[str, Array]
 #: prefix of the names of whole results
 _WHOLE = "whole."
-#: numbers of a pulse that are averaged, and their attributes of a pulse
+#: observables that are means over the pulses of samples, each with the attribute of a pulse that is
+#: averaged
 _PULSE = {
     "pulse_velocity": "velocity",
     "time_of_flight": "time_of_flight",
     "coherent_fraction": "coherent_fraction",
 }
-#: numbers of a motion, numbers over time, and numbers with standard errors over samples, by the
-#: names of the catalogue
+#: names in the catalogue of the numbers of a motion
 NUMBERS = (
     "front_velocity",
     "peak_velocity",
@@ -118,16 +119,19 @@ NUMBERS = (
     "energy_lost",
     "energy_supplied",
 )
+#: names in the catalogue of the numbers of a motion at each time
 OVER_TIME = tuple(
     f"motion_{name}"
     for name in ("kinetic", "translation", "rotation", "stored", "lost", "supplied", "force")
 )
+#: the numbers of a motion that have standard errors over samples
 _WITH_ERRORS = NUMBERS[:3]
 #: least number of steps in a period of a shaker
 _PER_PERIOD = 10
-#: most of the area under the table of a drive that may fall between steps
+#: greatest part of the area under the table of a drive that may fall between steps
 _MOST_LOST = 0.1
-#: parts of the greatest distance between which velocities are fitted
+#: least and greatest distance of the contacts to which a velocity is fitted, over the distance of
+#: the farthest contact
 _FIT_RANGE = (0.25, 0.75)
 
 
@@ -155,9 +159,9 @@ def require_waves(
     ]
     for medium, load in arrays:
         forces = estimate_contact_force(medium.packing, load)  # N, at each load
-        extremes = dict.fromkeys((float(np.min(forces)), float(np.max(forces))))
+        extreme_forces = dict.fromkeys((float(np.min(forces)), float(np.max(forces))))
         networks = list[ContactNetwork]()
-        for force in extremes:
+        for force in extreme_forces:
             ideal = AveragedLattice(medium.packing).at(Load.only(force=force))[0]
             networks.append(ideal.network.repeat(medium.cells))
         if settings.spectrum is not None:
@@ -217,6 +221,35 @@ def _require_spectrum(
         find_polarisations(operator, points.q[0], polarisation, None)
 
 
+def require_friction(
+    cases: Sequence[Sequence[ServingMedium]], settings: MotionSettings, most: float = np.inf
+) -> None:
+    """Raise InputError if the ``settings`` have a coefficient of friction, and no contact of any of
+    the ``cases``, each of which has its media, resists slip.
+
+    Some of the cases may have no friction, as where a sweep compares balls with and without. As
+    :func:`require_network` does, this one looks at no network of more than ``most`` balls, and at
+    no crystal whose states take long; there the friction of the balls counts.
+    """
+    # imported here: other settings do not need nonlinear waves
+    from granphon.waves.nonlinear import require_slip
+
+    has_slip = any(_has_slip(serving, settings, most) for media in cases for serving in media)
+    require_slip(_find_friction(settings), has_slip=has_slip)
+
+
+def _has_slip(serving: ServingMedium, settings: MotionSettings, most: float) -> bool:
+    """Whether a contact of the networks of a medium resists slip, as :func:`require_friction` finds
+    it.
+    """
+    from granphon.waves.nonlinear import resists_slip
+
+    sample = _find_typical_sample(serving, settings, most)
+    if sample is not None:
+        return resists_slip(settings.shape(given_network(sample)))
+    return serving.packing.is_network or bool(serving.packing.friction)
+
+
 def require_network(
     serving_media: Sequence[ServingMedium],
     settings: NetworkSettings,
@@ -232,23 +265,14 @@ def require_network(
     # the key "repeat" is judged without the cut, whose errors belong to the key "cut"
     settings = replace(settings, cut=()) if key == "repeat" else settings
     for serving in serving_media:
-        array = next(iter(serving.arrays), None)
-        is_too_large = array is not None and array.balls > most
-        state = None if is_too_large else find_typical_state(serving)
-        if state is None:
+        sample = _find_typical_sample(serving, settings, most)
+        if sample is None:
             continue
-        n_balls = state.network.n_balls if array is None else array.balls
-        if settings.count_balls(n_balls) > most:
-            continue
-        network = state.network if array is None else state.network.repeat(array.cells)
         if isinstance(settings, MotionSettings) and key == "drive":
-            PreparedMotion(state if array is None else network, settings)  # raises InputError
+            # prepared for its errors alone; a state, unlike its network, knows the law of a crystal
+            PreparedMotion(sample, settings)
             continue
-        shaped_network = settings.shape(network)
-        if isinstance(settings, MotionSettings) and key == "friction_coefficient":
-            from granphon.waves.nonlinear import require_slip  # other settings do not need it
-
-            require_slip(shaped_network, _find_friction(settings))
+        shaped_network = settings.shape(given_network(sample))
         if isinstance(settings, ModesSettings) and key == "count":
             motions = shaped_network.ball_motions.count
             require_motions(settings.count, motions * int(np.sum(shaped_network.moving)))
@@ -258,12 +282,33 @@ def require_network(
             require_places(shaped_network, key, places, settings.quantity, **options)
 
 
-def find_typical_state(serving: ServingMedium) -> Any:
-    """Return a state that stands for those of a medium: of a packing that of equal balls at a
-    typical force, of a crystal that at its first load, and of a packing in files its only state.
-    None for a crystal whose state takes long.
+def _find_typical_sample(serving: ServingMedium, settings: NetworkSettings, most: float) -> Any:
+    """Return what stands for the samples of a medium: of one that simulates arrays the network of
+    an array of equal balls, of others the state of :func:`find_typical_state`.
+
+    None for a crystal whose state takes long, and if the balls are more than ``most``, also after
+    they are repeated and cut as the ``settings`` say.
     """
-    if serving.packing.kind_names:
+    array = next(iter(serving.arrays), None)
+    if array is not None and array.balls > most:
+        return None
+    state = find_typical_state(serving)
+    if state is None:
+        return None
+    n_balls = state.network.n_balls if array is None else array.balls
+    if settings.count_balls(n_balls) > most:
+        return None
+    return state if array is None else state.network.repeat(array.cells)
+
+
+def find_typical_state(serving: ServingMedium) -> Any:
+    """Return a state that stands for all states of a medium.
+
+    For a packing it is the state of equal balls at a typical force, for a crystal the state at the
+    first load, and for a packing in files the only state. None for a crystal whose states take long
+    to find.
+    """
+    if serving.packing.kind_names:  # a crystal, or a packing in files
         is_at_hand = serving.is_quick or serving.packing.is_network
         return serving.at(serving.load[0]) if is_at_hand else None
     force = float(np.ravel(estimate_contact_force(serving.packing, serving.load))[0])
@@ -399,10 +444,10 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
     """Return the numbers of the response of the network of ``x``, a state, sample or network, by
     name, and no files.
 
-    ``response`` (n_f, receivers) holds complex amplitudes, that of a plane being the mean over its
-    balls. ``response_quantity`` is the name of the quantity, which depends on whether the motion of
-    the source is given. ``response_peaks`` is the table of :func:`_list_peaks`, and
-    ``response_note`` a text of the warnings.
+    ``response`` (n_f, receivers) holds complex amplitudes at n_f frequencies; the amplitude of a
+    plane is the mean over its balls. ``response_quantity`` is the name of the quantity, which
+    depends on whether the motion of the source is given. ``response_peaks`` is the table of
+    :func:`_list_peaks`, and ``response_note`` a text of the warnings.
     """
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
@@ -444,16 +489,18 @@ def _list_peaks(peaks: Sequence[Peaks]) -> Array:
 def _average_responses(
     records: Sequence[Record], settings: ResponseSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the observables of the coherent response, which is the mean of complex amplitudes over
-    the samples of the ``records``, by name, and notes.
+    """Return the observables of the coherent response by name, and notes. The coherent response is
+    the mean of the complex amplitudes over the samples of the ``records``.
 
-    The observables are the absolute value of the response and its phase, rad, both (n_f,
-    receivers); if there are peaks, frequency, height and Q of those of each receiver, (receivers,
-    n), and of the highest peak of the first receiver if the heights of all its peaks are known; and
-    for several samples the standard error of the response. The peaks of a single record were solved
-    for between the frequencies of the settings; peaks of a mean are sought among these frequencies.
-    The notes are the warnings of the records, and one that counts the peaks whose height is not
-    known, as they are narrower than the step of the frequencies.
+    The observables are the absolute value and the phase, rad, of the response, both (n_f,
+    receivers), and for several samples the standard error of the response. If there are peaks, the
+    observables are also the frequency, the height and Q of the peaks of each receiver, (receivers,
+    n); and, if the heights of all peaks of the first receiver are known, the same of the highest of
+    these. The peaks of a single record were solved for between the frequencies of the settings;
+    peaks of a mean are sought among these frequencies.
+
+    The notes are the warnings of the records, and one that counts the peaks that are narrower than
+    the step of the frequencies, whose heights are not known.
     """
     amplitudes = np.array([record["response"] for record in records])
     name = RESPONSES[str(records[0]["response_quantity"])]
@@ -506,21 +553,27 @@ def _find_friction(settings: MotionSettings) -> float:
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the nonlinear waves in a ``network``, which was made of the state, sample or network
-    ``x``; the contacts of a crystal keep its law, and other contacts have Hertz's. Without a
+    ``x``. The contacts of a crystal keep their law, and other contacts have Hertz's. Without a
     coefficient of friction in the ``settings`` contacts do not slide.
+
+    Where no contact resists slip, as in those states of a sweep that have no friction, Coulomb's
+    limit in the ``settings`` has no use.
     """
     # imported here: other tasks do not need nonlinear waves
-    from granphon.waves.nonlinear import NonlinearWaves
+    from granphon.waves.nonlinear import NonlinearWaves, resists_slip
 
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
+    limit_of_slip = dict[str, Any]()
+    if resists_slip(network):
+        limit_of_slip["friction_coefficient"] = _find_friction(settings)
+        limit_of_slip["coulomb"] = settings.coulomb
     return NonlinearWaves(
         network,
         law,
-        friction_coefficient=_find_friction(settings),
         geometry=settings.geometry,
         viscous_pull=settings.viscous_pull,
-        coulomb=settings.coulomb,
+        **limit_of_slip,
         **settings.losses,
     )
 
@@ -649,14 +702,12 @@ class Passage(NamedTuple):
     ----------
     distances : (n_c,) of contacts from the nearest ball or wall that is driven, or its nearest
         image, m.
-    arrivals : (n_c,) times at which the front passes, s, as of :meth:`Motion.passages`; nan where
-        the time is not known.
-    peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends
-        of the motion, and where :meth:`Motion.passages` does not know the time of the peak.
-    front, peak : velocities, m/s, at which the front and the peak of :meth:`Motion.passages` pass
-        the contacts between a quarter and three quarters of the greatest distance at which a time
-        is known (:func:`fit_velocity`). nan for fewer than three such contacts, and without a
-        straight line, as where dashpots are so strong that the force diffuses.
+    arrivals : (n_c,) times, s, at which the front passes (:meth:`Motion.passages`); nan where the
+        time is not known.
+    peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force. A time is nan if it is
+        that of the first or the last frame of the motion, and where :meth:`Motion.passages` does
+        not know when the peak passes.
+    front, peak : velocities, m/s, of the front and of the peak (:func:`_find_velocity`).
     """
 
     distances: Array
@@ -708,9 +759,10 @@ def _find_velocity(distances: Array, times: Array) -> float:
     """Return the velocity, m/s, of a wave that passes contacts at ``distances`` (n_c,), m, at the
     ``times`` (n_c,), s, where a time that is not known is nan.
 
-    A straight line is fitted to the contacts between a quarter and three quarters of the greatest
-    distance with a known time. The velocity is nan for fewer than three such contacts, and if their
-    times are no straight line that rises.
+    A straight line (:func:`fit_velocity`) is fitted to the contacts between a quarter and three
+    quarters of the greatest distance with a known time. The velocity is nan for fewer than three
+    such contacts, and if their times are no straight line that rises, as where dashpots are so
+    strong that the force diffuses.
     """
     is_fitted = np.isfinite(times)
     greatest = float(np.max(distances, initial=0.0, where=is_fitted))
@@ -727,8 +779,8 @@ def record_motion(
     """Run the motion of the network of ``x``, a state, sample or network, and return the numbers of
     the motion and the function that makes the bytes of its file, both by name.
 
-    Beside :data:`NUMBERS`, in SI units, ``motion`` (len(OVER_TIME), n_times) holds the rows of
-    :data:`OVER_TIME`, and ``motion_note`` is a text of the warnings.
+    The numbers are :data:`NUMBERS`, in SI units; ``motion``, an array with a row (n_times,) for
+    each of :data:`OVER_TIME`; and ``motion_note``, a text of the warnings.
     """
     prepared = PreparedMotion(x, settings)
     motion = prepared.run()
@@ -769,21 +821,22 @@ def record_motion(
 def average_motions(
     records: Sequence[Mapping[str, Array]], _settings: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return, by name, the means over samples of the arrays of :func:`record_motion` with the
+    """Return the means over samples of the arrays of :func:`record_motion`, by name, with the
     standard errors of the numbers :data:`_WITH_ERRORS`, and notes.
 
     The mean and the error of a number are those of the samples in which the number is known. A mean
-    is left out if the number is known in no sample, and an error if it is known in fewer than two.
-    Notes say in how many samples a number is not known. Another note quotes the warnings of the
-    first sample that has any, and says how many samples have warnings.
+    is left out if the number is known in no sample, and an error if the number is known in fewer
+    than two. Notes say in how many samples a number is not known. Another note quotes the warnings
+    of the first sample that has any; for several samples the note says how many have warnings.
     """
     motions = np.mean([record["motion"] for record in records], axis=0)
     observables = dict(zip(OVER_TIME, motions, strict=True))
     texts = [str(record["motion_note"]) for record in records]
-    texts = [text for text in texts if text]
-    notes = texts[:1]
+    warnings_of_samples = [text for text in texts if text]
+    notes = warnings_of_samples[:1]
     if notes and len(records) > 1:
-        notes = [f"in {len(texts)} of {len(records)} samples, as in the first of them: {texts[0]}"]
+        share = f"in {len(warnings_of_samples)} of {len(records)} samples"
+        notes = [f"{share}, as in the first of them: {warnings_of_samples[0]}"]
     for name in NUMBERS:
         numbers = np.array([float(record[name]) for record in records])
         known_numbers = numbers[np.isfinite(numbers)]
@@ -921,8 +974,8 @@ def restore_pulse(records: Sequence[Record]) -> Pulse | None:
     """Return the mean of the pulses through the samples of the ``records``; None if no sample
     carries one.
     """
-    pulses = [restore_result(record, "pulse", Pulse) for record in records]
-    pulses = [pulse for pulse in pulses if pulse is not None]
+    results = [restore_result(record, "pulse", Pulse) for record in records]
+    pulses = [pulse for pulse in results if pulse is not None]
     return average_pulses(pulses) if pulses else None
 
 
@@ -983,8 +1036,10 @@ def _average_densities(
     """Return the mean over samples of densities of states, arrays (n_f,) by name, and no notes.
 
     The record of each sample has a table (4, n) of frequencies, Hz, translational and rotational
-    density, 1/Hz, and their error. The mean is taken at the frequencies of the sample
-    that reaches highest, where the densities of the other samples are interpolated.
+    density, 1/Hz, and the error of their sum, 1/Hz. The mean is taken at the frequencies of the
+    sample that reaches highest, where the densities of the other samples are interpolated. The
+    error of a single sample is that of its table; that of several is the standard error of their
+    sums.
     """
     tables = [record["dos"] for record in records]
     points = max((table[0] for table in tables), key=lambda frequencies: float(frequencies[-1]))
@@ -1011,9 +1066,8 @@ def _average_spectra(
 
     Peaks and widths, Hz, are averaged over samples, and the other observables are found from their
     means; ``line_resolved`` is the part of the samples whose line is resolved. Several samples have
-    standard errors too: of peaks, widths and phase velocities; of attenuations, as those that each
-    sample has by itself scatter; and of Ioffe-Regel frequencies by the jackknife. A note says of
-    which polarisation there is no such frequency, and why.
+    standard errors too (:func:`_find_line_errors`), those of Ioffe-Regel frequencies by the
+    jackknife. A note says of which polarisation there is no such frequency, and why.
     """
     notes = list[str]()
     along_path = ("path_corners", "path_distance", "wavenumber")
@@ -1049,7 +1103,8 @@ def _average_spectra(
 
 def _find_line_errors(q: Array, lines: Array) -> dict[str, Array]:
     """Return the standard errors (polarisations, n) over samples of the lines of plane waves, by
-    name: of peaks, Hz, widths, Hz, phase velocities, m/s, and attenuations, 1/m.
+    name: of peaks, Hz, widths, Hz, phase velocities, m/s, and attenuations, 1/m. The attenuations
+    are those that each sample has by itself.
 
     ``q`` (n,) are wave numbers, 1/m, and ``lines`` (samples, polarisations, 3, n) the peak, Hz, the
     width, Hz, and whether the line is resolved.
@@ -1067,9 +1122,10 @@ def _find_line_errors(q: Array, lines: Array) -> dict[str, Array]:
 
 
 def _find_crossing(q: Array, peak: Array, width: Array) -> tuple[float | None, str]:
-    """Return the Ioffe-Regel frequency, Hz, of waves with these peaks and widths (n,), Hz, at wave
-    vectors of the length ``q`` (n,), 1/m, and the reason that holds if there is none: the
-    frequency is then None.
+    """Return the Ioffe-Regel frequency, Hz, of waves with the peaks ``peak`` and the widths
+    ``width``, both (n,), Hz, at wave vectors of the length ``q`` (n,), 1/m; None if there is no
+    such frequency. The second value is a text that says why there is none, and means nothing
+    otherwise.
     """
     try:
         crossing = find_ioffe_regel(q, peak, width)
@@ -1081,13 +1137,13 @@ def _find_crossing(q: Array, peak: Array, width: Array) -> tuple[float | None, s
 def _average_pulses(
     records: Sequence[Record], _settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the means over samples of velocity, time of flight and coherent fraction of pulses,
-    and the standard error of the velocity, ``pulse_velocity_error``, in SI units by name, and
-    notes.
+    """Return the observables of pulses, in SI units by name, and notes. The observables are the
+    means over samples of velocity, time of flight and coherent fraction, and the standard error of
+    the velocity, ``pulse_velocity_error``.
 
-    The mean of a number is that of the samples in which the number is known: of a pulse that is
-    heard, but whose arrival is not known, the coherent fraction is known. A mean is left out if the
-    number is known in no sample, and the error if the velocity is known in fewer than two. The
+    The mean of a number is that of the samples in which the number is known. If a pulse is heard,
+    and its arrival is not known, its coherent fraction is known all the same. A mean is left out if
+    the number is known in no sample, and the error if the velocity is known in fewer than two. The
     notes are the warnings of the pulses, and one that says in how many samples the arrival is not
     known, with the reason in the first of these samples.
     """
@@ -1101,8 +1157,8 @@ def _average_pulses(
             means["pulse_velocity_error"] = np.asarray(standard_error(known_numbers, axis=0))
     texts = [str(record["pulse_echo"]) for record in records]
     notes = [text for text in dict.fromkeys(texts) if text]
-    reasons = [str(record["pulse_note"]) for record in records]
-    reasons = [reason for reason in reasons if reason]
+    pulse_notes = [str(record["pulse_note"]) for record in records]
+    reasons = [text for text in pulse_notes if text]
     if reasons:
         samples = f" in {len(reasons)} of {len(records)} samples" if len(records) > 1 else ""
         remark = ""
@@ -1114,11 +1170,12 @@ def _average_pulses(
 
 def _jackknife(q: Array, lines: Array) -> float:
     """Return the standard error of the Ioffe-Regel frequency, Hz, by the jackknife: each sample is
-    left out in turn, the frequency of the mean over the others is found, and these frequencies
-    scatter. The error is nan if one of these means has no such frequency.
+    left out in turn, and the frequency of the mean over the other samples is found; the error
+    follows from the scatter of these frequencies. The error is nan if one of these means has no
+    such frequency.
 
-    ``q`` (n,) are wave numbers, 1/m, and ``lines`` (samples, 3, n) the peak, Hz, the width, Hz, and
-    whether the line is resolved, of each sample.
+    ``q`` (n,) are wave numbers, 1/m. ``lines`` (samples, 3, n) are the peak, Hz, and the width, Hz,
+    of each sample, and whether the line is resolved. There are two samples or more.
     """
     n_samples = len(lines)
     frequencies = []
@@ -1128,7 +1185,8 @@ def _jackknife(q: Array, lines: Array) -> float:
             frequencies.append(find_ioffe_regel(q, peak, width))
     if len(frequencies) < n_samples or None in frequencies:
         return math.nan
-    # the means share all samples but one: their scatter is less by the root of n - 1 than the error
+    # each of these means leaves out one sample alone: they scatter less than means over n_samples
+    # samples would, by the root of n_samples - 1
     return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))
 
 

@@ -36,12 +36,12 @@ _MOST_NAMES = 6
 
 
 def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameters: bool) -> Problem:
-    """Return the problem that the ``settings`` of a design pose, with the network of the only state
-    of ``case`` as the start of its search.
+    """Return the problem that the ``settings`` of a design pose. Its search starts at the network
+    of the only state of ``case``.
 
-    With ``of_parameters`` the parameters of the scene vary, maybe its ``load`` among them, which is
-    as the file has it. Otherwise numbers of the balls and contacts of the network vary, and the
-    sums that the settings give are kept; the ``load`` is then not used.
+    With ``of_parameters`` the parameters of the scene vary, and the load may be one of them;
+    ``load`` is then the load as the file has it. Otherwise numbers of the balls and contacts of the
+    network vary, and the sums that the settings give are kept; ``load`` is then not used.
     """
     space: Space
     sums: Sequence[tuple[Array, float]] = ()

@@ -148,9 +148,11 @@ _ONE_LOAD_OF_CRYSTAL = (
 def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     """Return the blocks of the file of a scene, by name, as plain data.
 
-    Values that are defaults are written too, except for None, for the motions that the lattice has
-    by default, and for torsion and bending of zero. The ``context`` is the one in which
-    :func:`read_blocks` reads the blocks again.
+    Values that are defaults are written too, unless their kind writes none: None, what is empty,
+    the motions that the lattice of a packing has by default, and torsion and bending of zero.
+    Blocks that belong to other balls than those of the scene are left out, and of a packing in
+    files the load and the medium as well. The ``context`` is the one in which :func:`read_blocks`
+    reads the blocks again.
     """
     blocks: dict[str, Any] = {}
     absent_blocks = set().union(*_BLOCKS_OF_MEDIA.values())
@@ -717,7 +719,9 @@ class SceneSource(Places):
 
     @property
     def folder(self) -> Path:
-        """Folder to which the names of files in the scene are relative."""
+        """Folder to which the names of files in the scene are relative: that of the scene's file,
+        or the working folder for a scene that is not from a file.
+        """
         return self.path.parent if self.path else Path()
 
     @property
@@ -936,7 +940,8 @@ class SceneSource(Places):
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
         """Return the load of the ``values`` of the block "load", SI by key; gravity alone is kept
-        as a pressure of zero with gravity. Errors are placed at the key of the kind of load.
+        as a pressure of zero with gravity. Errors are placed at the key of the kind of load, or of
+        gravity alone at the block.
         """
         kind = next((key for key in values if key in LOAD_KINDS), None)
         path = ("load",) if kind is None else ("load", kind)

@@ -62,7 +62,7 @@ from granphon.base.quantities import (
     load_quantities,
     tensor_quantities,
 )
-from granphon.base.registry import list_added
+from granphon.base.registry import describe_failures, list_added
 from granphon.base.settings import (
     NEEDED,
     Kind,
@@ -190,7 +190,7 @@ def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
 
 def _read_normal(value: Any, context: Context) -> Normal:
     """Return the normal spread that a ``value`` gives: its standard deviation alone, or a block
-    {std, cutoff}.
+    {std, cutoff}. Refused for any other value.
     """
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
@@ -200,7 +200,7 @@ def _read_normal(value: Any, context: Context) -> Normal:
 def _read_measured(value: Any, context: Context) -> Measured:
     """Return the spread of measured diameters that a ``value`` gives: the name of a table, a block
     {file, column} about a table, a list, or a block {diameters} with a list. Tables are sought in
-    the folder of the scene.
+    the folder of the scene. Refused for any other value, and for a table without such a column.
     """
     if isinstance(value, list):
         return Measured(_DIAMETERS.read(value, context))
@@ -254,7 +254,9 @@ def _read_spread(value: Any, context: Context) -> Any:
 
 
 def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
-    """Return the block of a spread of diameters, whose key names the distribution."""
+    """Return a block whose only key is the name of the distribution of a ``spread`` of diameters,
+    with the plain data of the spread under that key.
+    """
     return {spread.kind: _SPREADS[spread.kind].write(spread, context)}
 
 
@@ -313,8 +315,9 @@ def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
 
 
 def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
-    """Return the lattices that a sweep takes in turn, from a list; Refused for lattices of
-    different dimensions, and for a lattice that is given twice.
+    """Return the lattices that a sweep takes in turn, from a list. Refused for a ``value`` that is
+    no list of lattices, for lattices of different dimensions, and for a lattice that is given
+    twice.
     """
     lattices: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
     with refusing(value, "lattices of one dimension, each once"):
@@ -353,7 +356,7 @@ def _read_motions(value: Any, context: Context) -> str:
 
 def _read_torsion(value: Any) -> float | str:
     """Return a torsional stiffness over k d^2, zero or above, or the word "mindlin", which stands
-    for the torsional stiffness of a Hertz contact that does not slip.
+    for the torsional stiffness of a Hertz contact that does not slip. Refused for any other value.
     """
     if value == MINDLIN:
         return MINDLIN
@@ -446,7 +449,8 @@ PACKING: dict[str, Setting] = {
 
 def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Return the parameters of a sweep, in the order of their block, each as its name and its
-    values. Refused for an unknown name, and for values that the parameter cannot have.
+    values. Refused for a ``value`` that is no block, for an unknown name, and for values that the
+    parameter cannot have.
     """
     names = [*(context.parameters or PARAMETERS), *LOSS_PARAMETERS]
     if isinstance(value, Mapping):
@@ -478,7 +482,8 @@ def find_kind(name: str) -> Kind:
 
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
     """Return the values of the parameter ``name`` of a sweep, numbers in SI units, from a list, or
-    for numbers also from one number or a range. Refused for a value that is given twice.
+    for numbers also from one number or a range. Refused for values that the parameter cannot have,
+    and for a value that is given twice.
     """
     rule = find_kind(name).rule(context)
     values: tuple[Any, ...]
@@ -528,7 +533,7 @@ SWEEP = Setting(
 def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
     """Return correlations as triples: the names of two parameters, and a number from -1 to 1. The
     ``value`` is a block whose keys are the two names with a comma between them; or a tuple of such
-    triples, those of another scene.
+    triples, those of another scene. Refused for any other value.
     """
     if isinstance(value, tuple):
         return tuple(
@@ -629,8 +634,9 @@ def _is_load_of_any_lattice(value: Any, name: str) -> bool:
 
 
 def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
-    """Return the choices of media that a ``value`` describes, one medium or a list of media;
-    Refused for a medium that is given twice.
+    """Return the choices of media that a ``value`` describes, one medium or a list of media.
+    Refused for an unknown medium, options that a medium does not have, an empty list, and a medium
+    that is given twice with the same options.
     """
     rule = partial(read_medium, lattice=context.lattice, written=context.written)
     if not isinstance(value, list | tuple):
@@ -660,8 +666,8 @@ MEDIUM = Setting(
 
 
 def _read_schema(value: Any) -> int:
-    """Return the number of the schema of a scene file; Refused for any number but the one that this
-    version of granphon reads.
+    """Return the number of the schema of a scene file; Refused for any ``value`` but the number
+    that this version of granphon reads.
     """
     if value == SCENE_SCHEMA and is_whole(value):
         return SCENE_SCHEMA
@@ -679,7 +685,8 @@ def _read_observables(value: Any) -> tuple[str, ...]:
     registered observables and outputs come behind those of the package. If one of them is found
     from velocities, "velocities" is among the names too.
 
-    Refused for an empty list, an unknown name, and a name that is given twice.
+    Refused for a ``value`` that is no list, an empty list, an unknown name, and a name that is
+    given twice.
     """
     added_costs = _list_added_costs()
     observables = (*OBSERVABLES, *added_costs)
@@ -694,7 +701,7 @@ def _read_observables(value: Any) -> tuple[str, ...]:
             choice(name, observables)
         except Refused as refused:
             # a plugin that is missing, or failed to load, may be why a name is not known
-            mend = refused.mend or CATALOGUE.failures or "Install the plug-in that adds the name"
+            mend = refused.mend or describe_failures() or "Install the plug-in that adds the name"
             raise Refused(refused.found, refused.allowed, mend) from None
     names = list(value)
     for name in names:
@@ -870,7 +877,8 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     """Return the kinds of balls as pairs of a name and a ball, from a block of kinds by name.
 
     A kind has a material and a diameter; a mass and an inertia if these are not those of a solid
-    ball; and a spread if the diameters differ. Refused for a name that something else may have.
+    ball; and a spread if the diameters differ. Refused for any other value, an empty block, and a
+    name that has a point or a space, or is "floor".
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
@@ -878,8 +886,8 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     kinds = list[tuple[str, Ball]]()
     for name, written in value.items():
         kind = read_inside(name, label, name)
-        # "A.diameter" names a parameter, "A B" a pair of kinds, and "floor" the other body of
-        # contacts with a floor
+        # these names have a meaning: "A.diameter" is a parameter, "A B" a pair of kinds, and
+        # "floor" the other body of contacts with a floor
         if "." in kind or " " in kind or kind == "floor":
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
@@ -945,8 +953,8 @@ def _read_structure(value: Any) -> Any:
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
-    """Return the numbers of the balls that are removed, from a list; Refused for a number that is
-    given twice.
+    """Return the numbers of the balls that are removed, from a list. Refused for any other value,
+    and for a number that is given twice.
     """
     balls = read_counts(value, "numbers of balls", 0, 10_000_000)
     if len(set(balls)) < len(balls):
@@ -957,7 +965,8 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
     """Return pairs of the number of a ball and the kind of ball that takes its place, from a block
-    of kinds by number; Refused for a number that is given twice, as 1 and "01".
+    of kinds by number. Refused for any other value, an empty block, and a number that is given
+    twice, as 1 and "01".
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of numbers of balls and the kinds that take their places, as {12: S}"
@@ -974,8 +983,9 @@ def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
 
 
 def _read_law(value: Any) -> Any:
-    """Return the law that a ``value`` describes: its name, or the block of its numbers under the
-    name. For a block of laws by pairs of kinds, "A B", return pairs of the two names and the law.
+    """Return the law that a ``value`` describes by its name, or by the block of its numbers under
+    the name. For a block of laws by pairs of kinds, "A B", return for each pair the two names and
+    the law. Refused for any other value.
     """
     law = _read_single_law(value)
     if law is not None:
@@ -983,7 +993,7 @@ def _read_law(value: Any) -> Any:
     is_block = isinstance(value, dict) and bool(value)
     if not is_block or not all(isinstance(key, str) and len(key.split()) == 2 for key in value):
         allowed = f"{_describe_laws()}, or a block of pairs of kinds, as {{A B: hertz}}"
-        raise Refused(show(value), allowed, LAWS.failures)
+        raise Refused(show(value), allowed, describe_failures())
     return tuple(
         (tuple(pair.split()), read_inside(pair, _read_law_of_pair, law_of_pair))
         for pair, law_of_pair in value.items()
@@ -991,12 +1001,12 @@ def _read_law(value: Any) -> Any:
 
 
 def _read_law_of_pair(value: Any) -> Any:
-    """Return the law of a pair of kinds, from its name or the block of its numbers under the
-    name.
+    """Return the law of a pair of kinds, from its name or the block of its numbers under the name;
+    Refused for any other value.
     """
     law = _read_single_law(value)
     if law is None:
-        raise Refused(show(value), _describe_laws(), LAWS.failures)
+        raise Refused(show(value), _describe_laws(), describe_failures())
     return law
 
 
@@ -1006,9 +1016,9 @@ def _describe_laws() -> str:
 
 
 def _read_single_law(value: Any) -> Any:
-    """Return the law that a ``value`` names, alone or with the block of the numbers of the law;
-    None if the value names no law. Refused for numbers that the law does not have, or does not
-    accept.
+    """Return the law that a ``value`` names: the name alone, for a law without numbers, or the name
+    with the block of all its numbers; None if the value names no law. Refused for a number that is
+    missing, that the law does not have, or that it does not accept.
     """
     name = value
     numbers: Any = None
@@ -1021,6 +1031,7 @@ def _read_single_law(value: Any) -> Any:
     arguments = read_inside(name, read_numbers, {} if numbers is None else numbers)
     with refusing(numbers or name, f"numbers of the law {name}", name):
         law = LAWS[name].law
+        # an entry is a class of laws, made with its numbers, or a law itself, which has none
         return law(**arguments) if isinstance(law, type) else law
 
 
@@ -1072,6 +1083,7 @@ _SPRING = with_unit(find_quantity(ON_SITE))
 def _read_on_site(value: Any, context: Context) -> Any:
     """Return the springs to the ground: one stiffness against all displacements, N/m, or from a
     block pairs of the name of a motion and its stiffness, N/m or N m; None for an empty block.
+    Refused for any other value.
     """
     if isinstance(value, dict):
         return tuple(_SPRINGS.read(value, context).items()) or None

@@ -35,6 +35,7 @@ from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
 
 if TYPE_CHECKING:
+    from granphon.base.results import Result
     from granphon.runs.dataset import Dataset
 
 #: version number of summary.yaml, its key "schema"
@@ -908,9 +909,11 @@ def _write_design(run: Any, folder: Path) -> None:
     (folder / "design_history.csv").write_text(history, encoding="utf-8")
 
 
-def _write_json(value: Any, path: Path) -> None:
-    """Write all that a result holds into the file ``path``, as one line of JSON."""
-    path.write_text(json.dumps(value.to_dict()) + "\n", encoding="utf-8")
+def _write_json(result: Result, path: Path) -> None:
+    """Write all fields of a ``result``, with their units and a digest, into the file ``path``, as
+    one line of JSON.
+    """
+    path.write_text(json.dumps(result.to_dict()) + "\n", encoding="utf-8")
 
 
 def _write_tradeoff(results: Any, folder: Path) -> None:

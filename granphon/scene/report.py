@@ -276,18 +276,21 @@ def _list_numbers(values: list[Any], unit: str, digits: int = 5) -> str:
 
 
 def _read_errors(source: Path) -> list[Block]:
-    """Return the table of the parameters that give most of the standard errors, each with the
-    numbers whose error is mostly due to it; nothing without such errors.
+    """Return the table of the uncertain parameters, from the summary in the folder ``source``: each
+    with the numbers to whose standard error no other parameter contributes more. No block is
+    returned for results without such errors.
     """
-    sources = read_summary(source).get("errors_from", {})
-    rows = join_alike((_name_number(name), parameter) for name, parameter in sources.items())
+    parameter_of_number = read_summary(source).get("errors_from", {})
+    pairs = ((_name_number(name), parameter) for name, parameter in parameter_of_number.items())
+    rows = join_alike(pairs)
     return [Rows(("parameter", "gives most of the error of"), tuple(rows))] if rows else []
 
 
 def _read_design(source: Path) -> list[Block]:
-    """Return a sentence on the goal of a design at its end and at its start, the table of its
-    variables, and a remark if there are more than ``MOST_STATES``, of which the table has the
-    first.
+    """Return a sentence on the goal of the design in the folder ``source``, at the end and at the
+    start of its search, and the table of its variables.
+
+    The table has at most the first ``MOST_STATES`` variables; if there are more, a remark says so.
     """
     numbers = read_summary(source)["design"]
     unit = numbers.get("unit", "")

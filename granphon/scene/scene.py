@@ -317,9 +317,9 @@ class Scene(SceneValues):
     def _propagate_errors(
         self, result: RunResult, executor: Executor | None, progress: Progress
     ) -> None:
-        """Add the standard errors that follow from those of the parameters to the values of a
-        ``result``, in place: to the data set of its states, with a warning that names what has no
-        error, to the output "errors" of a single state, and to the columns of its tables
+        """Add to the values of a ``result``, in place, the standard errors that follow from those
+        of the parameters. They go to the data set of its states, with a warning that names what has
+        no error; to the output "errors" of a single state; and to the columns of its tables
         (``column_errors``). All shifted scenes are computed for this.
         """
         from granphon.scene.uncertainty import warn_of_lacking
@@ -530,16 +530,26 @@ class Scene(SceneValues):
         return self.plan.states(quick)
 
     def sweep(
-        self, progress: Progress = silent, executor: Executor | None = None, **options: Any
+        self,
+        progress: Progress = silent,
+        executor: Executor | None = None,
+        *,
+        path: str | os.PathLike[str] | None = None,
+        resume: bool = False,
+        overwrite: bool = False,
+        store: Store | None = None,
     ) -> Dataset:
         """Compute every state of the scene as one data set.
 
-        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene
-        answers: ``path``, ``resume``, ``overwrite`` and ``store``. A load that cannot be carried
-        raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
-        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        All arguments are those of :func:`granphon.runs.sweep.sweep` of the same names, with the
+        same errors. Raises :class:`~granphon.base.errors.InputError` for a load that cannot be
+        carried, as a :class:`~granphon.base.errors.SceneError` if the scene was read from a file;
+        and :class:`~granphon.base.errors.ConvergenceError` for a load that a computation does not
+        reach.
         """
-        return self.plan.sweep(progress, executor, **options)
+        return self.plan.sweep(
+            progress, executor, path=path, resume=resume, overwrite=overwrite, store=store
+        )
 
     @property
     def parts(self) -> list[CostPart]:

@@ -429,10 +429,11 @@ class ErrorPropagation:
         ``value``, and the name of the parameter that gives most of them.
 
         None if no parameter has an effect, and for a value that is not numbers. None too if a
-        shifted scene has no numbers of the shape of the value: ``name`` is then added to
-        ``lacking``. The standard errors of ``sampling``, of the same shape, add up with those that
-        the parameters cause. A value in the ``unit`` rad is an angle, which a full turn does not
-        change.
+        shifted scene has no numbers of the shape of the value, or none where the value has one:
+        ``name`` is then added to ``lacking``. An error is nan where a shifted scene has no number.
+        The standard errors of ``sampling``, of the same shape, add up with those that the
+        parameters cause; a nan among them adds nothing. A value in the ``unit`` rad is an angle,
+        which a full turn does not change.
         """
         base = _as_numbers(value)
         if base is None:
@@ -450,6 +451,9 @@ class ErrorPropagation:
         # rounding may leave a sum of zero below zero
         variances = np.maximum(np.sum(contributions, axis=0), 0.0)
         if not np.any(variances > 0.0):
+            is_unknown = np.isnan(variances) & np.isfinite(base)
+            if np.any(is_unknown):
+                self.lacking[name] = None
             return None
         if sampling is not None:
             variances = variances + np.square(np.nan_to_num(np.asarray(sampling, float)))
@@ -533,9 +537,10 @@ class ErrorPropagation:
         return dataset.assign(added)
 
     def _leave_out_changed(self, errors: Array, dataset: Dataset, name: str) -> Array:
-        """Return the ``errors`` of the variable ``name`` of the ``dataset``, nan for peaks and for
-        waves of an edge that are not the same in all scenes: ``name`` is added to ``lacking`` if
-        one of these has a number. Errors of other variables are returned unchanged.
+        """Return the ``errors`` of the variable ``name`` of the ``dataset``. Those of peaks and of
+        waves of an edge are nan where :meth:`_find_same` does not find the same peak or wave in all
+        shifted scenes; ``name`` is added to ``lacking`` if a value loses its error so. Errors of
+        other variables are returned unchanged.
         """
         variable = dataset[name]
         name_of_frequencies = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
@@ -564,6 +569,7 @@ class ErrorPropagation:
                 is_same &= np.sum(is_number, axis=-1, keepdims=True) == count
             lower, upper = (_pad_ranks(results[name].values, base.shape[-1]) for results in pair)
             second_difference = np.abs(upper + lower - 2.0 * base)
+            # nan of ranks without a peak or wave is no jump
             is_same &= ~(second_difference > _JUMP * np.abs(base))
         return is_same
 
@@ -637,9 +643,12 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
 
 
 def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:
-    """Return a result of a shifted scene as :func:`_as_numbers` does; a variable whose numbers
-    stand by rank has the last length of ``shape``: it is cut there, or goes on with nan. So the
-    result can be compared with one of another number of ranks;
+    """Return the ``value`` of a result of a shifted scene as an array of floats, None where
+    :func:`_as_numbers` has none.
+
+    A variable of a data set whose numbers stand by rank, as those of peaks do, is cut, or goes on
+    with nan, to the last length of ``shape``, the shape of the result of the scene itself. So the
+    two can be compared though they have different numbers of ranks.
     :meth:`ErrorPropagation._find_same` says which ranks are those of the same peak or wave.
     """
     numbers = _as_numbers(value)

@@ -61,12 +61,13 @@ class WrittenErrors:
 
     @classmethod
     def read(cls, entries: Mapping[Keys, Any], folder: Path) -> WrittenErrors:
-        """Return the errors in the ``entries`` of a document, by their paths: texts with the sign
-        of a standard error, and mappings that name the file of a fit. Files are sought in
-        ``folder``.
+        """Return the errors in the ``entries`` of a document. An entry, by its path, is a text with
+        the sign of a standard error, or a mapping {fit: FILE} that names the file of a fit. Files
+        are sought in ``folder``.
 
-        Refused for a quantity with an error that cannot be read, for a file that holds no fit, and
-        for a fit that does not have the value or its error.
+        Refused for a quantity with an error that cannot be read, for a mapping with another key or
+        without a name of a file, for a file that holds no fit or a covariance that no errors have,
+        and for a fit that has another kind of spread, or does not have the value or its error.
         """
         written = cls()
         fits: dict[Path, Any] = {}
@@ -99,9 +100,9 @@ class WrittenErrors:
             raise Refused(show(text), _ALLOWED, path=keys)
 
     def _add_correlations(self, numbers: Mapping[Keys, int], correlation: Array) -> None:
-        """Add the correlation of each two values of a fit. The ``numbers`` are those of their
-        parameters in the fit, by the paths of the values, and ``correlation`` (p, p) is that of the
-        errors of all parameters of the fit.
+        """Add the correlation of each two values that a scene takes from one fit. The ``numbers``,
+        by the paths of the values, are those of their parameters in the fit, from 0. The
+        ``correlation`` (p, p) is that of the errors of all p parameters of the fit.
         """
         for first, second in combinations(numbers, 2):
             # rounding may put a correlation beyond -1 or 1

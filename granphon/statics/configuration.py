@@ -102,7 +102,7 @@ class AppliedLoad:
         return bool(np.any(self.force)) or is_stressed or bool(self.mean_force)
 
     @property
-    def is_given(self) -> bool:
+    def has_strain(self) -> bool:
         """Whether a strain is given that is not zero."""
         return bool(np.any(self.strain))
 

@@ -70,7 +70,7 @@ def find_rest(
     problem = Problem(assembly, load, geometry, boundary)
     # balls that differ, and those of a grid, may be pressed by their cell, under no load
     is_filled = assembly.differs or assembly.grid is not None
-    is_pressed = load.acts or load.is_given or is_filled
+    is_pressed = load.acts or load.has_strain or is_filled
     if not (is_pressed or find_typical_force(problem)):
         return _find_rest_without_load(problem)
     descent = _choose_descent(problem, numbers)
@@ -157,7 +157,7 @@ def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | No
     """
     load = problem.load
     assembly = problem.assembly
-    if np.any(load.force) or not load.is_given:
+    if np.any(load.force) or not load.has_strain:
         return load.scale(factor)
     laws = assembly.laws
     configuration = problem.start_at(find_unknowns(problem, rest))

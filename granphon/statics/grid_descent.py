@@ -116,7 +116,7 @@ class GridPlace:
     def push(self) -> Array:
         """(s,) forces left on the strains; zero where they are rounding."""
         problem = self.problem
-        if not problem.is_free:
+        if not problem.has_free_strains:
             return np.zeros(0)
         push = self.common_push + self._sums[:, 0] @ problem.strained
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of
@@ -174,7 +174,7 @@ class GridPlace:
         """Whether a given strain leaves contacts open, and so little force that they carry no
         load.
         """
-        if not self.problem.is_given or self.force >= self.options.threshold:
+        if not self.problem.has_given_strain or self.force >= self.options.threshold:
             return False
         return not np.all(self.root)
 
@@ -221,7 +221,7 @@ class GridWay:
         slope = -_sum_products(place.excess, self._loss)
         if place.uniform is not None:
             slope -= float(place.uniform @ np.sum(self._step.balls, axis=1))
-        if place.problem.is_free:
+        if place.problem.has_free_strains:
             slope -= float(self._step.strains @ place.common_push)
         return slope
 

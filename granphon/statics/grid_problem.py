@@ -60,8 +60,8 @@ class GridProblem:
     balances : whether contacts with one common overlap leave no force on any ball.
     spread : standard deviation of the overlaps on the sites.
     unit, force_unit : units of lengths, m, and of forces, N.
-    is_given : whether the strain of the cell is given, but for shears.
-    is_free : whether the cell has unknown strains.
+    has_given_strain : whether the strain of the cell is given, but for shears.
+    has_free_strains : whether the cell has unknown strains.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -73,10 +73,10 @@ class GridProblem:
         self.problem = problem
         self.grid: Grid = grid
         self.n_fields = grid.n_balls * len(grid.shape)
-        self.is_given = load.stress is None and load.mean_force is None
+        self.has_given_strain = load.stress is None and load.mean_force is None
         strained, given, self.is_even = _find_common_losses(problem, grid)
         self.strained = strained
-        self.is_free = strained.shape[1] > 0
+        self.has_free_strains = strained.shape[1] > 0
         self.pushes = _find_pushes(grid)
         cancels = np.abs(np.sum(self.pushes, axis=0)) <= ROUNDING * grid.n_kinds
         self.balances = self.is_even and bool(np.all(cancels))
@@ -99,7 +99,7 @@ class GridProblem:
         """Factor from a force on a strain to a force on each contact; zero without unknown
         strains.
         """
-        if not self.is_free:
+        if not self.has_free_strains:
             return 0.0
         return 1.0 / (self.grid.n_cells * float(np.max(np.sum(np.abs(self.strained), axis=0))))
 
@@ -107,7 +107,7 @@ class GridProblem:
         """Return whether the search is to begin at rest under a larger load: where balls differ and
         the mean force of the load is below ``options.least_interior_force``.
         """
-        if self.is_given or not self.spread:
+        if self.has_given_strain or not self.spread:
             return False
         return bool(self.load_force < options.least_interior_force)
 
@@ -120,7 +120,7 @@ class GridProblem:
         if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
             return False
         common = self.find_common(strains)
-        if self.is_given:
+        if self.has_given_strain:
             closed_part = np.mean(common[:, None] + self.offset > 0.0)
             return bool(closed_part < options.closed_part)
         force = float(np.mean(hertz.force_of(common)))
@@ -133,7 +133,7 @@ class GridProblem:
         found with the full tolerance: where the places of loose balls depend on that rest, and the
         interior-point method does not lead to it.
         """
-        if self.is_given:
+        if self.has_given_strain:
             leaves_loose = float(np.mean(self.given)) < options.uncertain_load
         else:
             leaves_loose = self.load_force < options.uncertain_load
@@ -143,7 +143,7 @@ class GridProblem:
         """Return the strains (s,) under which equal contacts have the mean force of the load; zeros
         where a strain is given.
         """
-        if self.is_given:
+        if self.has_given_strain:
             return np.zeros(len(self.work))
         losses = self.given - float(hertz.overlap_of(self.load_force))
         strains, *_ = np.linalg.lstsq(self.strained, losses, rcond=None)

@@ -148,7 +148,7 @@ class LatticeDescent(ListDescent):
             return self._take_up(start)
         on_sites = problem.start_at(np.zeros(problem.size))
         presses_on_sites = not problem.load.acts and on_sites.force_size > 0.0
-        if problem.load.is_given or presses_on_sites:
+        if problem.load.has_strain or presses_on_sites:
             return on_sites
         return self._relax_springs(on_sites)
 

@@ -169,7 +169,7 @@ class ListResponse(LinearResponse):
         super().__init__(options)
         units = unit_strains(contacts.dimension) if strains is None else strains
         self._contacts = contacts
-        self._symmetric = not contacts.has_tangential_force
+        self._is_symmetric = not contacts.has_tangential_force
         self._tangent = find_tangent(contacts, units)
         self.ahead = self._tangent.blocks.ahead
         self.back = self._tangent.blocks.back
@@ -184,7 +184,7 @@ class ListResponse(LinearResponse):
         options = self._options
         right = forces.reshape(-1, forces.shape[-1])
         answer = None
-        if self._may_iterate and self._symmetric:
+        if self._may_iterate and self._is_symmetric:
             reduction = options.reduction_of_motions if for_motions else options.reduction
             answer = self._iterate(right, reduction)
         if answer is None:
@@ -203,7 +203,7 @@ class ListResponse(LinearResponse):
         the motions of one suffice. Raises ConvergenceError if none does, and the last one leaves
         more than the part ``options.remainder`` of the forces.
         """
-        largest_norm = 0.0 if self._symmetric else self._find_largest_norm(right)
+        largest_norm = 0.0 if self._is_symmetric else self._find_largest_norm(right)
         for solve in self._list_solvers(math.sqrt(borne), largest_norm):
             motions, remaining, suffices = self._refine_with(solve, right, borne)
             if suffices:
@@ -247,7 +247,7 @@ class ListResponse(LinearResponse):
         the forces ``remaining``: for a symmetric tangent, forces that bear at most the part
         ``borne`` of the energy; for others, a small part of their norm.
         """
-        if self._symmetric:
+        if self._is_symmetric:
             energy = abs(float(np.sum(motions * right)))
             return abs(float(np.sum(motions * remaining))) <= borne * energy
         return float(np.linalg.norm(remaining)) <= self._find_largest_norm(right)
@@ -285,7 +285,7 @@ class ListResponse(LinearResponse):
         if self._may_factorise:
             _spring, factors = self._factors_with_springs
             yield factors.solve
-        if not self._symmetric:
+        if not self._is_symmetric:
             yield self._solve_by_gmres
 
     # -- iterations --------------------------------------------------------------------------------
@@ -315,7 +315,7 @@ class ListResponse(LinearResponse):
     @cached_property
     def _symmetric_tangent(self) -> Tangent:
         """The tangent with the symmetric part of A in place of A."""
-        return self._tangent if self._symmetric else self._tangent.symmetrise()
+        return self._tangent if self._is_symmetric else self._tangent.symmetrise()
 
     @cached_property
     def _iteration(self) -> TangentIteration:
@@ -335,7 +335,7 @@ class ListResponse(LinearResponse):
         solution = self._iteration.solve(forces, reduction, most, self._options.noise)
         if solution.has_arrived:
             return solution.motions.reshape(right.shape), solution.remaining.reshape(right.shape)
-        if self._symmetric and not self._may_factorise:
+        if self._is_symmetric and not self._may_factorise:
             raise explain_failure(solution.way_down is None)
         return None
 
@@ -384,7 +384,7 @@ class ListResponse(LinearResponse):
                 factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
                 continue
-            if self._symmetric and factors.n_below:
+            if self._is_symmetric and factors.n_below:
                 raise explain_failure(False)
             return spring, factors
         raise explain_failure(True)

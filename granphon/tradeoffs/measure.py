@@ -1197,15 +1197,21 @@ class _StudyTask(Task):
 
 def _watch_memory(point: Point) -> int:
     """Run a ``point`` once more, and return the largest memory at one moment that Python's
-    allocators have given meanwhile, bytes.
+    allocators have given since the run began, bytes. A trace of memory that is under way goes on,
+    but its peak is that of this run.
     """
-    tracemalloc.start()
+    is_traced = tracemalloc.is_tracing()
+    if not is_traced:
+        tracemalloc.start()
     try:
+        tracemalloc.reset_peak()
+        memory_before, _ = tracemalloc.get_traced_memory()
         point.solve(point.prepare(0))
         _, peak = tracemalloc.get_traced_memory()
-        return peak
+        return peak - memory_before
     finally:
-        tracemalloc.stop()
+        if not is_traced:
+            tracemalloc.stop()
 
 
 def _run_random_points(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:

@@ -111,7 +111,7 @@ def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
     if wavevector.shape not in ((p,), (3,)):
         raise InputError(f"q has the shape {wavevector.shape}", mend=f"Give ({p},) fractions")
     if not np.all(np.isfinite(wavevector)):
-        raise InputError("q is not finite")
+        raise InputError("q is not finite", mend="Give finite numbers")
     require_digits(wavevector)
     if np.any(wavevector[p:]):
         raise InputError("q has a component across the periods", mend="Give 0 for it")

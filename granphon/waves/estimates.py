@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from granphon.base.errors import InputError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, one_of
@@ -76,34 +75,42 @@ class WaveEstimate:
     def __init__(self, operator: WaveOperator) -> None:
         self.operator = operator
 
-    def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
-        """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
+    @property
+    def finders(self) -> dict[str, Callable[..., Cost]]:
+        """The function that estimates each result, by its name; it takes the arguments of the
         method.
-
-        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, for
-        arguments that the method does not have, or of which some are missing, and for values that
-        the method refuses.
         """
-        finders: dict[str, Callable[..., Cost]] = {
+        return {
             "dos": self._find_density,
             "spectral_function": self._find_spectra,
             "modes": self._find_modes,
             "branches": self._find_branches,
             "count_modes": self._find_counts,
             "response": self._find_response,
-            "transmit": self._find_pulse,
+            "transmit": self._find_sent_pulse,
             "transmission": self._find_transmission,
             "moduli": self._find_moduli,
         }
-        find_cost = finders[one_of("the result", name, finders)]
-        try:
-            signature(find_cost).bind(*arguments, **options)
-        except TypeError as error:
-            raise InputError(
-                f"these are not the arguments of {name}: {error}",
-                mend="Give what the result itself takes",
-            ) from None
-        return find_cost(*arguments, **options)
+
+    def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
+        """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
+        method.
+
+        Raises what :meth:`bind` raises, and :class:`~granphon.base.errors.InputError` for values
+        that the method refuses.
+        """
+        return self.bind(name, *arguments, **options)()
+
+    def bind(self, name: str, *arguments: Any, **options: Any) -> Callable[[], Cost]:
+        """Return the function that finds the cost of the result ``name`` with the ``arguments`` and
+        ``options`` of its method.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
+        TypeError for arguments that the method does not have, and if some are missing.
+        """
+        find_cost = self.finders[one_of("the result", name, self.finders)]
+        signature(find_cost).bind(*arguments, **options)
+        return partial(find_cost, *arguments, **options)
 
     @cached_property
     def _matrix_bytes(self) -> float:
@@ -245,8 +252,8 @@ class WaveEstimate:
     def _find_response(
         self,
         frequencies: Any,
-        _source: Any = None,
-        _receiver: Any = None,
+        source: Any = None,
+        receiver: Any = None,
         damping: Any = 0.0,
         loss_factor: Any = 0.0,
         *,
@@ -260,8 +267,8 @@ class WaveEstimate:
         method: str | None = None,
         tolerance: float = TOLERANCE,
     ) -> Cost:
-        """Return the cost of a response; arguments are those of ``Waves.response``, of which source
-        and receiver do not matter.
+        """Return the cost of a response; arguments are those of ``Waves.response``. ``source`` and
+        ``receiver`` are not used, as the cost does not depend on them.
         """
         operator = self.operator
         hertz = frequency_array("frequencies", frequencies)
@@ -341,7 +348,7 @@ class WaveEstimate:
             return self._cost_products(words, iterations * columns, block_size, memory)
         return self._cost_factors(words, _FACTORS_OF_MODULI)
 
-    def _find_pulse(
+    def _find_sent_pulse(
         self,
         frequency: float,
         direction: Any,
@@ -361,7 +368,7 @@ class WaveEstimate:
         frames: Any = (),
     ) -> Cost:
         """Return the cost of a pulse; arguments are those of ``Waves.transmit``."""
-        request = PulseSource(
+        source_of_pulse = PulseSource(
             frequency,
             direction,
             distance,
@@ -378,9 +385,15 @@ class WaveEstimate:
             planes=planes,
             frames=frames,
         )
-        products = count_products(self.operator, request)
-        n_frames = np.size(request.frames)
+        return self.find_pulse(source_of_pulse)
+
+    def find_pulse(self, pulse: PulseSource) -> Cost:
+        """Return the cost of sending a ``pulse``.
+
+        Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
+        """
+        products = count_products(self.operator, pulse)
+        n_frames = np.size(pulse.frames)
         memory = find_frames_memory(n_frames, self.operator.network.n_balls, self.operator.size)
-        return self._cost_products(
-            f"pulse of {write_quantity(frequency, 'Hz')}", products, memory=memory
-        )
+        words = f"pulse of {write_quantity(pulse.frequency, 'Hz')}"
+        return self._cost_products(words, products, memory=memory)

@@ -1378,14 +1378,19 @@ def _find_rates_near(
     stiffness: Any, viscous: Any, zero_motions: Array, n_rates: int, target: float
 ) -> tuple[Complex, Complex]:
     """Return the modes of x'' + G x' + D x = 0 that belong to the ``n_rates`` rates r = i omega
-    nearest to i ``target``: the complex frequencies omega (m,) and the vectors (n, m).
+    nearest to a shift beside i ``target``: the complex frequencies omega (m,) and the vectors
+    (n, m), of norm one.
 
     D is the ``stiffness`` and G the ``viscous`` matrix (n, n), in units of the top frequency, as
     are frequencies. Rates are eigenvalues of the matrix of first order ((0, 1), (-D, -G)), which
     acts on z = (x, y) with y = x'; this matrix less a shift s is solved by the factors of
-    D + s G + s^2. The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and each has the
-    rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them. One of
-    the two rates of each mode is kept, by :func:`_drop_second_rates`, so that m is at most
+    D + s G + s^2.
+
+    The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and G takes each of them to gamma
+    times itself, gamma being the drag: their rates are zero and -gamma, zero twice without drag.
+    These rates are not sought, and Arnoldi's vectors are kept free of the motions. Where drag
+    couples such motions to others, none are given, and their rates of zero are among the results.
+    One of the two rates of each mode is kept, by :func:`_drop_second_rates`, so that m is at most
     ``n_rates``.
     """
     from scipy.sparse import eye_array
@@ -1653,8 +1658,8 @@ def _search_lowest(operator: WaveOperator) -> float:
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
-    """Return all eigenvalues (live,), (rad/s)^2, and eigenvectors (live, live) of D, by a dense
-    matrix.
+    """Return all eigenvalues (live,), (rad/s)^2, ascending, and the eigenvectors (live, live) of D
+    on the live motions, by a dense matrix.
 
     Raises :class:`~granphon.base.errors.InputError` for a matrix that is too large; the message
     says that ``count`` modes were requested.

@@ -331,11 +331,12 @@ class Motion(Result):
         change.
 
         A time is nan in three cases: the force changes by less than a thousandth of the greatest
-        change of all forces; it has no such maximum, as when it still rises at the end; or a frame
-        beside the maximum has less than half of its height, so that frames are too few to tell when
-        the pulse passes. Raises :class:`~granphon.base.errors.InputError` for another word than
-        "peak" and "front", and for a ``share`` of a front below 1e-9 or above 1; for a peak the
-        share is not used.
+        change of all forces, or by rounding alone; it has no such maximum, as when it still rises
+        at the end; or a frame beside the maximum has less than half of its height, so that frames
+        are too few to tell when the pulse passes.
+
+        Raises :class:`~granphon.base.errors.InputError` for another word than "peak" and "front",
+        and for a ``share`` of a front below 1e-9 or above 1; for a peak the share is not used.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
@@ -385,11 +386,12 @@ class Motion(Result):
         default from the first contact to the last. The front is where the force has changed by the
         part ``share`` of its first great change, by default half.
 
-        Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts; for a contact
-        that the pulse does not pass within the run; for fewer than three frames within the width of
-        the pulse at half of its height; if distances over times are no straight line that rises; if
-        the first and the last contact are at one place and no ``direction`` is given; and for a
-        ``share`` together with a peak.
+        Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, and an index
+        that no contact has; for a contact that the pulse does not pass within the run; for fewer
+        than three frames within the width of the pulse at half of its height; if distances over
+        times are no straight line that rises; if the first and the last contact are at one place
+        and no ``direction`` is given; for a ``direction`` that is not three numbers, or zero; for
+        what :meth:`passages` refuses; and for a ``share`` together with a peak.
         """
         indices = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if indices.size < 2:
@@ -431,7 +433,7 @@ class Motion(Result):
         n_missed = missed_contacts.size
         if n_missed:
             fault = f"the pulse does not pass contact {missed_contacts[0]}"
-            others = f", nor {n_missed - 1} others" if n_missed > 1 else ""
+            others = f", nor {counted(n_missed - 1, 'other')}" if n_missed > 1 else ""
             why = "Its force does not change much, or still rises at the end"
             mend = "Run for longer, keep more frames, or give contacts that it has passed"
             raise InputError(fault + others, why, mend)
@@ -695,7 +697,9 @@ class Frames:
             self._file.close()
             earlier_arrays, _ = read_records(path, _ABOUT)
         with put_beside(path) as beside:
-            self._file = _begin_file(beside, self._network, self.step, self._met, frame)
+            self._file = _begin_file(
+                beside, self._network, self.step, self._balls_of_columns, frame
+            )
             for number in range(self._count):
                 earlier_frame = {
                     name: _pad(earlier_arrays[name][number], shapes[name]) for name in frame
@@ -705,7 +709,7 @@ class Frames:
             del earlier_arrays  # the earlier file is not read any more as another takes its place
 
     @property
-    def _met(self) -> Index:
+    def _balls_of_columns(self) -> Index:
         """(n_m, 2) balls of the contacts that came about beside those of the network, one pair for
         each further column.
         """
@@ -722,7 +726,7 @@ class Frames:
         for name, values in last_frame.items():
             shape = np.shape(values)
             arrays[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
-        return Motion(**arrays, network=self._network, met=self._met, step=self.step)
+        return Motion(**arrays, network=self._network, met=self._balls_of_columns, step=self.step)
 
 
 def _require_writable(path: Any) -> None:

@@ -59,6 +59,7 @@ from granphon.base.compiled import find_why_uncompiled
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
+from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import (
     index_array,
@@ -193,10 +194,12 @@ class NonlinearWaves:
     Raises
     ------
     InputError : if there is no network; for contacts without force, whose overlap is not known; for
-        a law that needs the balls of a crystal; for a network with ``prestress`` and the geometry
-        "lattice", in which its static forces act sideways; for one with ``prestress`` and the
-        ``slip_levers`` "yade"; for numbers out of range; for a coefficient of friction above zero
-        where no contact resists slip, and ``coulomb="total"`` without a coefficient.
+        what is no contact law, and a law that needs the balls of a crystal; for another word than
+        those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network with ``prestress``
+        and the geometry "lattice", in which its static forces act sideways; for one with
+        ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity of
+        another shape, or along an axis along which no ball moves; for a coefficient of friction
+        above zero where no contact resists slip, and ``coulomb="total"`` without a coefficient.
     """
 
     def __init__(
@@ -243,7 +246,7 @@ class NonlinearWaves:
         )
         given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         self.losses = Losses.of(network, given)
-        require_slip(network, self.mu)
+        require_slip(self.mu, has_slip=resists_slip(network))
         if coulomb == "total" and self.mu == math.inf:
             why = "Without a friction_coefficient contacts do not slide"
             mend = "Give a friction_coefficient, or leave coulomb out"
@@ -261,10 +264,9 @@ class NonlinearWaves:
         power.
         """
         law = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
-        return (
-            f"NonlinearWaves({self.network.n_balls:,} balls, {self.network.n_contacts:,}"
-            f" contacts{law})"
-        )
+        balls = counted(self.network.n_balls, "ball")
+        contacts = counted(self.network.n_contacts, "contact")
+        return f"NonlinearWaves({balls}, {contacts}{law})"
 
     @property
     def overlap(self) -> Array:
@@ -677,13 +679,18 @@ def require_steps(count: float) -> None:
         )
 
 
-def require_slip(network: ContactNetwork, mu: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a coefficient of friction ``mu`` above
-    zero and not infinite, if no contact of the ``network`` resists slip, or if balls move along a
-    line, so that contacts do not slip.
+def resists_slip(network: ContactNetwork) -> bool:
+    """Whether a contact of the ``network`` resists slip; none does where balls have no friction, or
+    move along a line, so that contacts do not slip.
     """
-    slips = network.ball_motions.count > 1 and bool(np.any(network.shear_stiffness))
-    if slips or mu == 0.0 or mu == math.inf:
+    return network.ball_motions.count > 1 and bool(np.any(network.shear_stiffness))
+
+
+def require_slip(mu: float, *, has_slip: bool) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a coefficient of friction ``mu`` above
+    zero and not infinite, unless a contact resists slip, ``has_slip``.
+    """
+    if has_slip or mu == 0.0 or mu == math.inf:
         return
     raise InputError(
         f"friction_coefficient is {mu:g}, and no contact resists slip",
@@ -1148,8 +1155,9 @@ class _System:
 
     @property
     def _extra_overlap(self) -> float:
-        """Mean over contacts, m, of the overlap that a contact has at rest by its force and law,
-        less the overlap of its balls by radii and positions; zero without contacts of two balls.
+        """Mean over the contacts without a flat wall, m, of the overlap that a contact has at rest
+        by its force and law, less the overlap of its balls by radii and positions; zero if there
+        are no such contacts.
         """
         network = self.network
         # the distance of a ball from a flat wall is infinite
@@ -1400,8 +1408,8 @@ class _System:
         return np.array(resistances)
 
     def _refresh(self) -> None:
-        """Set the elongations, normal forces and stiffnesses of the present contacts, if compiled
-        loops know the law: such steps do not set them.
+        """Set the elongations, normal forces and stiffnesses of the present contacts if compiled
+        loops know the law: the steps of such a run leave them unset, and other steps set them.
         """
         if self._knows_law:
             self.contacts.measure(self.current)
@@ -1742,21 +1750,24 @@ class _System:
         self._carry_over(np.flatnonzero(is_old), old_numbers[is_old], old_dash)
 
     def _find_pairs(self, positions: Array) -> Index:
-        """Return the pairs (n_p, 5) that may meet, each once as (i, j, shift): two balls, or a ball
-        i and a flat wall j, with a gap up to the margin when they are at ``positions`` (n, 3), m.
+        """Return the pairs (n_p, 5) that may meet, each once as (i, j, shift), when bodies are at
+        ``positions`` (n, 3), m: two balls, or a ball i and a flat wall j.
 
-        Contacts of the network, and pairs of two bodies that are held, are not among them.
+        A ball and a wall are listed if their gap is below the margin. Two balls are listed up to a
+        gap that is wider by :attr:`_extra_overlap`, if that is above zero, as they begin to push
+        that far apart. Contacts of the network, and pairs of two bodies that are held, are not
+        among the pairs.
         """
         network = self.network
         radii = network.radii
         balls = np.flatnonzero(np.isfinite(radii))  # without flat walls
         periods = network.cell[list(network.pbc)]
-        margin = self._skin + max(self._extra_overlap, 0.0)
-        reach = 2.0 * float(np.max(radii[balls])) + margin
+        margin_of_balls = self._skin + max(self._extra_overlap, 0.0)
+        reach = 2.0 * float(np.max(radii[balls])) + margin_of_balls
         i, j, cells, vectors = find_pairs(positions[balls], periods, reach)
         i = balls[i]
         j = balls[j]
-        is_near = np.linalg.norm(vectors, axis=1) < radii[i] + radii[j] + margin
+        is_near = np.linalg.norm(vectors, axis=1) < radii[i] + radii[j] + margin_of_balls
         i = i[is_near]
         j = j[is_near]
         shift = np.zeros((len(i), 3), np.intp)

@@ -270,8 +270,8 @@ class WaveOperator(LinearOperator):
         return self._make_full_root()
 
     def _make_full_root(self, phase: Any = 1.0) -> csr_array[Any]:
-        """Return :attr:`full_root` of waves in which balls j of contacts move with a ``phase``
-        (n_c,).
+        """Return :attr:`full_root` of waves, whose motions of balls j of contacts are multiplied by
+        the complex factors ``phase`` (n_c,) of size one; 1 for the network as it is.
         """
         return self._add_anchors(self._make_matrix(*self._rows_and_factors, phase))
 
@@ -361,8 +361,8 @@ class WaveOperator(LinearOperator):
         """Return R^H W R, (size, size), (rad/s)^2, with R of :attr:`full_root` and W of
         :meth:`row_weights` for ``weights`` (2, n_c); without weights this is D without G.
 
-        With a ``phase`` (n_c,) the matrix is that of waves in which balls j of contacts move with
-        that phase.
+        With complex factors ``phase`` (n_c,), of size one, the matrix is that of waves, whose
+        motions of balls j of contacts are multiplied by these factors.
         """
         root = self.full_root if phase is None else self._make_full_root(phase)
         weighed = root.multiply(self.row_weights(weights)[:, None]).tocsr()
@@ -832,10 +832,10 @@ class ArrayOperator(WaveOperator):
         return ContactOperator(self.cells, shifts, head, tail)
 
     def _spread_over_cells(self, weights: NDArray[Any]) -> NDArray[Any]:
-        """Return the stiffnesses of contacts times ``weights`` (rows, n_c) over the mass of a ball,
-        (rad/s)^2, as an array (rows, kinds, *cells), where "rows" are kinds of deformation and
-        "kinds" kinds of contact. Each contact stands at the cell of its ball i; the numbers are
-        zero where two balls have no contact.
+        """Return each stiffness of the contacts, times its weight among ``weights`` (rows, n_c),
+        over the mass of a ball, (rad/s)^2, as an array (rows, kinds, *cells), where "rows" are
+        kinds of deformation and "kinds" kinds of contact. Each contact stands at the cell of its
+        ball i; the numbers are zero where two balls have no contact.
         """
         shape = (len(self.rows), len(self._contacts_of_kind), *self.cells)
         springs = np.zeros(shape, weights.dtype)

@@ -251,8 +251,9 @@ class _Leg(NamedTuple):
 
 
 def _list_legs(pieces: Sequence[Array]) -> tuple[list[_Leg], Array]:
-    """Return the legs between the corners of the ``pieces`` of a path, (corners, p), 1/m, each, and
-    the distances (m,), 1/m, along the path: of the start of the first leg, and of the end of each.
+    """Return the legs between the corners of the ``pieces`` of a path, each piece (corners, p),
+    1/m; and the distances (m,), 1/m, along the path: of the start of the first leg, and of the end
+    of each leg.
 
     A jump from one piece to the next has no length.
     """

@@ -369,9 +369,11 @@ class _Windows(NamedTuple):
     greatest: float
 
     def widen(self, number: int, low: float, high: float) -> None:
-        """Make the window of this ``number`` wider, so that it holds the frequencies from ``low``
-        to ``high``, Hz.
+        """Make the window of this ``number`` wider, in place, so that it holds the frequencies from
+        ``low`` to ``high``, Hz, as far as they are not below :attr:`least` or above
+        :attr:`greatest`.
         """
+        # fmin and fmax ignore the nan at the ends of a new window
         self.low[number] = np.fmin(self.low[number], max(low, self.least))
         self.high[number] = np.fmax(self.high[number], min(high, self.greatest))
 

@@ -723,7 +723,7 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
 
 def _make_gate(times: Array, reach: float) -> Array:
     """Return factors (n_t,) at ``times`` (n_t,), s, that are 1 around the time zero, fall over the
-    last third of the ``reach``, s, to either side, and are 0 beyond.
+    last third of the ``reach``, above zero, s, to either side, and are 0 beyond.
     """
     return np.clip(3.0 * (1.0 - np.abs(times) / reach), 0.0, 1.0)
 
@@ -827,7 +827,7 @@ class Pulse(Result):
 
     @cached_property
     def speckle(self) -> Array:
-        """(n_r, n_t) signal of each ball minus the coherent signal, m/s."""
+        """(n_r, n_t) signal of each receiver minus the coherent signal, m/s."""
         return read_only(self.signals - self.coherent)
 
     @cached_property
@@ -896,7 +896,7 @@ class Pulse(Result):
         zero, does not come after the burst or is not over at the end of the record, and for all
         receivers if an echo may come before the pulse is at its height.
 
-        ``method`` and ``threshold`` are those of :meth:`arrival`.
+        ``method`` and ``threshold`` are those of :meth:`arrival`, and so is what is raised.
         """
         flights, _ = self._find_arrivals(self.signals, method, threshold)
         return np.full(flights.shape, math.nan) if self._explain_echo() else flights

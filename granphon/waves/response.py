@@ -77,6 +77,7 @@ from granphon.waves.peaks import Peaks, Solve, find_peaks
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 from granphon.waves.sensors import (
+    DEFAULT_POLARISATION,
     FLOOR,
     Sensor,
     SensorPlaces,
@@ -523,7 +524,7 @@ class Places:
         if direction is None:
             direction = find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
-        self.polarisation = "longitudinal" if polarisation is None else polarisation
+        self.polarisation = DEFAULT_POLARISATION if polarisation is None else polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
         self._sensor_places = SensorPlaces.of(network)
 
@@ -901,14 +902,16 @@ class ResponseWork:
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
         """Return whether the matrix is factorised at each frequency, (n_f,), and the expected time
-        for all frequencies, s; the Krylov space solves all other frequencies at once.
+        for all frequencies, s. One Krylov space solves all frequencies without factors at once.
 
-        With the ``method`` "direct" the matrix is factorised at all frequencies, also if no space
-        serves, and if no method is named and the network is small. Raises
-        :class:`~granphon.base.errors.InputError` for the method "krylov" if no space serves;
-        :class:`~granphon.base.errors.ConvergenceError` if the network is too large for factors that
-        are needed, or the steps of the space are too many, and if no method is named and the time
-        is above an hour.
+        The matrix is factorised at all frequencies in three cases: the ``method`` is "direct"; no
+        space serves; or the method is None and the network is small. With the method "krylov" it is
+        factorised at none, and with None where that takes less time.
+
+        Raises :class:`~granphon.base.errors.InputError` for the method "krylov" if no space serves.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the network is too large for
+        factors that are needed, if the space would take too many steps, and, with the method None,
+        if the time is above an hour.
         """
         if self.why_no_space and method == "krylov":
             raise InputError(

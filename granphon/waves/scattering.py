@@ -684,6 +684,7 @@ class _Lead(NamedTuple):
         scale = np.where(is_rotation, inertia_roots[:, None], mass_roots[:, None])
         phases = np.exp(-2.0j * np.pi * (cells @ self.q))
         entries = scale * phases[:, None]
+        # the balls of the operator are in ascending order
         first_columns = np.searchsorted(operator.balls, balls)[:, None] * n_motions
         columns = first_columns + np.arange(n_motions)
         rows = np.arange(block.size * n_motions)

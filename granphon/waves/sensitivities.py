@@ -109,12 +109,14 @@ class ResponseSlopes:
 
     def _find_of_contacts(self, x: Complex, y: Complex, omega: float) -> dict[str, Any]:
         """Return the derivatives (n_r, n_c) with respect to parameters of contacts at ``omega``,
-        rad/s, by the names of fields; ``x`` and ``y`` are those of :meth:`find`.
+        rad/s, by the names of fields; that of ``normal_force`` is None without prestress. ``x`` and
+        ``y`` are those of :meth:`find`.
         """
         network = self.operator.network
         deformations = self._deform @ x + self._source_deformations
         adjoint_deformations = np.asarray(self._deform @ y)
-        # y^T (dK/dk) x of a contact is the product of both deformations, times its losses
+        # a signal changes by -y^T (dK/dk) x: minus the product of both deformations of the contact,
+        # times its losses
         products: Any = deformations[:, None] * adjoint_deformations
         sums = sum_kinds(self.rows, products)
         zeros = np.zeros((network.n_contacts, y.shape[1]))  # of kinds that no motion makes

@@ -26,6 +26,8 @@ from granphon.networks.network import ContactNetwork
 FLOOR = "floor"
 #: word by which users name a plane of balls, or of held bodies
 PLANE = "plane"
+#: polarisation of the planes of a response for which none is given
+DEFAULT_POLARISATION = "longitudinal"
 #: greatest component of a normal along the axis of a sensor that is zero but for rounding
 _ACROSS = 1e-9
 
@@ -155,13 +157,15 @@ def find_unused(sources: Sequence[Any], receivers: Sequence[Any], given: Mapping
 
     ``given`` has the values of "direction", "polarisation" and "distance" by these names, None for
     one that is not given. A distance is that of a plane that receives; the others are those of any
-    plane.
+    plane. The default polarisation counts as not given: scene files of earlier versions hold it.
     """
     is_heard = any(map(is_plane, receivers))
     has_plane = is_heard or any(map(is_plane, sources))
     for name, value in given.items():
         has_use = is_heard if name == "distance" else has_plane
-        if value is not None and not has_use:
+        # a vector may be given too, which is compared with no word
+        is_default = value is None or (isinstance(value, str) and value == DEFAULT_POLARISATION)
+        if not is_default and not has_use:
             return name
     return ""
 

@@ -128,9 +128,11 @@ COULOMB_LIMITS = ("elastic", "total")
 
 
 def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
-    """Return the kind of the loss of this ``name``: zero or above, or for a restitution from
-    :data:`LEAST_RESTITUTION` to 1. ``quantity`` has the unit of the loss, which zero may lack; it
-    is None for a loss without a unit.
+    """Return the kind of the loss of this ``name``: a number from zero to the largest of such
+    losses, see :func:`read_loss`; a restitution is from :data:`LEAST_RESTITUTION` to 1.
+
+    ``quantity`` has the unit of the loss, which zero may lack; it is None for a loss without a
+    unit.
     """
     if name == "restitution":
         return Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
@@ -263,7 +265,9 @@ _POINTS = whole_from(2, 10_000)
 
 
 def _read_repeat(value: Any) -> tuple[int, ...]:
-    """Return the numbers of cells along each period; an empty tuple stays empty."""
+    """Return the numbers of cells along each period, from 1 to a million each, as
+    :func:`read_counts` reads them; an empty tuple, which repeats nothing, stays empty.
+    """
     return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
 
 
@@ -271,7 +275,8 @@ def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str | 
     """Return the axis, the number of layers, and the two edges of a cut, read from a block of a
     scene file or from a tuple of these, without edges or with them; edges are free by default.
 
-    Raises :class:`Refused` for a longer tuple.
+    Raises :class:`Refused` for another value, as for a tuple that is longer or has no number of
+    layers.
     """
     entries = value
     if isinstance(value, tuple):
@@ -393,8 +398,8 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def losses(self) -> dict[str, Any]:
-        """The losses by name, in SI units, without those that are None: arguments of
-        ``Waves.response``.
+        """The losses by name, in SI units, as arguments of ``Waves.response``; without those that
+        are None or that these settings do not have.
         """
         losses = {name: getattr(self, name, None) for name in LOSSES}
         return {name: loss for name, loss in losses.items() if loss is not None}
@@ -1040,7 +1045,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`."""
 
     block = "motion"
-    of_network = ("repeat", "cut", "friction_coefficient", "drive")
+    of_network = ("repeat", "cut", "drive")
 
     duration: float = setting(
         with_unit(TIME), "how long the balls move", title="duration of the motion"
@@ -1052,7 +1057,7 @@ class MotionSettings(NetworkSettings, LossSettings):
     )
     friction_coefficient: float | None = setting(
         Kind.plain(zero_or_above),
-        "Coulomb's limit of slip",
+        "Coulomb's limit of slip; states of a sweep without friction do not use it",
         default=None,
         absent="contacts do not slide",
         title="friction coefficient of the motion",
@@ -1099,8 +1104,10 @@ class MotionSettings(NetworkSettings, LossSettings):
         :attr:`DriveSettings.extremes`.
         """
         extremes_of_drives = [drive.extremes for drive in self.drive]
-        names = extremes_of_drives[0]
-        return {name: max(extremes[name] for extremes in extremes_of_drives) for name in names}
+        return {
+            name: max(extremes[name] for extremes in extremes_of_drives)
+            for name in extremes_of_drives[0]
+        }
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array
@@ -134,7 +135,8 @@ class Waves:
             "count_modes", "response" or "transmit"; or "moduli", of :func:`gp.moduli
             <granphon.moduli>` and of sound; or "transmission", of :func:`granphon.transmission`
             through this network.
-        arguments, options : those of the method. Moduli have none. A transmission has the two
+        arguments, options : those of the method. The source and the receiver of a response do not
+            change its cost, and may be left out. Moduli have none. A transmission has the two
             leads, the frequencies, ``axis``, ``q`` and the losses.
 
         :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
@@ -142,12 +144,19 @@ class Waves:
         estimate D is made, and one product with it is timed. For modes that are filtered out of
         random vectors the density of states is computed too, a small part of the search.
 
-        Raises :class:`~granphon.base.errors.InputError` for another name, and for numbers that the
-        method refuses.
+        Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
+        method does not have or that are missing, and for values that the method refuses; but the
+        source and the receiver of a response are not looked at.
         """
         from granphon.waves.estimates import WaveEstimate
 
-        return WaveEstimate(self.operator).find(name, *arguments, **options)
+        estimate = WaveEstimate(self.operator)
+        try:
+            find_cost = estimate.bind(name, *arguments, **options)
+        except TypeError as error:
+            problem = f"these are not the arguments of {name}: {error}"
+            raise InputError(problem, mend="Give what the result itself takes") from None
+        return find_cost()
 
     def dos(
         self,
@@ -442,9 +451,9 @@ class Waves:
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there; a
             ball of the source that is held, unless a wall is displaced; no receiver; a sensor
-            without a contact; a direction or polarisation where no plane is driven or heard, or a
-            distance where none is heard; a loss below zero, a restitution of zero or above 1; a
-            mode without losses at one of the frequencies.
+            without a contact; a direction, or a polarisation other than "longitudinal", where no
+            plane is driven or heard, or a distance where none is heard; a loss below zero, a
+            restitution of zero or above 1; a mode without losses at one of the frequencies.
         ConvergenceError : a network that is too large to be factorised, and damped too little or
             unevenly; or, unless a ``method`` is given, a response that would take more than an
             hour.
@@ -491,9 +500,10 @@ class Waves:
         complex plane. Modes that creep fast are far away there, though their real part is zero, and
         may then be missing.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for a frequency
-        above the top, for more modes than there are, or than can be found in a large network, and
-        if losses differ and there are more motions than are factorised;
+        Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
+        zero, for losses that :meth:`response` refuses, for a frequency above the top, for more
+        modes than there are, or than can be found in a large network, and if losses differ and
+        there are more motions than are factorised;
         :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
         than springs;
         :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what

@@ -16,6 +16,7 @@ import yaml
 from scipy.integrate import simpson
 
 import granphon as gp
+from granphon.array import equilibrium
 from granphon.array.geometry import ExactPlace, list_displacements
 from granphon.array.history import LoadingHistory
 from granphon.array.options import ReducedLoad
@@ -1475,10 +1476,10 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
     )
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
     by_factors = functools.partial(ResponseOptions, grid=GridOptions(rigidity=np.inf))
-    monkeypatch.setattr(response, "ResponseOptions", by_factors)
+    monkeypatch.setattr(equilibrium, "ResponseOptions", by_factors)
     factorised = sample.elastic_tensor
     none = functools.partial(ResponseOptions, most_balls={2: 0, 3: 0})
-    monkeypatch.setattr(response, "ResponseOptions", none)
+    monkeypatch.setattr(equilibrium, "ResponseOptions", none)
     iterated = dataclasses.replace(sample).elastic_tensor
     np.testing.assert_allclose(iterated, factorised, rtol=0.0, atol=1e-12 * np.max(factorised))
     assert not np.array_equal(iterated, factorised)

@@ -27,10 +27,12 @@ from granphon.base.settings import (
     read_counts,
     read_values,
     setting,
+    space_evenly,
     whole_from,
     with_unit,
     word_of,
     write_block,
+    write_values,
 )
 from granphon.base.validation import number
 from granphon.waves.settings import BLOCKS, DriveSettings, Shaker
@@ -201,3 +203,11 @@ def test_a_range_too_wide_for_a_float_is_refused():
     with pytest.raises(Refused, match="range from"):
         read_values(wide, rule)
     assert read_values(wide | {"from": 0.0}, rule) == (0.0, 0.85e308, 1.7e308)
+
+
+def test_values_that_are_written_are_read_up_to_the_most_points_of_a_range_and_beyond():
+    for count, kind in ((200_000, dict), (200_001, list)):
+        values = space_evenly(1.0, 20.0, count, "linear")
+        plain_values = write_values(values, float)
+        assert isinstance(plain_values, kind)
+        assert read_values(plain_values, float) == values

@@ -244,6 +244,12 @@ def test_an_error_that_rounds_up_keeps_two_digits():
     assert write_uncertain(200.0, 150.0, "m/s") == "200 +/- 150 m/s"
 
 
+def test_an_error_that_rounds_up_to_a_thousand_has_the_next_multiple():
+    assert write_uncertain(1.0, 999.4, "m/s") == "1 +/- 999 m/s"
+    assert write_uncertain(1.0, 999.6, "m/s") == "0.0 +/- 1.0 km/s"
+    assert write_uncertain(1.0, 1000.0, "m/s") == "0.0 +/- 1.0 km/s"
+
+
 def test_a_standard_error_is_zero_or_above_and_finite():
     assert read_with_error("8 mm", LENGTH) == (8e-3, 0.0)
     assert read_with_error("8 mm +- 0 um", LENGTH) == (8e-3, 0.0)

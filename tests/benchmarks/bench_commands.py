@@ -25,7 +25,7 @@ from bench_statics import ETA, draw, factorise_list
 from side_by_side import Part, Row, alternate, over
 
 import granphon as gp
-from granphon.__main__ import _COLLECTED
+from granphon.__main__ import _COLLECTION_THRESHOLD
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import bring_to_rest
 
@@ -63,17 +63,17 @@ def measure(folder: str, threshold: int) -> float:
 
 
 def commands(repeats: int) -> list[Row]:
-    thresholds = {"command": _COLLECTED, "python": gc.get_threshold()[0]}
+    thresholds = {"command": _COLLECTION_THRESHOLD, "python": gc.get_threshold()[0]}
     times: dict[str, list[float]] = {name: [] for name in thresholds}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "scene.yaml").write_text(SCENE, encoding="utf-8")
-        measure(folder, _COLLECTED)  # compiles modules
+        measure(folder, _COLLECTION_THRESHOLD)  # compiles modules
         for _ in range(repeats):
             for name, threshold in thresholds.items():
                 times[name].append(measure(folder, threshold))
     ratios = [ours / default for ours, default in zip(*times.values(), strict=True)]
     ours, default = (statistics.median(times[name]) for name in times)
-    note = f"{ours:.3g} s with {_COLLECTED:,}, {default:.3g} s with {thresholds['python']:,}"
+    note = f"{ours:.3g} s with {_COLLECTION_THRESHOLD:,}, {default:.3g} s with {thresholds['python']:,}"
     what = (
         "A short `granphon run` that looks for reference cycles less often, over one that does not"
     )

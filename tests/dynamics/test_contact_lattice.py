@@ -317,6 +317,9 @@ def test_the_digits_of_a_wave_vector_count_in_reciprocal_vectors(length):
     for infinite in (np.inf, 1e308):
         with pytest.raises(GranphonError):
             chain.frequencies([[infinite]])
+    for no_number in (np.nan, np.inf):
+        with pytest.raises(InputError, match="not finite"):
+            chain.wavevectors([no_number])
 
 
 # -- one lattice in several cells ------------------------------------------------------------------

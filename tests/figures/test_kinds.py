@@ -12,7 +12,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.figures.modes import _find_network_motion, mode_figure, plot_mode
+from granphon.figures.modes import (
+    _find_network_motion,
+    _write_network_title,
+    mode_figure,
+    plot_mode,
+)
 from granphon.figures.style import KIND_COLOURS, OTHER_KINDS, colour_kinds
 from tests.dynamics.test_network_lattice import random_network
 from tests.figures.conftest import assert_inside_page, texts, with_gid
@@ -180,6 +185,17 @@ def test_of_a_large_network_the_balls_are_drawn_that_move_most(lattice, shape, p
     ax = gp.plot(gp.Waves(crystal.at_pressure(pressure)).modes(1)).axes[0]
     assert f"500 of {crystal.n_balls} balls" in ax.get_title()
     assert texts(ax.get_legend()) == ["steel", "aluminium"]
+
+
+def test_a_title_counts_no_flat_walls():
+    bed = gp.Crystal.on("square", [STEEL]).repeat((6, 1)).cut(1, 3, edges=("floor", "free"))
+    network = bed.at_pressure(100.0).network
+    n_walls = np.count_nonzero(np.isinf(network.radii))
+    assert n_walls > 0
+    modes = gp.Waves(network).modes(1)
+    title = _write_network_title(modes, 0, 3)
+    assert title.endswith(f", 3 of {network.n_balls - n_walls} balls")
+    assert "balls" not in _write_network_title(modes, 0, network.n_balls - n_walls)
 
 
 def test_contacts_have_the_colours_of_their_shares_in_a_mode():

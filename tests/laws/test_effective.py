@@ -250,8 +250,8 @@ def test_no_seam_between_steps(shape, xi):
 # -- convergence -----------------------------------------------------------------------------------
 
 
-def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
-    return effective.solve_curve(shape, XI[0.0], stages, tolerance, most, order)
+def solved(shape, stages=16, n_nodes=32, tolerance=1e-12, most=np.inf):
+    return effective.solve_curve(shape, XI[0.0], stages, tolerance, most, n_nodes)
 
 
 @pytest.mark.parametrize(
@@ -281,16 +281,16 @@ def test_order_at_the_ends_of_steps_is_2s_minus_1(shape, stages, length):
 )
 def test_convergence_in_the_nodes_is_exponential(shape):
     place = np.array([-0.2])
-    exact = solved(shape, order=64).value(place, FORCE)
+    exact = solved(shape, n_nodes=64).value(place, FORCE)
     orders = np.array([8, 10, 12, 14])
     errors = np.array(
         [
-            np.max(np.abs(solved(shape, order=int(n)).value(place, FORCE) / exact - 1.0))
+            np.max(np.abs(solved(shape, n_nodes=int(n)).value(place, FORCE) / exact - 1.0))
             for n in orders
         ]
     )
     assert np.polyfit(orders, np.log10(errors), 1)[0] < -0.4  # decimal digits per node
-    np.testing.assert_allclose(solved(shape, order=32).value(place, FORCE), exact, rtol=1e-13)
+    np.testing.assert_allclose(solved(shape, n_nodes=32).value(place, FORCE), exact, rtol=1e-13)
 
 
 def lot(n, seed, kind):

@@ -181,7 +181,7 @@ def test_shapes_are_those_of_the_load(medium, states):
     assert states.elastic_tensor.shape == (2, 3, 3, 3)
     assert states.standard_error("overlap").shape == (2, 3)
     assert states.standard_error(lambda sample: sample.elastic_tensor).shape == (2, 3, 3, 3)
-    for wrong, words in (("overlp", "overlap"), (3, "of is 3"), ("atoms", "numbers")):
+    for wrong, words in (("overlp", "overlap"), (3, "of is 3"), ("atoms", "Numbers")):
         with pytest.raises(InputError, match=words):
             states.standard_error(wrong)
     with pytest.raises(InputError, match="function"):

@@ -452,6 +452,7 @@ def test_a_network_whose_periods_lie_anywhere_is_turned():
         ),
         (lambda: bulk("square").cut(0, 0), "layers"),
         (lambda: bulk("square").cut((0, 0), 3), "2 Miller indices"),
+        (lambda: bulk("square").cut((101, 1), 3), "-100 to 100"),
     ],
 )
 def test_cuts_that_are_not_possible(make, said):

@@ -1165,7 +1165,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     "a polarisation of balls": (
         edit(
             "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",
-            "source: 3 x\n  receiver: 7 x\n  polarisation: longitudinal",
+            "source: 3 x\n  receiver: 7 x\n  polarisation: transverse",
             RESPONSE,
         ),
         "12: response.polarisation",

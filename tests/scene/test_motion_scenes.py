@@ -264,6 +264,35 @@ def test_a_sweep_has_the_numbers_of_single_states(layers, time, figures, tmp_pat
         assert result.figure("sweep.png").axes[0].get_ylabel() == "Peak velocity (m/s)"
 
 
+def test_a_sweep_compares_balls_with_friction_and_without():
+    """The coefficient of friction has a use in one of the states: it is taken there. The states
+    without friction are those of a scene without a coefficient.
+    """
+    words = {"DRIVE": "{balls: 2, impact: 2 m/s, direction: 1 1}", "40 us": "4 us", ": 21": ": 3"}
+    limit = "  friction_coefficient: 0.3\n"
+    total = PLANE.replace(limit, f"{limit}  coulomb: total\n")
+    swept = scene(f"{total}sweep: {{friction: [true, false]}}\n", **words)
+    data = swept.sweep()
+    rough = scene(total, **words).sweep()
+    plane = PLANE.replace("diameter: 8 mm", "diameter: 8 mm, friction: false")
+    smooth = scene(plane.replace(limit, ""), **words).sweep()
+    for friction, alone in ((True, rough), (False, smooth)):
+        for name in ("energy_translation", "energy_rotation", "energy_lost"):
+            values = data[name].sel(friction=friction).values
+            np.testing.assert_array_equal(np.ravel(values), np.ravel(alone[name].values))
+    assert rough["energy_rotation"].values > 0.0
+    assert smooth["energy_rotation"].values == 0.0
+
+
+def test_a_sweep_in_which_nothing_slips_has_no_coefficient_of_friction():
+    text = PLANE.replace(
+        "diameter: 8 mm", "diameter: 8 mm, friction: false, spread: {uniform: 1 um}"
+    )
+    text += "sweep: {width: [1 um, 2 um]}\n"
+    with pytest.raises(SceneError, match=r"motion\.friction_coefficient"):
+        scene(text, DRIVE="{balls: 2, impact: 2 m/s}")
+
+
 def test_what_diffuses_has_no_velocity():
     """Dashpots that are far stronger than springs let the force diffuse, t ~ x^2: no front is read
     from that.

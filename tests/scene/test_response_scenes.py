@@ -134,6 +134,18 @@ def test_sensors_of_force_are_those_of_python(quantity, source, name):
 
 
 @pytest.mark.slow
+def test_files_that_hold_the_default_polarisation_of_planes_are_read():
+    """Earlier versions wrote it in every file of a response, also between balls."""
+    balls = CHAIN.replace("source: plane", "source: 3 x").replace("transmissibility", "velocity")
+    balls = balls.replace("points: 30", "points: 3")
+    held = balls.replace("quantity:", "polarisation: longitudinal\n  quantity:")
+    response = gp.Scene.from_text(held).response
+    assert response.polarisation == "longitudinal"
+    ours = gp.Scene.from_text(balls).sweep()
+    theirs = gp.Scene.from_text(held).sweep()
+    assert_allclose(ours["mobility"], theirs["mobility"], rtol=0.0, atol=0.0)
+
+
 def test_a_sensor_of_force_has_a_figure(tmp_path):
     text = SHORT.replace("transmissibility", "stiffness").replace("[5 x, 0 x]", "[2-3, 3 x]")
     result = scene(text, FORCE="[2 N, 128 N]").run(tmp_path)

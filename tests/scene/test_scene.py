@@ -536,6 +536,13 @@ def test_a_scene_that_no_file_can_hold(packing):
     assert Scene.from_text(ranged.to_yaml()) == ranged
 
 
+@pytest.mark.slow
+def test_more_loads_than_the_points_of_a_range_are_no_text(packing):
+    scene = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_001, "linear")))
+    with pytest.raises(InputError, match="100 kB"):
+        scene.to_yaml()
+
+
 # -- quantities ------------------------------------------------------------------------------------
 
 

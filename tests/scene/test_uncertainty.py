@@ -120,6 +120,16 @@ def test_numbers_whose_count_changes_have_no_errors_and_a_warning():
     assert list(propagation.lacking) == ["x"]
 
 
+def test_a_number_that_a_shifted_scene_does_not_have_is_told():
+    propagation = ErrorPropagation(["p"], [({"x": [np.nan]}, {"x": [1.0]})], np.eye(1))
+    assert propagation.find("x", [1.0]) is None
+    assert [*propagation.lacking] == ["x"]
+    # what has no number in the scene itself lacks no error
+    propagation = ErrorPropagation(["p"], [({"x": [np.nan]}, {"x": [1.0]})], np.eye(1))
+    assert propagation.find("x", [np.nan]) is None
+    assert not propagation.lacking
+
+
 def test_angles_change_by_no_turns():
     ends = {"phase": np.array([3.1, 1.0])}, {"phase": np.array([-3.1, 1.2])}
     errors, source = ErrorPropagation(["p"], [ends], np.eye(1)).find(

@@ -12,9 +12,11 @@ import re
 import signal
 import subprocess
 import sys
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -327,6 +329,21 @@ def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
 
 
 @pytest.mark.claim("tradeoff-budget")
+def test_memory_is_that_of_the_run_also_under_a_trace_of_the_user():
+    point = SimpleNamespace(prepare=lambda run: run, solve=lambda _: bytes(1_000_000))
+    alone = tradeoffs._watch_memory(point)
+    assert not tracemalloc.is_tracing()
+    tracemalloc.start()
+    try:
+        held = bytes(20_000_000)
+        traced = tradeoffs._watch_memory(point)
+        assert tracemalloc.is_tracing()
+        assert tracemalloc.get_traced_memory()[0] > len(held)
+    finally:
+        tracemalloc.stop()
+    assert_allclose([alone, traced], 1_000_000, rtol=0.1)
+
+
 def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
     costs = [
         ("m", "1", 0.1, 1e-2),

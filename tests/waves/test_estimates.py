@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from inspect import signature
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ import granphon as gp
 from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.errors import InputError
 from granphon.dynamics.iterative_relaxation import IterativeRelaxation
+from granphon.waves.estimates import WaveEstimate
 from tests import packings
 
 
@@ -94,6 +96,22 @@ def test_steps_of_a_response_are_counted(network):
     by_factors = waves.estimate("response", frequencies, method="direct", loss_factor=0.2)
     waves.response(frequencies, (0, "x"), [(5, "x")], loss_factor=0.2, method="direct")
     assert progress.done["response by factors"] == count(by_factors) == 5
+
+
+def test_an_estimate_takes_the_names_of_arguments(network):
+    """What the method takes by name its estimate takes by the same name, and in the same order."""
+    finders = WaveEstimate(None).finders
+    methods = set(finders) - {"moduli", "transmission"}
+    assert len(methods) == 7
+    for name in methods:
+        _, *of_method = signature(getattr(gp.Waves, name)).parameters.values()
+        names = [(parameter.name, parameter.kind) for parameter in of_method]
+        of_estimate = signature(finders[name]).parameters.values()
+        assert [(parameter.name, parameter.kind) for parameter in of_estimate] == names
+    by_name = gp.Waves(network).estimate(
+        "response", [1e3], source=(0, "x"), receiver=[(5, "x")], method="direct"
+    )
+    assert count(by_name) == 1
 
 
 def test_products_of_filtered_modes_are_counted(network, monkeypatch):
@@ -243,3 +261,5 @@ def test_arguments_that_a_result_does_not_have_are_refused(arguments, options, w
     waves = gp.Waves(gp.Crystal.on("chain", [ball]).at_force(1.0).network.repeat((9,)))
     with pytest.raises(InputError, match=words):
         waves.estimate(*arguments, **options)
+    with pytest.raises(TypeError, match=words):  # of a wrong call inside the package
+        WaveEstimate(waves.operator).find(*arguments, **options)

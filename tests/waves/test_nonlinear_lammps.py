@@ -80,7 +80,9 @@ def differences(slip, finer, geometry="lattice", overlap=OVERLAP, count=500, lev
     )
     if levers == "radii":
         network = replace(network, slip_levers=levers, lattice=None, shape=None)
-    waves = gp.NonlinearWaves(network, friction_coefficient=MU, geometry=geometry)
+    # balls without friction have no limit of slip
+    limit = {"friction_coefficient": MU} if slip else {}
+    waves = gp.NonlinearWaves(network, geometry=geometry, **limit)
     random = np.random.default_rng(2)
     speed = overlap * D * np.sqrt(network.normal_stiffness[0] / network.masses[0])
     motions = np.zeros((network.n_balls, 6))
@@ -171,7 +173,8 @@ def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     )
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
     tau = share / rate
-    waves = gp.NonlinearWaves(network, friction_coefficient=mu, damping=tau)
+    limit = {"friction_coefficient": mu} if slip else {}
+    waves = gp.NonlinearWaves(network, damping=tau, **limit)
     motions = np.zeros((network.n_balls, 6))
     motions[:, :2] = (
         OVERLAP * D * rate * np.random.default_rng(2).standard_normal((network.n_balls, 2))

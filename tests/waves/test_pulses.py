@@ -1125,7 +1125,7 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     )
 
 
-@pytest.mark.parametrize("function", [gp.Waves.transmit, WaveEstimate._find_pulse])
+@pytest.mark.parametrize("function", [gp.Waves.transmit, WaveEstimate._find_sent_pulse])
 def test_transmit_and_its_estimate_take_the_arguments_of_a_sending(function):
     """The signature that help and editors show has the names and the defaults of the class."""
     given = inspect.signature(PulseSource).parameters

@@ -975,7 +975,7 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"source": (3, "r")}, "Use x, y, z, or a vector"),
         ({"distance": 2.0 * D}, "distance is given"),
         ({"direction": (1,)}, "direction is given"),
-        ({"polarisation": "longitudinal"}, "polarisation is given"),
+        ({"polarisation": "transverse"}, "polarisation is given"),
         ({"source": "plane", "distance": 2.0 * D}, "distance is given, and the receiver"),
         ({"frequencies": [2.0, 1.0]}, "ascending"),
         ({"frequencies": [1e200]}, "up to"),
