@@ -50,6 +50,9 @@ THRESHOLD_FORCE = RestOptions().threshold
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = RestOptions().open_force
+#: the attributes that hold the derivatives of the mean force by the overlap, each of which costs a
+#: linear response or more
+DERIVATIVES = ("stiffness", "stiffness_slope")
 
 
 @result_class
@@ -91,7 +94,7 @@ class Equilibrium(Result):
         """Return what the equilibrium is made from again when it is unpickled, with the derivatives
         that it has found: each costs a linear response.
         """
-        derivatives = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
+        derivatives = {name: vars(self)[name] for name in DERIVATIVES if name in vars(self)}
         return *super().__reduce__(), derivatives
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
@@ -100,7 +103,7 @@ class Equilibrium(Result):
         The derivatives and the place that this equilibrium has found are kept.
         """
         twin = replace(self, deviations=deviations)
-        names = {"_derivatives", "place"} & vars(self).keys()
+        names = {*DERIVATIVES, "place"} & vars(self).keys()
         found_values = {name: vars(self)[name] for name in names}
         vars(twin).update(found_values, stencils=stencils)
         return twin
@@ -284,10 +287,9 @@ class Equilibrium(Result):
         grid = find_lattice_grid(self.stencils.shape, self.lattice)
         return LatticeIteration(grid, stiffness.reshape(grid.n_kinds, -1), self.stencils.workers)
 
-    @cached_property
-    def _derivatives(self) -> tuple[float, float]:
-        """First and second derivative of the mean force of contacts with respect to y, reduced:
-        they are the second and the third derivative of the energy per contact.
+    def _find_derivatives(self) -> tuple[float, float]:
+        """Return the first and the second derivative of the mean force of contacts with respect to
+        y, reduced: they are the second and the third derivative of the energy per contact.
 
         In equilibrium the first response r of the overlaps is enough for both, by the (2n + 1)
         theorem: the derivatives are the means <k r^2> and <k' r^3>, k' being the slope of k.
@@ -297,15 +299,21 @@ class Equilibrium(Result):
         slope = float(np.mean(self.stiffness_slopes * response**3))
         return stiffness, slope
 
-    @property
+    @cached_property
     def stiffness(self) -> float:
-        """Stiffness df*/dy, a reduced number."""
-        return self._derivatives[0]
+        """Stiffness df*/dy, a reduced number; the :attr:`stiffness_slope` is kept with it."""
+        stiffness, slope = self._find_derivatives()
+        vars(self)["stiffness_slope"] = slope
+        return stiffness
 
-    @property
+    @cached_property
     def stiffness_slope(self) -> float:
-        """Slope of the stiffness, d^2f*/dy^2, a reduced number."""
-        return self._derivatives[1]
+        """Slope of the stiffness, d^2f*/dy^2, a reduced number; the :attr:`stiffness` is kept with
+        it.
+        """
+        stiffness, slope = self._find_derivatives()
+        vars(self)["stiffness"] = stiffness
+        return slope
 
     def find_elasticity(
         self,

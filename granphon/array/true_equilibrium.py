@@ -145,8 +145,21 @@ class TrueEquilibrium(Equilibrium):
         return -self.place.lose(moved)
 
     @cached_property
-    def _derivatives(self) -> tuple[float, float]:
-        """First and second derivative of the mean force of contacts with respect to y, reduced."""
+    def stiffness(self) -> float:
+        """Stiffness df*/dy, a reduced number. In a cell that keeps its shape it is found without
+        its slope, which costs a linear response more; elsewhere the slope is kept with it.
+        """
+        if self.strain is not None:
+            stiffness, slope = self._find_derivatives()
+            vars(self)["stiffness_slope"] = slope
+            return stiffness
+        _, moved = self._follow()
+        return float(np.mean(-self.stiffnesses * self.place.lose(moved)))
+
+    def _find_derivatives(self) -> tuple[float, float]:
+        """Return the first and the second derivative of the mean force of contacts with respect to
+        y, reduced.
+        """
         if self.strain is not None:
             return self._find_course().find_derivatives()
         place = self.place
