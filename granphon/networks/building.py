@@ -30,6 +30,7 @@ from granphon.networks.faults import settle
 from granphon.networks.sources import (
     LARGEST,
     MOST_STEPS,
+    SOLID,
     TANGENTIAL_LAWS,
     Balls,
     Completion,
@@ -224,7 +225,7 @@ class Source:
         balls = self.balls
         inertias = balls.inertias
         if inertias is None:
-            inertias = 0.4 * masses * balls.radii**2
+            inertias = SOLID * masses * balls.radii**2
         return inertias if balls.still is None else np.where(balls.still, np.inf, inertias)
 
     def _find_contacts(

@@ -24,7 +24,7 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, message, warn_caller
 from granphon.base.text import counted
-from granphon.networks.sources import LARGEST, find_errors_of_overlaps, find_rounding
+from granphon.networks.sources import LARGEST, SOLID, find_errors_of_overlaps, find_rounding
 
 #: sum of the forces on a ball, over the mean force of a contact, up to which they are in balance
 #: where static forces act: programs of discrete elements leave 1e-4 or less, and weights, walls or
@@ -50,11 +50,9 @@ _LEAST_COMPARED = 1e-3
 _LEAST_OVERLAP = 1e-10
 #: most balls, or pairs of balls, that a comparison names
 _NAMED = 3
-#: moment of inertia of a solid sphere over m r^2
-_SOLID = 0.4
 #: moment of inertia of a thin hollow sphere, 2/3 m r^2, the greatest of all, over that of a solid
 #: one
-_HOLLOW = 2.0 / (3.0 * _SOLID)
+_HOLLOW = 2.0 / (3.0 * SOLID)
 #: comparisons of what stands in the file of balls
 _OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
 
@@ -640,7 +638,7 @@ def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
     """Yield the comparisons of the moments of inertia of ``balls``, indices (n,), with those of
     solid spheres of their masses and radii: of the median ratio, and of single moments.
     """
-    solid_inertias = _SOLID * network.masses[balls] * network.radii[balls] ** 2
+    solid_inertias = SOLID * network.masses[balls] * network.radii[balls] ** 2
     ratios = network.inertias[balls] / solid_inertias
     median_ratio = float(np.median(ratios))
     yield _compare_median(

@@ -83,13 +83,15 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     for name, lower_limit in _SPRINGS.items():
         values = getattr(network, name)
         fault = f"has a {name} that is not {lower_limit}"
-        if name == "normal_force":
-            fault += "; forces that pull are not of elastic balls"
         is_in_range = np.isfinite(values)
-        if lower_limit == "above zero":
+        if name == "normal_force" and network.adhesive:
+            fault = f"has a {name} that is not finite"
+        elif lower_limit == "above zero":
             is_in_range &= values > 0.0
-        elif name != "normal_force" or not network.adhesive:
+        else:
             is_in_range &= values >= 0.0
+        if name == "normal_force" and not network.adhesive:
+            fault += "; forces that pull are not of elastic balls"
         yield name, is_in_range, fault, ""
     tangential = network.tangential_force
     if tangential is not None:

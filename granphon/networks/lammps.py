@@ -29,13 +29,15 @@ from granphon.base.text import join_numbers, list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, texts, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import OWN, Dump, Frame
-from granphon.networks.sources import Balls, Contacts, find_rounding, require_readable_labels
+from granphon.networks.sources import SOLID, Balls, Contacts, find_rounding, require_readable_labels
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
     "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9),
     "nano": (1e-9, 1e-21, 1e-12),
 }  # fmt: skip
+#: advice for the style "lj", whose units are those of the user's choice
+_GIVE_SCALES = "Give the scales, units=gp.Units(length, stiffness, mass), in SI"
 #: greatest relative difference of boxes that are one: the dumps may be written with few digits
 _SAME_BOX = 1e-5
 #: the last time step that LAMMPS counts
@@ -110,8 +112,10 @@ class Scales:
                 fault = f"{first_frame.name} says that its units are {brief(requested, 40)}"
                 mend = f"Write it in {', '.join(_STYLES)}"
                 if requested == "lj":
-                    mend = "Give the scales, units=gp.Units(length, stiffness, mass), in SI"
+                    mend = _GIVE_SCALES
                 raise InputError(fault, "Their lengths and masses in SI are not known", mend)
+            if requested == "lj":
+                raise InputError("the units 'lj' are given without their scales", mend=_GIVE_SCALES)
             style = require("units", lambda value: choice(value, [*_STYLES]), requested)
             scales = _STYLES[style]
         if styles_of_files and styles_of_files != {style}:
@@ -397,7 +401,8 @@ def _read_kinds(atoms: Frame) -> tuple[str, ...]:
 
 def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     """Return (n,) whether each ball does not move: ``frozen`` maps names of columns to a value or
-    several, and a ball that has one of the values in such a column is frozen.
+    several, as a list, a set or an array, and a ball that has one of the values in such a column is
+    frozen.
 
     InputError for what is no such mapping, for an unknown column, for a column without a value, and
     for a value that no ball has.
@@ -406,9 +411,11 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
         mend = "Give a column of the dump with the values there: frozen={'type': 2}"
         raise InputError(f"frozen is {brief(frozen)}", mend=mend)
     is_frozen = np.zeros(atoms.count, bool)
-    for column, values in frozen.items():
+    for column, given_values in frozen.items():
         require_columns(atoms, (str(column),), "Give a column that it has")
-        is_single = isinstance(values, str) or not isinstance(values, Collection)
+        is_array = isinstance(given_values, np.ndarray | np.generic)
+        values = given_values.tolist() if is_array else given_values
+        is_single = isinstance(values, str | bytes | Mapping) or not isinstance(values, Collection)
         words = np.array(atoms.read_words(column))
         if not is_single and not values:
             fault = f"frozen names no value of the column {column}"
@@ -703,6 +710,11 @@ def _warn_of_lost(network: Any) -> None:
     """
     is_at_wall = np.isinf(network.radii[network.j])
     losses = list[str]()
+    if network.ball_motions.rotate:
+        balls = network.moving & np.isfinite(network.radii)
+        solid = SOLID * network.masses[balls] * network.radii[balls] ** 2
+        if not np.allclose(network.inertias[balls], solid, rtol=_SAME_SPRINGS, atol=0.0):
+            losses.append("moments of inertia, which are not those of solid balls")
     if network.contact_torque is not None and np.any(network.contact_torque[is_at_wall]):
         losses.append("static torques of contacts with flat walls")
     if network.on_site is not None and np.any(network.on_site):

@@ -312,13 +312,13 @@ class ContactNetwork(Result):
             fields[name] = read_only(np.where(is_reversed[:, None], opposite, fields[name]))
 
     def _check_cell(self) -> None:
-        """Raise InputError unless periodic vectors of the cell are finite, lie in the line or plane
-        of the balls, and are independent.
+        """Raise InputError unless periodic vectors of the cell are of sizes between 1/``LARGEST``
+        and ``LARGEST``, lie in the line or plane of the balls, and are independent.
         """
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
-            is_finite = np.all(np.abs(vector) < LARGEST)
-            if not is_finite or not np.any(vector):
+            size = np.max(np.abs(vector))
+            if not 1.0 / LARGEST < size < LARGEST:  # also if the size is nan
                 fault = f"vector {axis} of the cell is {vector.tolist()} m, and periodic"
                 mend = "Give a vector of finite length, or let pbc be false there"
                 raise InputError(fault, mend=mend)
@@ -443,10 +443,10 @@ class ContactNetwork(Result):
     @cached_property
     def tangential_growth(self) -> Array:
         """(n_c,) relative growth of a static tangential force T with the overlap delta,
-        (dT/d delta)/T, 1/m; zero without a normal force.
+        (dT/d delta)/T, 1/m; zero at contacts that no normal force presses.
 
         By the ``tangential_law`` T goes as a power p of the overlap, so that the growth is p/delta.
-        The overlap is that of Hertz's law, 3 f/2 k.
+        The overlap is that of Hertz's law, 3 f/(2 k), by the normal force f and stiffness k.
         """
         power = TANGENTIAL_LAWS[self.tangential_law].power
         overlap = overlap_from(self.normal_force, self.normal_stiffness)
@@ -742,8 +742,8 @@ class ContactNetwork(Result):
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
         count, as if their forces were equal; and in an ``adhesive`` network all count, as they are
         stiff without a force, too. :meth:`without_rattlers` says how many contacts hold a ball. A
-        wall is no rattler, and neither is a ball whose displacements
-        are all resisted by springs to the ground.
+        wall is no rattler, and neither is a ball whose displacements are all resisted by springs to
+        the ground.
         """
         from granphon.networks.rattlers import find_rattlers
 
@@ -1453,7 +1453,8 @@ class ContactNetwork(Result):
 
     def write_dumps(self, atoms: str | os.PathLike[str], pairs: str | os.PathLike[str]) -> None:
         """Write the network as two dumps of LAMMPS, in SI units, for OVITO, LAMMPS and
-        :meth:`from_lammps`, which reads the same balls, forces and normals from them.
+        :meth:`from_lammps`, which reads the same balls, forces and normals from them; with
+        ``keep_rattlers=True`` if balls carry no load.
 
         ``atoms`` has the columns id, type (of the kinds of the balls), x, y, z, radius, mass, and
         force, the sum of the normal forces on the ball, N. ``pairs`` has a bond for each contact: i
@@ -1464,11 +1465,16 @@ class ContactNetwork(Result):
         which may be 0. Contacts with flat walls are columns of ``atoms``, as LAMMPS writes those of
         ``fix wall/gran ... contacts``: f_wall1[1] to f_wall1[8], and so on. :meth:`from_lammps`
         reads these walls, ``prestress``, ``tangential_law`` and ``slip_levers`` from the dumps.
-        Stiffnesses are left out, as they follow from the material. Folders are made if need be.
+        Stiffnesses are left out, as they follow from the material, and against rolling and twist
+        from the ``rolling_stiffness`` and the ``twisting_stiffness`` that the reader is given. The
+        names of the kinds, arms between balls, and ``left_out`` are not in the dumps either.
+        Folders are made if need be.
 
-        Warns (:class:`~granphon.base.errors.InconsistencyWarning`) of what is lost: stiffnesses
-        that are not of one material, with their greatest difference, springs to the ground, static
-        torques at flat walls, and adhesion: :meth:`from_lammps` refuses contacts that pull.
+        Warns (:class:`~granphon.base.errors.InconsistencyWarning`) of four losses that change
+        modes: stiffnesses that are not of one material, with their greatest difference; moments of
+        inertia that are not those of solid balls, if balls rotate; springs to the ground; static
+        torques at flat walls. Also warns of adhesion: :meth:`from_lammps` refuses contacts that
+        pull.
         :meth:`write_tables` keeps all of these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along

@@ -37,6 +37,8 @@ _DIGITS = (6, 15)
 #: number of different values of fewer digits from which on the values are rounded, not chosen by
 #: hand
 _CHOSEN = 100
+#: moment of inertia of a solid sphere over m r^2
+SOLID = 0.4
 #: least whole number that is not told from the next one as a float
 _FIRST_INEXACT = 2**53
 #: greatest relative error of a number that is read from a text and converted into SI
@@ -363,7 +365,7 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     they are whole.
 
     Raises :class:`~granphon.base.errors.InputError`, which names the field ``name``, for other
-    values, and for floats of 2^53 and above, which are not exact.
+    values, and for floats whose size is 2^53 or more, which are not exact.
     """
     if isinstance(values, np.ndarray) and values.dtype.kind == "i":
         return np.asarray(values, np.intp)
@@ -374,8 +376,9 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     is_whole = is_exact & (numbers == np.rint(numbers))
     if not np.all(is_whole):
         wrong = numbers[~is_whole].ravel()[0]
+        limit = "" if np.abs(wrong) < _FIRST_INEXACT else " below 2^53"
         raise InputError(
-            f"{name} of the network has the number {wrong!s} where a whole number is needed"
+            f"{name} of the network has the number {wrong!s} where a whole number{limit} is needed"
         )
     return np.asarray(numbers, np.intp)
 

@@ -158,15 +158,22 @@ class _Columns:
             tables = self._open_file(source, known)
             first_table = next(tables)
             tables = chain([first_table], tables)
+            first_names: Table | list[str] = first_table
             names = [heading.name for heading in first_table.headings]
             self._headings = [str(heading) for heading in first_table.headings]
         else:
             self.name = f"the table of {subject}"
             self._arrays = self._read_arrays(source)
             names = list(self._arrays)
+            first_names = names
             self._headings = names
         keys = [Heading.parse(name).key for name in names]
         require_balls(self.name, keys, known)
+        for name, heading in columns.items():
+            if heading not in first_names:
+                fault = f"{self.name} has no column {heading!r}, which columns gives for {name!r}"
+                listed = list_names(self._headings)
+                raise InputError(f"{fault}; its columns are {listed}", mend="Mend the heading")
         self._require_spelling(names, keys, known, columns)
         self.note = self._note_columns(names, keys, known, columns)
         self._values: dict[str, Array] = {}

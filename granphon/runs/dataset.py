@@ -1154,7 +1154,7 @@ def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
     is_bad = values == -np.inf if name in _MAY_BE_INFINITE else np.isinf(values)
     if not (kind_may_be_nan or sweep_may_lack):
         is_bad |= np.isnan(values)
-    bounds = "finite"
+    bounds = "finite, or inf" if name in _MAY_BE_INFINITE else "finite"
     if name in _ABOVE_ZERO:
         is_bad |= values <= 0.0
         bounds = "above zero"
@@ -1228,14 +1228,14 @@ class SweepAccessor:
 
     @property
     def packing(self) -> Packing:
-        """The packing that was swept; :class:`InputError` for a data set of a crystal, or one that
-        granphon has not made.
+        """The packing that was swept; :class:`InputError` for a data set of other balls, a crystal
+        or a packing in files, and for one that granphon has not made.
         """
         try:
             fields = json.loads(self._dataset.attrs["packing"])
             packing: Packing = restore(fields, Packing, "the attribute packing")
         except (KeyError, ValueError, TypeError):
-            why = "It is a crystal's, or was not made by granphon.sweep"
+            why = "It is of a crystal or of files, or was not made by granphon.sweep"
             raise InputError("the data set holds no packing", why) from None
         return packing
 

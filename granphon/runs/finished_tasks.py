@@ -351,10 +351,11 @@ class Store:
         return base
 
     def _has_file(self) -> bool:
-        """Return whether the file exists; :class:`~granphon.base.errors.OutputError` if its path is
-        that of something else.
+        """Return whether the file of a store with a ``path`` exists;
+        :class:`~granphon.base.errors.OutputError` if the path is that of something else.
         """
-        path = Path(str(self.path))
+        assert self.path is not None
+        path = self.path
         if not os.path.lexists(path):
             return False
         if not _is_store(path):
@@ -471,7 +472,8 @@ def _require_sound(base: sqlite3.Connection) -> None:
 
 def _write_entries(base: sqlite3.Connection, entries: Mapping[str, bytes]) -> None:
     """Write ``entries``, by name, in place of those of the same names; make the table first if
-    there is none. An entry is cut into pieces of :data:`_PIECE` bytes, one a row.
+    there is none. An entry is cut into pieces of :data:`_PIECE` bytes, one a row; the last piece
+    is shorter, and may be empty.
     """
     if _is_empty(base):
         for command in _MAKE:

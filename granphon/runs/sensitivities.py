@@ -451,8 +451,8 @@ def estimate_derivatives(
 
 @cache
 def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time, s, of the state, the velocities and the moduli of a crystal of ``n_balls``
-    balls in its cell.
+    """Return the time, s, that the state, the velocities and the moduli take of a crystal in
+    ``dimension`` dimensions, with ``n_balls`` balls in its cell, with or without ``friction``.
 
     The time of a crystal of at most :data:`_TIMED_BALLS` balls is measured, and multiplied by the
     power of the number of balls in :data:`_GROWTH`.

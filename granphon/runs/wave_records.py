@@ -696,17 +696,19 @@ def find_source(settings: MotionSettings, network: ContactNetwork) -> Index:
 
 
 class Passage(NamedTuple):
-    """Times at which the wave of a drive comes to each contact, and its velocities.
+    """Times at which the wave of a drive comes to each contact of a motion, and its velocities.
+
+    The n contacts are those of the network, and then those that came about as balls met.
 
     Attributes
     ----------
-    distances : (n_c,) of contacts from the nearest ball or wall that is driven, or its nearest
-        image, m.
-    arrivals : (n_c,) times, s, at which the front passes (:meth:`Motion.passages`); nan where the
+    distances : (n,) distances of the contacts from the nearest ball or wall that is driven, or from
+        its nearest image, m.
+    arrivals : (n,) times, s, at which the front passes (:meth:`Motion.passages`); nan where the
         time is not known.
-    peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force. A time is nan if it is
-        that of the first or the last frame of the motion, and where :meth:`Motion.passages` does
-        not know when the peak passes.
+    peaks, heights : (n,) times, s, and sizes, N, of the greatest force. A time is nan if it is that
+        of the first or the last frame of the motion, and where :meth:`Motion.passages` does not
+        know when the peak passes.
     front, peak : velocities, m/s, of the front and of the peak (:func:`_find_velocity`).
     """
 
@@ -739,8 +741,8 @@ class Passage(NamedTuple):
 
 
 def _find_distances(motion: Motion, source: Index) -> Array:
-    """Return the distances (n_c,), m, of the contacts of a motion from the nearest of the balls and
-    walls ``source``, or of their images in the neighbouring cells.
+    """Return the distances (n,), m, of the n contacts of a motion (see :class:`Passage`) from the
+    nearest of the balls and walls ``source``, or of their images in the neighbouring cells.
     """
     network = motion.network
     shifts = [[-1, 0, 1] if is_periodic else [0] for is_periodic in network.pbc]
@@ -756,8 +758,8 @@ def _find_distances(motion: Motion, source: Index) -> Array:
 
 
 def _find_velocity(distances: Array, times: Array) -> float:
-    """Return the velocity, m/s, of a wave that passes contacts at ``distances`` (n_c,), m, at the
-    ``times`` (n_c,), s, where a time that is not known is nan.
+    """Return the velocity, m/s, of a wave that passes contacts at ``distances`` (n,), m, at the
+    ``times`` (n,), s, where a time that is not known is nan.
 
     A straight line (:func:`fit_velocity`) is fitted to the contacts between a quarter and three
     quarters of the greatest distance with a known time. The velocity is nan for fewer than three
@@ -857,8 +859,8 @@ def average_motions(
 
 def list_contact_columns(motion: Motion, settings: MotionSettings) -> list[tuple[str, str, Any]]:
     """Return the columns of the table of the contacts of a ``motion``, each as a name, a unit and
-    values (n_c,): the balls and the middle of each contact, and when and how strongly it is
-    pressed.
+    values (n,): the balls and the middle of each contact, and when and how strongly it is pressed.
+    The n contacts are those of :class:`Passage`.
     """
     passage = Passage.of(motion, find_source(settings, motion.network))
     network = motion.network
@@ -884,7 +886,7 @@ def write_contacts(
     errors: Mapping[str, Array] | None = None,
 ) -> None:
     """Write the table ``path`` of the contacts of a ``motion``: the columns of
-    :func:`list_contact_columns`, and after these a column of standard errors (n_c,) for each column
+    :func:`list_contact_columns`, and after these a column of standard errors (n,) for each column
     whose name is among the ``errors``.
     """
     columns = list_contact_columns(motion, settings)

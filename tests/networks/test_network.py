@@ -512,6 +512,14 @@ def test_pieces():
         gp.Waves(pieces[2]).operator  # noqa: B018
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e-61, 1e61, np.nan, 0.0])
+def test_periods_out_of_range_are_told(size):
+    packing = gp.Packing(gp.Material(7e10, 0.2, 2500.0), 8e-3, lattice="square")
+    network = gp.AveragedLattice(packing).at_force(1.0).network
+    with pytest.raises(InputError, match="vector 0 of the cell"):
+        replace(network, cell=np.diag([size, size, 0.0]))
+
+
 def test_walls_and_prestress():
     """A ball that is held from both sides is pushed sideways by fixed balls, with -f/r each, and
     not by flat walls.

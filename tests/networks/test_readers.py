@@ -433,7 +433,14 @@ def test_notes_name_what_is_passed_over(tmp_path):
     ):
         with pytest.raises(InputError, match=said):
             gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen=frozen)
+    for units in ("lj", "LJ"):
+        with pytest.raises(InputError, match=units):
+            gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, units=units)
     still = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen={"id": [1, 2.0]})
+    for ids in (np.array([1, 2]), np.array([1.0, 2.0]), {1, 2}):
+        assert gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen={"id": ids}) == still
+    with pytest.raises(InputError, match="no value"):
+        gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen={"id": np.zeros(0)})
     assert still.labels[~still.moving].tolist() == [1, 2]
     for options, said in (
         ({"walls": 3}, "walls: found 3"),

@@ -3,6 +3,7 @@
 import json
 import re
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
 from urllib.parse import quote, unquote
 
@@ -217,6 +218,32 @@ def test_labels_that_files_could_not_give_back_are_not_written(tmp_path):
             with pytest.raises(InputError, match=str(label)):
                 write(tmp_path / "a", tmp_path / "b")
     assert not (tmp_path / "a").exists()
+
+
+def test_dumps_warn_of_moments_of_inertia_that_are_lost(tmp_path):
+    """Those of hollow balls change modes where balls rotate, and only there."""
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    for has_friction in (True, False):
+        packing = gp.Packing(GLASS, 8e-3, lattice="square", friction=has_friction)
+        network = gp.AveragedLattice(packing).at_force(1.0).network
+        network.write_dumps(*files)
+        hollow = replace(network, inertias=5.0 / 3.0 * network.inertias)
+        telling = pytest.warns(InconsistencyWarning, match="inertia")
+        with telling if has_friction else nullcontext():
+            hollow.write_dumps(*files)
+
+
+@pytest.mark.parametrize("heading", ["nope", "m (g)", ""])
+def test_a_heading_that_the_table_does_not_have_is_told(heading):
+    """An optional column would be replaced by its default."""
+    balls = {"x": [0.0, 8e-3], "radius": [4e-3, 4e-3], "m": [1.0, 2.0]}
+    contacts = {"i": [0], "j": [1], "normal_force": [1.0]}
+    with pytest.raises(InputError, match=re.escape(repr(heading))):
+        gp.ContactNetwork.from_table(balls, contacts, material=GLASS, columns={"mass": heading})
+    with pytest.raises(InputError, match="normal_force"):
+        gp.ContactNetwork.from_table(
+            balls, contacts, material=GLASS, columns={"normal_force": heading}
+        )
 
 
 # without the digest, which would tell the change
