@@ -27,7 +27,7 @@ from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
-from granphon.base.text import list_names, suggest
+from granphon.base.text import counted, list_names, suggest
 from granphon.base.validation import Low, finite_list, one_of, positive, texts
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
@@ -730,7 +730,9 @@ class DampingFit(Fitted):
 
 
 def read_fit(data: Any) -> WidthFit | DampingFit:
-    """Build the fit of either class from ``data``, the plain data of its fit.yaml."""
+    """Build the fit of either class from ``data``, the plain data of its fit.yaml. Raises
+    :class:`~granphon.base.errors.InputError` for data of neither class.
+    """
     is_damping = isinstance(data, Mapping) and data.get("class") == DampingFit.__name__
     return DampingFit.from_dict(data) if is_damping else WidthFit.from_dict(data)
 
@@ -1194,7 +1196,9 @@ def _require_data(dof: int, n_parameters: int, *, sigma_given: bool) -> None:
     if dof >= n_needed:
         return
     n_numbers = dof + n_parameters
-    fault = f"there are {n_numbers} numbers, to which {n_parameters} parameters cannot be fitted"
+    numbers = counted(n_numbers, "measured number")
+    parameters = counted(n_parameters, "parameter")
+    fault = f"{parameters} cannot be fitted to {numbers}"
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
     raise InputError(fault, why, "Measure more, or fit fewer parameters")
 

@@ -539,15 +539,19 @@ class Surface:
         crystal's, along the edge. At shorter waves the velocity changes in proportion to q;
         :meth:`branches` have it.
 
-        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
-        not move along it and across it, for a mechanism, and for a direction that leaves the edge;
+        Raises :class:`~granphon.base.errors.InputError` for a chain, whose edge is a single ball;
+        for an edge that is held, for balls that do not move along it and across it, for a
+        mechanism, and for a direction that leaves the edge;
         :class:`~granphon.base.errors.GranphonError` if no long wave runs along the direction.
         """
         n_along = len(self.cell)  # periods along the edge
-        vector = np.eye(max(n_along, 1))[0]
+        if not n_along:
+            fault = "the edge of a chain is no line along which a wave runs"
+            raise InputError(fault, mend="Use branches(), the frequencies of waves at the edge")
+        vector = np.eye(n_along)[0]
         if direction is not None:
             vector = real_array("direction", direction)
-        is_in_cut = n_along > 0 and vector.shape != (n_along + 1,)
+        is_in_cut = vector.shape != (n_along + 1,)
         along = one_direction(vector, n_along if is_in_cut else n_along + 1)
         if not is_in_cut:
             # from the frame of the crystal to that of the cut, whose last axis leaves the edge

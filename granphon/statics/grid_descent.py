@@ -331,8 +331,8 @@ class GridDescent(Descent[GridPlace]):
         return self._make_state(place, place.find_overlaps_at_rest())
 
     def _make_state(self, place: GridPlace, overlap: Array) -> Rest:
-        """Return the state of a place with the ``overlap`` (kinds, cells) of contacts, in SI units;
-        the array of overlaps is reused.
+        """Return the state of a place, in SI units. The ``overlap`` (kinds, cells) of contacts, in
+        the unit of the grid, is converted in place, and its array belongs to the state.
         """
         on_grid = self.problem
         problem = on_grid.problem

@@ -127,7 +127,8 @@ def _advance(
     """Return the point after a step of Newton's method to a mu of ``factor`` times the mean of f s,
     and the number of iterations; the other arguments are those of :func:`approach`.
 
-    The step is whole, but for those f and s that it would make too small.
+    The step is whole, but for those f and s that it would make too small, or whose products it
+    would make differ too much from mu.
     """
     numbers = equations.options.interior
     balls, strains, h, f, s = point
@@ -135,20 +136,20 @@ def _advance(
     # Newton's equations without f and s: stiffness K, and tensions that drive the motion
     overlap_of_f = hertz.overlap_of(f)  # f^(2/3)
     stiffness = f / (overlap_of_f / hertz.EXPONENT + s)
-    # the overlap that f is short of, and later the change of f
-    change = h - overlap_of_f + mu / f
-    tension = f + stiffness * change
+    # the overlap that f is short of
+    shortfall = h - overlap_of_f + mu / f
+    tension = f + stiffness * shortfall
     forces = Unknowns(problem.collect(tension), _find_push(problem, f, tension, numbers))
     motion, count = equations.solve(
         stiffness, forces, inverses.choose(stiffness), _choose_accuracy(factor, numbers)
     )
     inverses.count(count)
     # back from the motion to the changes of f and of s, from the equation f s = mu
-    change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
-    change *= stiffness
-    widening = (mu - s * change) / f - s
-    f = np.maximum(f + change, numbers.least_part * f)
-    s = np.maximum(s + widening, numbers.least_part * s)
+    loss = problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
+    change_of_f = stiffness * (shortfall - loss)
+    change_of_s = (mu - s * change_of_f) / f - s
+    f = np.maximum(f + change_of_f, numbers.least_part * f)
+    s = np.maximum(s + change_of_s, numbers.least_part * s)
     f, s = _bring_near(f, s, mu, numbers)
     strains = strains + motion.strains
     balls = balls + motion.balls

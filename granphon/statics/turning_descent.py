@@ -266,9 +266,9 @@ class TurningDescent(ListDescent):
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
         """Return the configuration after a whole step of Newton's method. If the energy of balls
-        that differ does not fall along that step, it is replaced by a step of
-        :meth:`_find_leaning_step`, whose length is searched for. Whether the energy of balls that
-        differ has fallen by more than rounding is noted.
+        that differ does not fall along that step, a step of :meth:`_find_leaning_step` takes its
+        place, whose length is searched for. Of balls that differ, sets whether the energy
+        ``_has_fallen`` by more than rounding.
         """
         pull = configuration.pull
         step = self._find_step(configuration)
@@ -277,8 +277,8 @@ class TurningDescent(ListDescent):
             return ahead
         # steps up the energy would go round in circles, or back to a saddle: the slopes at both
         # ends tell
-        falls = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
-        if not falls:
+        is_downhill = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
+        if not is_downhill:
             ahead = self._go_along(configuration, self._find_leaning_step(configuration))
         work = 0.5 * float((pull + ahead.pull) @ (ahead.x - configuration.x))
         stored = float(np.abs(configuration.force) @ np.abs(configuration.overlap))

@@ -442,6 +442,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("triangular"), 1).follow([[0.2]], 1e6), "no wave"),
         (lambda: gp.Surface(bulk("triangular"), 1, "clamped").velocity(), "held"),
         (lambda: gp.Surface(bulk("triangular", "out_of_plane"), 1).velocity(), "do not move along"),
+        (lambda: gp.Surface(bulk("chain"), 0).velocity(), "edge of a chain"),
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1]], leaky="no"), "true or false"),
         (lambda: gp.Surface(bulk("square"), 0).map(2, leaky=0), "true or false"),
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not both zero"),
