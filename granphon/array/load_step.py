@@ -278,10 +278,11 @@ class LoadStep:
         """Return the best trial along the ``motion`` of a step of Newton's method from a ``trial``,
         and the length of the step over the whole one.
 
-        The whole step is halved until the residual is less; at most ``options.lengths`` lengths are
-        tried, and the best trial is the one with the least residual. With a ``guess`` of the
-        overlaps, at which Coulomb's limit is fixed, forces are derivatives of an energy: a trial is
-        also accepted, as the best, if the energy does not rise steeply there. If the step before
+        The whole step is halved until a step of the length l leaves less than 1 - l/10 of the
+        residual. At most ``options.lengths`` lengths are tried, and the best trial is the one with
+        the least residual. With a ``guess`` of the overlaps, at which Coulomb's limit is fixed,
+        forces are derivatives of an energy: a trial is then accepted, as the best, also if the
+        energy rises there less than half as steeply as it falls at the start. If the step before
         was slow, ``is_slow``, a step that is longer than the whole one is tried too; its length is
         returned as one.
         """

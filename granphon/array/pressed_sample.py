@@ -423,7 +423,7 @@ class PressedSample(Sample):
             equilibrium.deviations,
             stencils,
             equilibrium.friction_coefficient,
-            math.inf,
+            tolerance=math.inf,  # steps are equally long, not halved
             geometry=geometry,
         )
         states = list(history.path(loads, equilibrium.resume()))

@@ -94,8 +94,8 @@ class Sample(Result):
 
     @property
     def sites(self) -> Array:
-        """(L1, ..., Lp, p) lattice sites k a1 + l a2 + ..., in mean diameters; the balls of a cell
-        are displaced from these by their places in the cell.
+        """(L1, ..., Lp, p) lattice sites k a1 + l a2 + ..., in mean diameters; where a cell has
+        several balls, plus the place of each in the cell.
         """
         structure = self.packing.structure
         index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)

@@ -260,8 +260,8 @@ class FrictionLaw:
     """Law of contacts whose stiffness against slip is eta, ``mindlin_ratio``, times the normal one,
     and whose friction coefficient is mu, ``friction_coefficient``.
 
-    If mu is zero, there are no tangential forces; if mu is infinite, as by default, no contact
-    slides.
+    Eta is above zero. If mu is zero, there are no tangential forces; if mu is infinite, as by
+    default, no contact slides.
     """
 
     mindlin_ratio: float
@@ -313,7 +313,7 @@ class FrictionLaw:
 
         The first (n_s, n_c, L1, ..., Lp) are the tangential forces at the end if no contact slid in
         the step. The second (n_c, L1, ..., Lp) are the stiffnesses against slip in the step. The
-        third (n_c, L1, ..., Lp) are Coulomb's limits mu f at the end.
+        third (n_c, L1, ..., Lp) are Coulomb's limits mu f at the end; mu has to be finite.
         """
         sticking_law = FrictionLaw(self.mindlin_ratio)
         springs = np.empty(overlaps.shape)
@@ -388,7 +388,7 @@ class FrictionLaw:
 def by_contact(values: Array, *rows: int) -> Array:
     """Return ``values`` of contacts as compiled loops read them: flat, (contacts,), or (rows,
     contacts) if the number of ``rows`` is given. The result is a view of ``values`` if they are
-    writable and in C order, and a copy otherwise.
+    floats, writable and in C order, and a copy otherwise.
     """
     # all arrays have one layout and are writable: loops are compiled anew for any other
     return np.require(values, float, ["C", "W"]).reshape(*rows, -1)

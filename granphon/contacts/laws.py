@@ -124,8 +124,8 @@ class ContactLaws:
 
     @cached_property
     def _mean_adhesion(self) -> float:
-        """Mean :attr:`adhesion` of all contacts, N."""
-        return float(np.mean(self.adhesion))
+        """Mean :attr:`adhesion` of all contacts, N; zero without contacts."""
+        return float(np.sum(self.adhesion)) / max(self.count, 1)
 
     def among(self, contacts: Index) -> ContactLaws:
         """Return the laws of the chosen ``contacts``, numbers that differ from each other; contacts

@@ -145,7 +145,7 @@ def set_tangent(
             coupling[s, c] = coupled
             sliding[s, c] = 0.0
         limit = mu * (new_root * new_root * new_root)
-        if not size > limit:
+        if not size > limit:  # also where mu is infinite and the contact open: the limit is nan
             shear[c] = spring
             continue
         kept_share = limit / size
@@ -225,8 +225,8 @@ def _find_rising_losses(
     :mod:`granphon.contacts.friction`.
 
     ``reduced_square`` is the square of T/r before the step, ``slip_square`` that of the slip in the
-    step, and ``product`` is the scalar product of T/r and the slip. T is a + s b, where s is the
-    share of the change of f: the contact sticks until |T| comes to mu f, and slides from there. The
+    step, and ``product`` is the scalar product of T/r and the slip. While the contact sticks, T is
+    a + s b, where s is the share of the change of f; it slides from where |T| comes to mu f. The
     polynomials in roots are the integrals of powers of r after division by common factors, so that
     steps with hardly any change of h lose no digits.
     """
