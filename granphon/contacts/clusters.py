@@ -359,9 +359,9 @@ def measure_slopes(
     work: Array,
     rise: Array,
 ) -> None:
-    """Set ``work`` (groups,) to the work of the forces ``load`` (n, d) on balls, and of the forces
-    of contacts, per unit of the length of each group's step, and ``rise`` (groups,) to the rate
-    at which ``work`` falls with the length.
+    """Set ``work`` (groups,) to the work of the forces ``load`` (n, d) on balls and of the forces
+    of contacts per unit of the length of each group's step, and ``rise`` (groups,) to the rate at
+    which ``work`` falls with the length.
 
     A ball moves by the length of its group's step times ``steps`` (n, d); ``group`` (n,) is the
     number of the group of each ball. Contacts have the bodies ``i`` and ``j``, the ``current``
