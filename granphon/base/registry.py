@@ -149,6 +149,13 @@ class Registry(Mapping[str, T]):
         words = f"the {self.noun} {name!r}"
         return words if source == _PROGRAM else f"{words} of {source}"
 
+    @property
+    def failures(self) -> str:
+        """The sentence of :func:`describe_failures`, for a rule that takes a registry or any other
+        collection of names.
+        """
+        return describe_failures()
+
     def drop(self, source: str) -> None:
         """Take out all entries that the plug-in ``source``, in words, has added."""
         names = [name for name, origin in self._sources.items() if origin == source]

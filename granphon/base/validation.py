@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import NUMBER, is_si
-from granphon.base.registry import Registry, describe_failures
 from granphon.base.text import closest, show
 
 Rule = Callable[[Any], Any]
@@ -163,7 +162,7 @@ def choice(value: Any, options: Collection[str]) -> str:
     if is_one_of(value, options):
         return str(value)
     suggestions = []
-    failures = describe_failures() if isinstance(options, Registry) else ""
+    failures = getattr(options, "failures", "")
     if failures:
         suggestions.append(failures)
     guess = closest(value, options) if isinstance(value, str) else None
