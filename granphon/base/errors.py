@@ -279,9 +279,9 @@ def brief(value: object, most: int = 80) -> str:
     """Return a value as a message shows it: its repr on one line, cut to ``most`` characters; a
     scalar of NumPy has the repr of Python's.
 
-    A whole number beyond the range of floats is described by its number of digits, and a list or
-    tuple with such an entry in words. So is a value whose repr Python does not write: an array with
-    a whole number of more than 4300 digits, or a list that is nested too deeply.
+    A whole number beyond the range of floats is described by its number of digits. In words are
+    described a list or tuple with such an entry, and a value whose repr Python does not write: one
+    that holds a whole number of more than 4300 digits, or is nested too deeply.
     """
     if _is_too_large(value):
         digits = int(_DIGITS_PER_BIT * value.bit_length()) + 1
@@ -294,9 +294,9 @@ def brief(value: object, most: int = 80) -> str:
     try:
         text = one_line(repr(scalar.item() if is_numpy_scalar else value))
     except ValueError:  # a whole number of more than 4300 digits, which Python does not write
-        return "an array with a number that is too large"
+        return "a value with a number that is too large"
     except RecursionError:
-        return "a list that is nested too deeply"
+        return "a value that is nested too deeply"
     if len(text) <= most:
         return text
     ellipsis = "..."

@@ -289,9 +289,11 @@ def _is_zero(number: str) -> bool:
 
 
 def _round_product(number: str, factor: Fraction) -> float:
-    """Return the float nearest to a number times a factor; infinity if it is too large."""
+    """Return the float nearest to a number times a factor; infinity if the product is too large,
+    and zero for a number below the floating range, whatever the factor.
+    """
     if float(number) == 0.0:
-        # the number is below the floating range, and its exact power of ten may be huge
+        # not multiplied, as the exact power of ten of the number may be huge
         return 0.0
     try:
         return float(Fraction(number) * factor)

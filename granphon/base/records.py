@@ -222,8 +222,7 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
 def read_records(
     path: str | os.PathLike[str] | BinaryIO, about: Mapping[str, str], frames: slice = slice(None)
 ) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Return the arrays of a file of records by their names, and the texts about the file by
-    theirs.
+    """Return the arrays of a file of records, and the texts about the file, both by their names.
 
     An array that grows has the records as its first axis, of which those of the slice ``frames``
     are returned. Such an array stays in the file: it is a :class:`numpy.memmap`, whose numbers are
@@ -236,8 +235,8 @@ def read_records(
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : the file is no file of records, or its texts are not those of ``about``; or it is
-        an open file that was cut.
+    InputError : the file is no file of records, cannot be read, or has other texts than those of
+        ``about``; or it was cut, and is an open file or has no whole record.
     """
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:

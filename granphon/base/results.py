@@ -79,8 +79,10 @@ def _clean(text: str) -> str:
 
 
 def describe_value(value: Any) -> str:
-    """Return a short text of a value of any kind: a float with six digits, an array by its shape
-    and range, a dataclass by its name. Of a long text or mapping the beginning is returned.
+    """Return a short text of a value of any kind: a float with six digits, truth values as "yes"
+    and "no", None and what is empty as "none", a list as :func:`_describe_list` does, an array by
+    its shape and range, a dataclass by its name. Of a long text or mapping the beginning is
+    returned, with dots behind it.
     """
     if isinstance(value, np.generic) and value.dtype.kind in "biuc":
         return describe_value(value.item())
@@ -100,8 +102,11 @@ def describe_value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return _describe_list(value)
     if isinstance(value, Mapping):
-        entries = list(value.items())[:_MOST_ENTRIES]
-        return ", ".join(f"{name}: {describe_value(entry)}" for name, entry in entries)
+        if not value:
+            return "none"
+        first_entries = list(value.items())[:_MOST_ENTRIES]
+        texts = [f"{name}: {describe_value(entry)}" for name, entry in first_entries]
+        return ", ".join(texts) + _count_more(len(value))
     if is_dataclass(value):
         name = getattr(value, "name", None)
         return name.replace("_", " ") if isinstance(name, str) else type(value).__name__
@@ -125,8 +130,14 @@ def _describe_list(values: Sequence[Any]) -> str:
         return f"{count} of {type(values[0]).__name__}"
     texts = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
     separator = "; " if any(", " in text for text in texts) else ", "
-    ending = f", ... ({count} in all)" if count > _MOST_ENTRIES else ""
-    return separator.join(texts) + ending
+    return separator.join(texts) + _count_more(count)
+
+
+def _count_more(count: int) -> str:
+    """Return dots and the number ``count`` of all entries, for the end of a text that shows the
+    first ``_MOST_ENTRIES``; an empty text if there are no more.
+    """
+    return f", ... ({count} in all)" if count > _MOST_ENTRIES else ""
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
@@ -180,11 +191,13 @@ def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options
     shape : the sizes of the axes, parted by spaces. A size is a number; a letter, which means the
         same size in all shapes of the class; or a letter plus a number, as "s+1". "..." at the
         beginning stands for the shape of the load, "|" parts two shapes that are both allowed, "*"
-        is any shape, and "?" at the end says that the field may be None. Truth values have "*", as
-        other shapes are those of numbers. Without a shape the value is of the ``kind`` itself.
+        is any shape, and "?" at the end says that the field may be None. Arrays of truth values
+        have "*": the shapes of other arrays than those of numbers are not checked. Without a shape
+        the value is of the ``kind`` itself.
     unit : the SI unit.
     within : the range of the numbers, one of the keys of ``_RANGES``.
-    options : those of :func:`dataclasses.field`.
+    options : ``default``, ``default_factory``, ``repr``, ``compare`` and the others of
+        :func:`dataclasses.field` but ``metadata``.
     """
     layout = shape.rstrip("?")
     held_kind = np.dtype(_DTYPES[kind]) if layout and kind in _DTYPES else kind
@@ -249,7 +262,8 @@ class Result:
 
             def make_array(self: Result, dtype: Any = None, copy: bool | None = None) -> Any:
                 """Return the field ``array`` for ``np.asarray``: a copy, or with ``copy`` False the
-                read-only array itself, which raises ValueError for another ``dtype``.
+                read-only array itself. ValueError for a ``dtype`` that takes a copy, if ``copy`` is
+                False.
                 """
                 return np.array(getattr(self, array), dtype, copy=copy is not False)
 
@@ -491,9 +505,14 @@ def _are_equal(value: Any, other: Any) -> bool:
         )
     if isinstance(value, float) and isinstance(other, float):
         return value == other or (math.isnan(value) and math.isnan(other))
+    # is_dataclass is true of the class too, which is compared as it is
     if is_dataclass(value) and not isinstance(value, type) and type(value) is type(other):
-        # objects that hold arrays may differ from their own copies: their plain data decide then
-        return bool(value == other) or _are_equal(plain(value), plain(other))
+        # objects that hold arrays may differ from their own copies, or refuse to be compared:
+        # their plain data decide then
+        with suppress(ValueError):
+            if value == other:
+                return True
+        return _are_equal(plain(value), plain(other))
     return bool(value == other)
 
 
@@ -502,10 +521,12 @@ def plain(value: Any) -> Any:
     array a list, a complex array a mapping of its "real" and "imag" lists. An empty array of
     several axes, whose lists would not tell its shape, becomes a mapping of its "shape".
 
-    Values of other kinds are returned as they are.
+    A scalar of NumPy becomes one of Python. Lists, tuples and mappings become lists and mappings of
+    plain data. Values of other kinds are returned as they are.
     """
     if type(value) in _SCALARS:
         return value
+    # is_dataclass is true of the class too, which has no values of fields
     if is_dataclass(value) and not isinstance(value, type):
         values_of_fields = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
         return {"class": type(value).__name__, **values_of_fields}
@@ -657,7 +678,7 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
 
     The value is an array; lists of any depth; {"shape": ...} of an empty array; or {"real": ...,
     "imag": ...}. Any other value gives None. So do ragged lists, entries of another kind than
-    ``dtype``, truth values among numbers, and whole numbers beyond 64 bits.
+    ``dtype``, truth values among numbers, and whole numbers that 64 bits or ``dtype`` cannot hold.
     """
     if isinstance(value, Mapping) and set(value) == {"shape"}:
         return _make_empty_array(value["shape"], dtype)

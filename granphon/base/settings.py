@@ -80,7 +80,7 @@ class Kind(NamedTuple):
     A reader takes a value and a :class:`ValueContext`, and raises
     :class:`~granphon.base.errors.Refused` for a value that is not allowed, see
     :mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
-    value, to the last bit; None for a value that is not written.
+    value, to the last bit but for the sign of a zero; None for a value that is not written.
     """
 
     read: Callable[[Any, Any], Any]
@@ -187,7 +187,7 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
     """Return the kind of a block of keys, each of its own kind, of which some are ``needed``.
 
     A block is read as a mapping. It is written from a mapping, or from the attributes of an object,
-    under the same names; a key whose value is None is left out.
+    under the same names; a key whose value is None, or is not written by its kind, is left out.
     """
 
     def read(value: Any, context: ValueContext) -> dict[str, Any]:
@@ -196,12 +196,15 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
         return block(value, rules, needed)
 
     def write(values: Any, context: ValueContext) -> dict[str, Any]:
-        """Return the entries of a mapping or an object that are not None, as a file has them."""
+        """Return the entries of a mapping or an object as a file has them, without those that are
+        None and those that their kinds do not write.
+        """
         entries = {}
         for key, kind in kinds.items():
             value = values.get(key) if isinstance(values, Mapping) else getattr(values, key)
-            if value is not None:
-                entries[key] = kind.write(value, context)
+            plain_value = None if value is None else kind.write(value, context)
+            if plain_value is not None:
+                entries[key] = plain_value
         return entries
 
     return Kind(read, write)
@@ -369,8 +372,9 @@ class Block:
     _settings: ClassVar[Mapping[str, Setting]]
 
     def __init_subclass__(cls, kw_only: bool = False) -> None:
-        """Make a frozen dataclass of the subclass, collect its settings, and add those that its
-        docstring does not tell to the docstring.
+        """Make a frozen dataclass of the subclass, whose constructor takes its settings by name
+        alone if ``kw_only`` is true; collect its settings, and add those that its docstring does
+        not tell to the docstring.
         """
         super().__init_subclass__()
         of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)

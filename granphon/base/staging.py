@@ -300,8 +300,9 @@ class ResultFiles:
 
     def _require_own(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
         """Raise :class:`FileExistsInRunError` if one of the ``existing`` files is read by this run,
-        or was not written by granphon; ``written`` holds the SHA-256 of each file that granphon
-        wrote, by its name.
+        was not written by granphon, or has been changed since. A file with one of the texts
+        ``known`` counts as written. ``written`` holds the SHA-256 of each file that granphon wrote,
+        by its name.
         """
         target = self._target
         why = "Such a file is never replaced, not even with --force"
@@ -515,9 +516,9 @@ def _open_lock(path: Path) -> int:
 def write_text(path: StrPath, text: str, replace: bool = False) -> None:
     """Write a text in UTF-8, whole or not at all; its folder is made if need be.
 
-    An existing file is replaced if it is empty, if ``replace`` is true, or if the text is of its
-    kind: both name granphon or have a seal in their heads or, if the text has neither, both begin
-    with the same line.
+    An existing file is replaced if it is empty, if ``replace`` is true, or if it is of the kind of
+    the text. Where the head of the text names granphon or has a seal, the file must do one of these
+    too; any other text and the file must begin with the same line.
 
     Raises
     ------

@@ -362,8 +362,11 @@ class _Builder:
         return data
 
     def _make_parser_error(self, error: Exception) -> InputError:
-        """Return the error that says, from the ``error`` of the parser, what the parser did not
-        understand, and in which line; the key is left out, as it may be another one.
+        """Return the error of a text that the parser does not understand. What is wrong, and in
+        which line, is taken from the ``error`` of the parser.
+
+        ``error_line`` is set to that line, and ``path`` is emptied: the message names no key, as
+        the parser may have read on to another one.
         """
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         if mark is not None:
@@ -490,9 +493,12 @@ class _Builder:
 
 def plain_scalar(text: str) -> Any:
     """Return the value of a text written without quotes, by the core schema of YAML 1.2: a decimal
-    number, a truth value, None, or the text itself, as for 0x1F and 0o17.
+    number, infinity or nan (".inf", ".nan"), a truth value, None, or the text itself. The numbers
+    of this schema that are not decimal, 0x1F and 0o17, stay texts. A number with a point or an
+    exponent that is too large for a float is infinite.
 
-    Raises :class:`~granphon.base.errors.Refused` for a whole number of more than 640 digits.
+    Raises :class:`~granphon.base.errors.Refused` for a whole number of more than ``_MOST_DIGITS``
+    digits.
     """
     if _WHOLE.fullmatch(text):
         n_digits = len(text.lstrip("+-"))

@@ -41,8 +41,9 @@ def count_processors() -> int:
 
 def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Return the results of a function for all items, in the order of the items. The items are
-    shared by as many threads as this process may use processors. An error of the function for an
-    item is raised.
+    shared by at most as many threads as there are processors that this process may use. Where one
+    thread would do, no thread is started. If the function fails, the error of the first of the
+    failing items is raised, and items that no thread has begun are left out.
     """
     all_items = list(items)
     n_threads = min(count_processors(), len(all_items))

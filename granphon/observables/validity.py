@@ -139,9 +139,9 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return a warning for each limit that a ``state`` exceeds: of the state of a crystal its own
-    ``warnings``; of another state those of :func:`validity`, or, if it has no contact law, those of
-    :func:`network_warnings`.
+    """Return a warning for each limit that a ``state`` exceeds: its own ``warnings`` if it has
+    them, as the state of a crystal does; otherwise those of :func:`validity`. For a state without a
+    contact law the warnings are those of :func:`network_warnings`.
     """
     warnings = getattr(state, "warnings", None)
     if warnings is not None:

@@ -113,7 +113,7 @@ class SoundVelocities(Result):
     @cached_property
     def sensitivities(self) -> VelocitySensitivities:
         """Derivatives of ``velocities`` with respect to the stiffnesses and static forces of all
-        contacts and the masses of all balls, (..., n_u, n_c) and (..., n_u, n).
+        n_c contacts, (..., n_u, n_c), and to the masses of all n balls, (..., n_u, n).
 
         Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
         means over samples, and for those that were read from a file or a copy.

@@ -205,9 +205,9 @@ class PosedDesign:
 
     @property
     def cost(self) -> costs.Cost:
-        """Memory and time of the search if each start takes all of its steps; for a goal with
-        certificates, as a gap, with those of the certificates of the given and of the best network.
-        When the time is first asked for, one evaluation of the goal with its derivatives is timed.
+        """Memory and time of the search if each start takes all of its steps. A goal with
+        certificates, such as a gap, adds those of the given and of the best network. When the time
+        is first asked for, one evaluation of the goal with its derivatives is timed.
         """
         problem = self.problem
         space = problem.space

@@ -773,8 +773,9 @@ def _write_table(
     name: str, dims: Sequence[str], run: Any, folder: Path, *, numbered: bool = False
 ) -> None:
     """Write the table in the file ``name`` of those variables of the data set that have the
-    dimensions ``dims`` besides those of the states. The ``dims`` have coordinates; if they are
-    ``numbered`` they have none, and a column for each has the number along it, from zero.
+    dimensions ``dims`` besides those of the states. A column for each of the ``dims`` has its
+    coordinate, or if they are ``numbered``, and have no coordinates, the number along it, from
+    zero.
     """
     from granphon.runs.dataset import write_waves
 

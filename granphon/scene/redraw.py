@@ -125,7 +125,7 @@ def redraw(
 
 def _require_options(row: Export, source: Path, names: Sequence[str]) -> None:
     """Raise InputError unless the figure of the output ``row`` in the folder ``source`` takes all
-    options called ``names``; long waves need bands in the folder.
+    options called ``names``. The option "asymptotes", long waves, also needs bands in the folder.
     """
     refused_names = [name for name in names if name not in row.options]
     has_bands = OUTPUTS["bands"].find_source(source) is not None
@@ -257,14 +257,17 @@ def draw_together(
     Raises
     ------
     MissingFileError : there is no such folder or file, or a file of a run is missing.
-    InputError : a run is given twice, the runs cannot share an axis, no run has the states of the
-        ``view``, a file is damaged, or the format is unknown; nothing is written then.
+    InputError : a folder or file is given twice, the runs cannot share an axis, no run has the
+        states of the ``view``, a file is damaged, or the format is unknown; nothing is written
+        then.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     names = [str(source) for source in sources]
-    for name in names:
-        if names.count(name) > 1:
+    # the same folder or file may be written in several ways, as "run" and "./run/"
+    real_paths = [os.path.realpath(name) for name in names]
+    for name, real_path in zip(names, real_paths, strict=True):
+        if real_paths.count(real_path) > 1:
             raise InputError(f"{name} is given twice", mend="Give each run once")
 
     def draw() -> Any:
@@ -442,10 +445,11 @@ def _recognise(path: Path) -> Export:
     InputError for any other file.
     """
     rows = _list_joined()
-    content = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
     for row in rows:
         if row.source == path.name:
             return row
+    # a data set, sweep.nc, is known by its ending alone
+    content = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
     for row in rows:
         has_ending = path.suffix == Path(str(row.source)).suffix
         if has_ending and any(re.search(mark, content) for mark in row.marks):

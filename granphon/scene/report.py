@@ -170,11 +170,12 @@ def _name_number(name: str) -> str:
 
 
 def _write_value(value: Any, unit: str, error: Any = None) -> str:
-    """Return the text of a value of a summary in the SI ``unit``, with its standard ``error`` if
-    that is not None; empty for a number that is not finite, and for a value of another type.
+    """Return the text of a value of a summary in the SI ``unit``; empty for a number that is not
+    finite, and for a value of another type.
 
     The value is a word, a number, a mapping of numbers without units, or a list as
-    :func:`_write_list` takes it. The error has the shape of the value.
+    :func:`_write_list` takes it. The standard ``error`` has the shape of the value, and is None if
+    there is none; that of a single number is written if it is above zero.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -397,8 +398,8 @@ def _write_cell(value: Any, error: float, size: float) -> str:
 
 
 def _read_fit(source: Path) -> list[Block]:
-    """Return the table of the plain numbers and words of a fit; InputError if fit.yaml holds no
-    keys.
+    """Return the table of the plain numbers and words of the fit in the folder ``source``;
+    InputError if fit.yaml there cannot be read, or holds no keys.
     """
     fit = read_yaml(source / "fit.yaml")
     if not isinstance(fit, dict):
@@ -459,8 +460,9 @@ def _read_versions(source: Path) -> list[Block]:
 
 
 def _find_versions(source: Path) -> Mapping[str, Any]:
-    """Return the versions of packages by name, as the summary in the folder ``source``, or without
-    one the fit, has them; empty for none. A fit has the version of granphon alone.
+    """Return the versions of packages, by name, from the summary in the folder ``source``. Without
+    a summary return that of granphon, which alone a fit has, from the fit there. Empty if the file
+    has no versions, or if there is neither.
     """
     for name in ("summary.yaml", "fit.yaml"):
         if (source / name).is_file():

@@ -440,9 +440,9 @@ class Scene(SceneValues):
 
     @cached_property
     def _slightly_shifted(self) -> list[tuple[Self, Self]]:
-        """For each parameter with a standard error two scenes with a small change of it, which
-        observe alone what has waves of an edge, gaps or peaks; empty if the scene observes nothing
-        of this kind.
+        """For each parameter with a standard error two scenes in which the parameter is a little
+        smaller and a little larger. They observe nothing but what has waves of an edge, gaps or
+        peaks; empty if the scene observes nothing of this kind. Raises as :attr:`shifted` does.
         """
         from granphon.scene.uncertainty import shift_slightly
 

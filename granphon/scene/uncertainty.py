@@ -88,8 +88,8 @@ def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
     The scene may have an error as a text of a number and a unit, such as "1 %".
 
     Raises :class:`~granphon.base.errors.Refused` for an error that is no finite number above zero,
-    is as large as its value, or has a unit of another kind; and for an error of a whole number, or
-    of anything that is not a single quantity.
+    is as large as its value or larger, or has a unit of another kind; and for the error of a
+    parameter that is a whole number, or is not a single quantity.
     """
     blocks = _write(scene)
     settled = []
@@ -125,9 +125,9 @@ def _read_error(error: Any, number: float, unit: str, keys: Keys) -> float:
 
 
 def _find_size(unit_of_error: str, number: float, unit: str, keys: Keys) -> float:
-    """Return the size, in the SI ``unit`` of a ``number``, of one ``unit_of_error``, the unit of
-    its standard error: for "%" a hundredth of the number. Refused, at the path ``keys`` of the
-    number, if the two units are of different kinds.
+    """Return the factor from the unit of a standard error, ``unit_of_error``, to the SI ``unit`` of
+    the ``number`` that has the error: for "%" a hundredth of the magnitude of the ``number``.
+    Refused, at the path ``keys`` of the number, if the two units are of different kinds.
     """
     if unit_of_error == PERCENT:
         return 0.01 * abs(number)
@@ -230,9 +230,9 @@ def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
 
 
 def shift_scene(scene: Any, keys: Keys, change: float, observed: Sequence[str] = ()) -> Any:
-    """Return the scene without standard errors whose parameter at the path ``keys`` is larger by
-    ``change``, SI, or smaller if ``change`` is below zero. The scene observes the names in
-    ``observed``, or without names what the given ``scene`` observes.
+    """Return the ``scene`` with another value of the parameter at the path ``keys``: larger by
+    ``change``, SI, or smaller if ``change`` is below zero. The returned scene has no standard
+    errors, and observes the names in ``observed``, or without names what the ``scene`` observes.
 
     Refused, at this path, if the scene is not valid with the changed value, or if its sweep
     replaces the parameter.
@@ -309,9 +309,10 @@ def is_by_small_change(name: str) -> bool:
 
 
 def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
-    """Return for each parameter with a standard error two scenes that observe nothing but waves of
-    an edge, gaps and responses, of what the given ``scene`` observes: the parameter is a little
-    smaller in the first, and larger in the second. Empty if the scene observes none of these.
+    """Return for each parameter with a standard error two scenes: the parameter is a little smaller
+    in the first, and a little larger in the second. Of what the given ``scene`` observes they
+    observe the waves of an edge, gaps and responses alone. Empty if the ``scene`` observes none of
+    these. Raises :class:`~granphon.base.errors.Refused` as :func:`shift_scene` does.
     """
     observed = [word for word in scene.observe if word in _BY_SMALL_CHANGES]
     if not observed:

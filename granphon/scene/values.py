@@ -168,9 +168,10 @@ class SceneValues:
             raise InputError(problem, mend="Give one number, or a list of them")
 
     def _settle_parameters(self) -> Lattice:
-        """Set the swept parameters, and return the lattice to which other values refer. Where the
-        swept lattices have another number of periods than that of the packing, or lie in another
-        dimension, the first of them takes its place.
+        """Set the swept parameters, and return the lattice to which other values refer. If the
+        swept lattices have another number of periods than the lattice of the packing, or lie in
+        another dimension, the packing is set on the first of the swept ones. InputError for a name
+        or a value that no parameter has.
         """
         parameters = dict(_read_pairs("parameters", self.parameters))
         for name in parameters:
@@ -197,8 +198,11 @@ class SceneValues:
                 self._assign(name, require(name, declared.kind.rule(context), value))
 
     def _settle_path(self, lattice: Lattice) -> None:
-        """Set the default path of the bands where none is given. A scene in space that observes no
-        bands and no spectrum keeps None: it does not ask ASE, which knows the paths there.
+        """Set the default path of the bands if none is given.
+
+        A scene that observes no bands and no spectrum has the path of a ``lattice`` in the plane
+        alone. On a chain and in space ``band`` stays None: ASE, which knows the paths in space, is
+        asked only if a path is needed.
         """
         has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
         if self.band is None and has_path:

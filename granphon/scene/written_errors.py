@@ -176,11 +176,12 @@ def _read_fit(keys: Keys, file: Path) -> Any:
 
 
 def _find_fault(covariance: Array) -> str:
-    """Return words for the reason why no errors have a ``covariance`` (p, p); an empty text without
-    such a reason.
+    """Return words for the reason why no errors of p parameters, one at least, have a
+    ``covariance`` (p, p). An empty text without such a reason, and for a ``covariance`` that is not
+    finite.
     """
     if not np.all(np.isfinite(covariance)):
-        return ""  # the errors are not known
+        return ""  # the errors are not known, which is refused where one of them is taken
     variances = np.diag(covariance)
     if np.any(variances <= 0.0):
         return f"has the variance {np.min(variances):.3g}"

@@ -271,6 +271,11 @@ def test_the_table_of_a_sweep_is_its_summary(tmp_path):
         ((STEEL, gp.Hertz()), "Material, Hertz"),
         (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"),
         ({"alpha": 0.5}, "alpha: 0.5"),
+        ({}, "none"),
+        (
+            dict.fromkeys("abcdefgh", 1),
+            "a: 1, b: 1, c: 1, d: 1, e: 1, f: 1, ... (8 in all)",
+        ),
     ],
 )
 def test_values_in_words(value, said):

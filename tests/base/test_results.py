@@ -736,6 +736,19 @@ def test_results_whose_numbers_are_not_known_are_equal():
     assert make() != make(more=1.0)
 
 
+def test_results_that_hold_objects_with_arrays_are_compared_entry_by_entry():
+    @dataclasses.dataclass
+    class Holder:
+        places: Any
+
+    def make(last):
+        return Spot(about=Holder(np.array([0.0, last])))
+
+    assert make(1.0) == make(1.0)
+    assert make(1.0) != make(2.0)
+    assert Spot(about=Holder) == Spot(about=Holder)
+
+
 def test_a_shape_that_does_not_fit_says_nothing_of_the_others():
     # the first layout takes 5 for m, and fails: m is free for the weights
     spot = Spot(places=np.zeros((5, 3)))

@@ -596,6 +596,8 @@ def test_a_run_that_is_exchanged_while_it_is_read_is_not_drawn(folders, tmp_path
     assert not (tmp_path / "x.png").exists()
     with pytest.raises(MissingFileError):
         draw_together([tmp_path / "none"], tmp_path / "x.png")
+    with pytest.raises(InputError, match="twice"):  # one folder, written in two ways
+        draw_together([folders / "sweep", f"{folders}/./sweep/"], tmp_path / "x.png")
 
 
 def rewrite(place: Path) -> None:
