@@ -932,9 +932,9 @@ def register_law(name: str, law: Any, **units: str) -> Any:
             f"the contact law {name!r} is made already", mend="Give its class, or no units"
         )
     require("the name of a contact law", label, name)
-    written_units: list[Any] = list(units.values())
+    given_units: list[Any] = list(units.values())  # of any kind, as callers may err
     wrong_texts = [
-        unit for unit in written_units if not isinstance(unit, str) or (unit and not is_si(unit))
+        unit for unit in given_units if not isinstance(unit, str) or (unit and not is_si(unit))
     ]
     if " " in name:
         wrong_texts.insert(0, name)
