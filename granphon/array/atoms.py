@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array, Flags
@@ -327,7 +328,7 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     write_text(path, f"{len(atoms)}\n{header}\n{rows}")
 
 
-def _require_columns(name: str, array: Array) -> None:
+def _require_columns(name: str, array: NDArray[Any]) -> None:
     """Raise :class:`InputError` if ``array`` (N, ...) cannot stand in columns of a file, as
     :func:`write_extxyz` says. The message states the ``name``.
     """

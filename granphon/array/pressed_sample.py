@@ -488,5 +488,4 @@ def _require_response(word: str) -> str:
     """Return the ``word`` if it is one of :data:`~granphon.array.options.SHEAR_RESPONSES`; raise
     :class:`~granphon.base.errors.InputError` otherwise.
     """
-    response: str = require("shear_response", lambda value: choice(value, SHEAR_RESPONSES), word)
-    return response
+    return str(require("shear_response", lambda value: choice(value, SHEAR_RESPONSES), word))
