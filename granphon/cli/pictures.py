@@ -228,7 +228,8 @@ def make_scene_page(
     density of states, the balls as they move in a mode, sound velocities and moduli. The browser
     computes all of this, except for the stiffness of contacts of balls that differ. That stiffness
     is computed when the page is made, and interpolated; the page names the error of the
-    interpolation.
+    interpolation. The page of a crystal made of kinds of balls, or of a network, shows the
+    first state, and has sliders of the mode only.
     A scene of several loads or media makes one page, which begins at the first. From a block
     'sweep' the page takes the first value of each parameter. With an effective medium in space this
     command takes up to half a minute.

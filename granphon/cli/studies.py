@@ -548,7 +548,8 @@ def _choose_sigma_and_frequency(
 def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[float] | None:
     """Return the direction of sound (p,), a component for each of p periods: that of the ``option``
     --direction, or without the option that of the ``scene`` in the file ``path``; None if neither
-    names a direction. InputError if the scene names several and the option is not given.
+    names a direction. How many components there are is not checked. InputError if the option is
+    no list of numbers, and without the option if the scene names several directions.
     """
     from granphon.base.validation import require
 

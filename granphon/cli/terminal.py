@@ -132,9 +132,10 @@ def write_of_scene(
     ``why_single`` is the reason for which the with-block takes scenes of one state; empty if it
     takes others too.
 
-    Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if
-    the scene has several states and ``why_single`` is given; and FileExistsInRunError if ``out`` is
-    there and ``force`` may not replace it.
+    Raises :class:`~granphon.base.errors.InputError` if ``out`` is empty or has none of the
+    ``endings``, if the scene cannot be read or has a mistake, and if the scene has several states
+    and ``why_single`` is given. Raises FileExistsInRunError if ``out`` is there and ``force`` may
+    not replace it.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene

@@ -114,7 +114,8 @@ def _read_options(
     quiet_until: str | None,
 ) -> dict[str, Any]:
     """Return the keywords of :meth:`Traces.velocity`, with values in SI units, from the options of
-    :func:`find_velocity`; an option that is None has no keyword.
+    :func:`find_velocity`; an option that is None has no keyword. InputError for a text that is no
+    frequency or no time.
     """
     from granphon.base.quantities import FREQUENCY
     from granphon.base.validation import require

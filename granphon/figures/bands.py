@@ -155,7 +155,8 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ribbon is a line with two ends.
 
     Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along no period
-    and has no zone.
+    and has no zone, and in space for a ``view`` that is no View. In the plane and on a line
+    ``view`` is not used.
     """
     repeats = np.asarray(bands.pbc)  # of each vector of the cell
     if not np.any(repeats):
@@ -450,7 +451,7 @@ def _shade_by_fraction(bands: Bands) -> _Shades:
     else:
         fractions_in_order = bands.longitudinal_fraction
         colours = POLARISATION
-    # (s, p, b), from the order of frequencies to that of followed branches
+    # (segments, points, branches), from the order of frequencies to that of followed branches
     fractions = np.take_along_axis(fractions_in_order, bands.connection, 2)
     shades: _Shades = {}
     for s, b in np.ndindex(len(bands.distances), bands.n_branches):
@@ -550,8 +551,10 @@ def _mix_edge_colours(weight: Array) -> Array:
 
 
 def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:
-    """Draw the lowest and the highest frequency of each branch of the crystal, ``bulk`` (s, p, b,
-    2), Hz, as a field behind the bands of a cut; InputError for another shape.
+    """Draw the lowest and the highest frequency of each branch of the crystal, as fields behind the
+    ``bands`` of a cut. ``bulk`` (segments, points, branches, 2), Hz, are these frequencies at the
+    points of each segment of the path of the bands; the number of branches is free. InputError for
+    another shape.
     """
     shape = bands.frequencies.shape[:2]
     has_right_shape = bulk.ndim == 4 and bulk.shape[:2] == shape and bulk.shape[3] == 2
@@ -767,6 +770,7 @@ def _limit_density(density: Array) -> float:
     """
     peak = float(density.max())
     quantile = float(np.quantile(density, _QUANTILE))
+    # a quantile of zero gives no axis: then the peaks are nearly all of the density
     has_peaks = 0.0 < quantile < peak / _PEAK
     return 2.0 * quantile if has_peaks else peak
 

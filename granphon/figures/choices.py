@@ -52,8 +52,8 @@ _LOAD_NAMES = (*LOADS, "reduced_force")
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
-    """Return the names of the parameters of a data set: the dimensions of the sweep besides the
-    load and the medium, and "direction" if there are several directions.
+    """Return the names of the parameters of a data set: all dimensions of the sweep but the load
+    and the medium. If the sweep has several directions, "direction" follows as the last name.
     """
     names = [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
     if "direction" in dataset.dims:
@@ -166,7 +166,7 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
     to half a per cent.
 
     :class:`~granphon.base.errors.InputError`, which calls the sweep ``run``, if the sweep has no
-    such name or value.
+    such name or value, and for a text that cannot be a value, such as one in another unit.
     """
     for name, texts in wishes.items():
         dimension = find_dimension(dataset, name)

@@ -407,8 +407,9 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
 
 def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     """Draw marks on the curve of an automatic medium, which show the medium that served at a load:
-    at the first and the last load, at some between, and on both sides of each change of the
-    medium. A mark is hollow where the medium is not valid. ``gid`` is that of :func:`draw_curve`.
+    at the first and the last load, at some between, on both sides of each change of the medium,
+    and at each load at which a simulation served. A mark is hollow where the medium is not valid.
+    ``gid`` is that of :func:`draw_curve`.
     """
     n = curve.x.size
     media = np.array([label.partition("(")[0] for label in curve.served])
@@ -454,7 +455,8 @@ def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
     if is_points:
         style: dict[str, Any] = {"marker": look.marker} | _POINTS
     else:
-        style = {"linewidth": min(look.width, 1.6)}
+        # in the legend no line is wider than a line that is alone
+        style = {"linewidth": min(look.width, _LONE_WIDTH)}
         if look.dashes:
             style |= {"dashes": look.dashes}
     return Line2D([], [], color=look.colour, label=label, **style)
@@ -854,7 +856,9 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
 
 
 def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
-    """Write a text to the right of the Axes, at the ``value`` of y."""
+    """Write a text to the right of the Axes, at the ``value`` of y; ``options`` are those of a text
+    of matplotlib.
+    """
     ax.annotate(
         text,
         (1.0, value),
@@ -1340,8 +1344,8 @@ def _draw_densities_together(
 
 
 def _require_shared_axes(curves: Sequence[Curve], x: str, y: str) -> None:
-    """Raise InputError for curves of ``y`` over ``x`` with several units, infinite loads, or no
-    finite values.
+    """Raise InputError if curves of ``y`` over ``x`` have several units on one axis, or if a curve
+    has an ``x`` that is not finite, or no finite ``y``.
     """
     mend_of_x = "Take --x force (x='force')"
     mend_of_y = "Draw another quantity"
@@ -1414,7 +1418,7 @@ class Run:
     @property
     def words(self) -> str:
         """The bands and the density of states of the run, in words; of a run without these, what
-        its data set is: a fit, a sweep or a single state.
+        its data set is: a fit, a sweep or a single state. Empty for a run that has none of these.
         """
         spectra = []
         if self.bands is not None:
@@ -1488,11 +1492,11 @@ def _read_axis(letter: str, name: str | None) -> str | None:
 
 
 def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
-    """Return the names of the load and of the quantity of the axes; ``x`` and ``y`` are the
-    requested names, None where the choice is free.
+    """Return the names of what stands on the axes of x and y: a load or a parameter in numbers, and
+    a quantity. ``x`` and ``y`` are the requested names, None where the choice is free.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run
-    does not hold it.
+    Raises :class:`~granphon.base.errors.InputError` if a run has spectra instead of curves, if
+    there is no such load or quantity, and if a run does not hold it.
     """
     spectra = [run for run in runs if not run.quantities]
     runs_over_load = [run for run in runs if run.quantities]
@@ -1632,8 +1636,9 @@ def _read_points(
     distance: float | tuple[float, float] | None,
 ) -> Curve:
     """Return the curve of measured velocities over the load ``x``, from a file or
-    :class:`~granphon.fits.measurements.Measurements`; InputError if ``y`` is no velocity, or the
-    loads of the points cannot be converted to ``x`` from ``runs``. ``balls_per_side`` and
+    :class:`~granphon.fits.measurements.Measurements`. InputError if ``y`` is no velocity, if the
+    file cannot be read, and if the loads of the points cannot be converted to ``x`` from ``runs``.
+    Points without an error have the error nan. ``balls_per_side`` and
     ``distance`` are those of :func:`plot_together`.
     """
     entry = CATALOGUE.get(y)

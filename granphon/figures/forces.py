@@ -763,12 +763,13 @@ def _write_title(sample: Sample) -> str:
     """Return the title of a sample, with its fraction of contacts. Equal balls have the force in N,
     others the reduced force f* and the reduced spacing a*.
     """
-    state = sample.equilibrium
+    equilibrium = sample.equilibrium
     contacts = f"$N_c$ = {sample.contact_fraction():.3f}"
     if not sample.packing.width:
         return f"$f$ = {sample.force:.4g} N, {contacts}"
-    reduced_spacing = state.overlap + 0.5
-    return f"$f^*$ = {state.force:.3g}, $a^*$ = {reduced_spacing:.4g}, {contacts}"
+    # the overlap is in units of the width W, and a* = (d + W/2 - a)/W
+    reduced_spacing = equilibrium.overlap + 0.5
+    return f"$f^*$ = {equilibrium.force:.3g}, $a^*$ = {reduced_spacing:.4g}, {contacts}"
 
 
 def _list_samples(state: ContactState) -> tuple[Sample, ...]:

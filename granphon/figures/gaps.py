@@ -60,10 +60,11 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
     varies, each gap is a bar over the number of branches below.
 
     Gaps are told apart by the number of branches below. Each medium and combination of parameters
-    has a panel. Of the ``options``, ``x``, ``rows``, ``columns`` and ``tell`` are those of
-    :func:`granphon.figures.curves.sweep_figure`. Where rows and columns of panels have no place for
-    all combinations, some are drawn, of which ``tell`` is told. Raises
-    :class:`~granphon.base.errors.InputError` if the sweep has no gaps.
+    has a panel. The ``options`` are ``x``, ``rows``, ``columns`` and ``tell``, which mean the same
+    as in :func:`granphon.figures.curves.sweep_figure`. Where rows and columns of panels have no
+    place for all combinations, some are drawn, of which ``tell`` is told. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no gaps, and for an ``x``, ``rows``
+    or ``columns`` that ``sweep_figure`` refuses.
     """
     _require_variable(dataset, "gap_lower", "gaps", "gaps")
 
@@ -90,8 +91,9 @@ def cutoffs_figure(dataset: Dataset, **options: Any) -> Figure:
     """Draw a figure of the branches of a sweep: each is a field over ``x`` from its lowest to its
     highest frequency in the zone; of a single state a bar over the number of the branch.
 
-    The ``options`` are those of :func:`sweep_gaps_figure`. Raises
-    :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies.
+    The ``options`` are ``x``, ``rows``, ``columns`` and ``tell`` of :func:`sweep_gaps_figure`.
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies, and
+    for options that ``sweep_gaps_figure`` refuses.
     """
     _require_variable(dataset, "cutoff_lower", "cut-off frequencies", "cutoffs")
 
@@ -180,10 +182,11 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
 
 def sweep_surface_figure(dataset: Dataset, **options: Any) -> Figure:
     """Draw a figure of the undamped waves of an edge in a sweep: their frequencies at the end of
-    the path, from the lowest up, over ``x``.
+    the path over ``x``, or of a single state over the number of the wave, from the lowest up.
 
-    The ``options`` are those of :func:`sweep_gaps_figure`. A panel without a wave says so. Raises
-    :class:`~granphon.base.errors.InputError` if the sweep has no waves of an edge.
+    The ``options`` are ``x``, ``rows``, ``columns`` and ``tell`` of :func:`sweep_gaps_figure`. A
+    panel without a wave says so. Raises :class:`~granphon.base.errors.InputError` if the sweep has
+    no waves of an edge, and for options that ``sweep_gaps_figure`` refuses.
     """
     _require_variable(dataset, "surface_frequency", "waves of an edge", "surface")
     words = "waves of the edge, at the end of the path"
@@ -192,20 +195,23 @@ def sweep_surface_figure(dataset: Dataset, **options: Any) -> Figure:
 
 def onsets_figure(dataset: Dataset, **options: Any) -> Figure:
     """Draw a figure of the cut-off frequencies of a sweep: those of each branch at Gamma over
-    ``x``.
+    ``x``, or of a single state over the number of the branch.
 
-    The ``options`` are those of :func:`sweep_gaps_figure`. Raises
-    :class:`~granphon.base.errors.InputError` if the sweep has no onsets.
+    The ``options`` are ``x``, ``rows``, ``columns`` and ``tell`` of :func:`sweep_gaps_figure`.
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no onsets, and for options
+    that ``sweep_gaps_figure`` refuses.
     """
     _require_variable(dataset, "onset_frequency", "frequencies at Gamma", "onsets")
     return _draw_lines(dataset, "onset_frequency", "branch", "branches at Gamma", **options)
 
 
 def modes_figure(dataset: Dataset, **options: Any) -> Figure:
-    """Draw a figure of the lowest modes of the networks of a sweep: their frequencies over ``x``.
+    """Draw a figure of the lowest modes of the networks of a sweep: their frequencies over ``x``,
+    or of a single state over the number of the mode.
 
-    The ``options`` are those of :func:`sweep_gaps_figure`. Raises
-    :class:`~granphon.base.errors.InputError` if the sweep has no modes.
+    The ``options`` are ``x``, ``rows``, ``columns`` and ``tell`` of :func:`sweep_gaps_figure`.
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no modes, and for options that
+    ``sweep_gaps_figure`` refuses.
     """
     _require_variable(dataset, "mode_frequency", "modes", "modes")
     return _draw_lines(dataset, "mode_frequency", "mode", "lowest modes", **options)

@@ -451,8 +451,8 @@ def _find_motion(
     cells: tuple[int, ...] | None,
     direction: ArrayLike | None,
 ) -> _Motion:
-    """Return a mode of a lattice, of branch ``branch`` at ``q``, on the balls that are drawn; the
-    arguments are those of :func:`plot_mode`.
+    """Return the mode of the branch number ``branch`` at ``q`` of a lattice, on the balls that are
+    drawn; the arguments are those of :func:`plot_mode`, which says what is refused.
     """
     if direction is not None and real_array("direction", direction).ndim != 1:
         raise InputError(f"direction is {brief(direction)}", mend="Give one direction")

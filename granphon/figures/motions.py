@@ -112,8 +112,9 @@ def plot_motion(
 
 def _find_positions(motion: Motion, axis: int, radius: float) -> tuple[Array, Array]:
     """Return the positions of the balls, without flat walls, (n,), and of the contacts, (n_c,),
-    along an ``axis``, m, in one period if the array repeats along the axis; ``radius`` is the mean
-    radius of the balls, m.
+    along an ``axis``, m; ``radius`` is the mean radius of the balls, m. All positions are moved by
+    the part ``_LAYER`` of the radius. Positions are folded into one period if the array repeats
+    along the axis by a vector of the cell that is parallel to the axis.
     """
     network = motion.network
     # a ball at the edge of a period stays there when its position is rounded

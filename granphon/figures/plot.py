@@ -106,12 +106,13 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
     A list of results, or a mapping that names results, is one picture: sweeps, fits and results of
     scenes over the load, with measured points, or bands, or densities of states. ``options`` are
-    then those of :func:`granphon.figures.curves.plot_together`: ``x``, ``y``, ``data``. With
-    ``axes`` the picture is drawn on these Axes, as is a single result of these kinds, and the
+    then those of :func:`granphon.figures.curves.plot_together`, such as ``x``, ``y`` and ``data``.
+    With ``axes`` the picture is drawn on these Axes, as is a single result of these kinds, and the
     figure of the Axes is returned.
 
-    Raises :class:`~granphon.base.errors.InputError` for any other object, and for an option that
-    the function does not have.
+    Raises :class:`~granphon.base.errors.InputError` for any other object, for a state of several
+    loads, for no results, for results that cannot share an axis, and for an option that the
+    function does not have.
     """
     # a data set is a mapping too, of variables; a result may be a tuple with names
     are_several = (

@@ -185,6 +185,7 @@ def thin_ticks(ax: Axes) -> None:
     """
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), _PlainTicks):
+            # texts of the axis of y stand above each other, so that their width does not count
             letter = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
             axis.set_major_locator(_PlainTicks(least=_FEW_TICKS, letter=letter))
             axis.set_minor_locator(_PlainTicks(minor=True, least=_FEW_TICKS))

@@ -360,8 +360,9 @@ def _draw_surface_branches(
     """Draw the waves of an edge as dots: undamped waves are full dots, leaky waves hollow ones,
     with bars of their standard ``errors``.
 
-    ``x`` (n,) are the places of the wave vectors on the axis; frequencies and errors are in this
-    ``unit``.
+    ``x`` (n,) are the places of the wave vectors on the axis. Frequencies are drawn in this
+    ``unit``, in which ``errors`` (m,), one for each of the m waves, are already. If no error is
+    above zero, there are no bars.
     """
     if np.any(errors > 0.0):
         centres = branches.frequencies / unit.hertz
@@ -384,10 +385,12 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
     """Draw a figure of all polarisations of a path, one under the other, and of their attenuation,
     one column wide.
 
-    The attenuation is left out if fewer than two lines are resolved. The standard ``errors`` of the
+    A polarisation with fewer than two resolved lines has no attenuation, and the panel is left out
+    if no polarisation has one. The standard ``errors`` of the
     numbers of all lines, by the names of :attr:`~granphon.waves.path_spectra.PathSpectra.numbers`,
     each for all polarisations in turn, are bars about the attenuations. Raises
-    :class:`~granphon.base.errors.InputError` for errors of another number than that of the lines.
+    :class:`~granphon.base.errors.InputError` for errors of another number than that of the lines,
+    and for ``errors`` that are no mapping.
     """
     count = len(spectra.spectra)
     # (number of the polarisation, spectral functions) of those with an attenuation to draw
@@ -433,9 +436,10 @@ def plot_attenuation(
     dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
     have no law by default. Points and law have one ``colour``. The standard errors (n,) of
     frequencies, Hz, and of attenuations, 1/m, under "peak" and "attenuation" in ``errors``, nan
-    where unknown, are bars.
+    where unknown, are bars; ``errors`` of other names are not drawn.
 
-    Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
+    Raises :class:`~granphon.base.errors.InputError` for errors of another shape, and for ``errors``
+    that are no mapping.
     """
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
@@ -778,10 +782,10 @@ def plot_seismogram(
     greatest value, and all other traces over the greatest signal of a ball; they are flat if all
     signals are zero. A mark shows the time of flight by the envelope, if the time of flight is
     known. The standard errors (n,), m/s, under "coherent" in ``errors``, nan where unknown, are a
-    band about the mean.
+    band about the mean; ``errors`` of other names are not drawn.
 
-    Raises :class:`~granphon.base.errors.InputError` for a number of balls below zero, and for
-    errors of another shape.
+    Raises :class:`~granphon.base.errors.InputError` if ``balls`` is no whole number from zero up,
+    for errors of another shape, and for ``errors`` that are no mapping.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     times = pulse.times / seconds
@@ -824,8 +828,9 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
     """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle.
 
     The standard ``errors`` (n,), m/s, of the signals "coherent", "envelope" and "speckle" over
-    time, nan where unknown, are bands; :class:`~granphon.base.errors.InputError` for errors of
-    another shape.
+    time, nan where unknown, are bands; ``errors`` of other names are not drawn. Raises
+    :class:`~granphon.base.errors.InputError` for errors of another shape, and for ``errors`` that
+    are no mapping.
     """
     given_errors = name_errors(errors)
     with styled_figure(4.2) as figure:
@@ -1155,10 +1160,12 @@ def _draw_decibel_map(ax: Axes, x: Array, y: Array, decibels: Array, name: str) 
     frequencies ``y`` (n_y,), with its colour bar.
 
     The colours reach from the greatest magnitude down to the least, but no further than
-    ``_DECIBELS``.
+    ``_DECIBELS``. Magnitudes that are nan, where nothing moves, have no colour; if there are no
+    others, the colours end at zero decibels.
     """
-    highest = float(np.nanmax(decibels))
-    lowest = max(highest - _DECIBELS, float(np.nanmin(decibels)))
+    finite_decibels = decibels[np.isfinite(decibels)]
+    highest = float(finite_decibels.max()) if finite_decibels.size else 0.0
+    lowest = max(highest - _DECIBELS, float(finite_decibels.min(initial=highest)))
     mesh = ax.pcolormesh(
         x,
         y,

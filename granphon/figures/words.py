@@ -117,8 +117,11 @@ def write_unit(unit: str) -> str:
 
 def write_value(value: float, unit: str) -> str:
     """Return a ``value`` in the SI ``unit`` as it stands in a legend, "2.04 µm", with five digits
-    at most. Units that are rarely printed with a prefix stay as they are.
+    at most. Units that are rarely printed with a prefix stay as they are, and a number of the unit
+    "1" has no unit.
     """
+    if unit == "1":
+        return f"{value:.5g}"
     if unit not in ("m", "s", "Pa", "N", "Hz", "N/m"):
         return f"{value:.5g} {unit}".rstrip()
     return write_unit(write_quantity(value, unit))
@@ -154,9 +157,9 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     if name in ("torsion", "bending"):
         if not value:
             return name, f"no {name}"
-        if isinstance(value, float):
-            return name, f"{name} {value:.4g}"
-        return name, f"{name} of {str(value).capitalize()}"
+        if isinstance(value, str):  # the name of a law, "mindlin"
+            return name, f"{name} of {value.capitalize()}"
+        return name, f"{name} {value:.4g}"
     return name, f"{name.replace('_', ' ')} {value}"
 
 

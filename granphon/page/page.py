@@ -163,7 +163,8 @@ def describe_network_page(
 
 def _list_facts(state: NetworkState) -> list[list[str]]:
     """Return pairs of texts, the name and the value of each fact on a network that its page
-    shows.
+    shows. The mean force is that of the contacts that are pressed; a network without such contacts
+    has no mean force.
     """
     lattice = state.contact_lattice()
     network = state.network
@@ -175,9 +176,11 @@ def _list_facts(state: NetworkState) -> list[list[str]]:
         ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
         ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
     ]
-    force = network.normal_force[network.normal_force > 0.0]
-    if force.size:
-        facts.append(["Mean force of a contact", write_quantity(float(force.mean()), "N")])
+    # contacts that touch without a force, or pull, would hide how strongly balls are pressed
+    pressing_forces = network.normal_force[network.normal_force > 0.0]
+    if pressing_forces.size:
+        mean_force = write_quantity(float(pressing_forces.mean()), "N")
+        facts.append(["Mean force of a contact", mean_force])
     names = np.array(state.kinds)
     radii = network.radii[network.moving]
     masses = network.masses[network.moving]

@@ -15,6 +15,8 @@ import granphon as gp
 from granphon.array.sample import STEP
 from granphon.base.errors import FigureError, InputError
 from granphon.figures.curves import plot_exponent, plot_sweep, sweep_figure
+from granphon.figures.waves import _draw_decibel_map, _find_decibels
+from granphon.figures.words import describe_parameter, write_value
 from granphon.runs.sweep import sweep
 from tests.figures.conftest import drawn, texts
 
@@ -386,3 +388,25 @@ def test_a_long_legend_leaves_the_panels_their_room(directions, variable):
     (ax,) = figure.axes
     assert ax.yaxis.label.get_window_extent().y1 < figure.bbox.y1
     assert ax.get_window_extent().height > 1.2 * figure.dpi
+
+
+def test_a_map_of_responses_that_are_zero_has_no_colours():
+    ax = Figure(layout="constrained").subplots()
+    magnitudes = np.zeros((2, 3))  # of a receiver that nothing moves
+    _draw_decibel_map(ax, np.arange(2.0), np.arange(3.0), _find_decibels(magnitudes), "receptance")
+    ax.figure.draw_without_rendering()
+    (mesh,) = ax.collections
+    assert np.ma.getmaskarray(mesh.get_array()).all()
+    assert all(np.isfinite(mesh.get_clim()))
+
+
+def test_numbers_of_unit_one_have_no_unit_in_legends():
+    assert write_value(0.0125, "1") == "0.0125"
+    assert write_value(2.04e-6, "m") == "2.04 µm"
+
+
+@pytest.mark.parametrize("name", ["torsion", "bending"])
+def test_whole_ratios_are_numbers_in_legends(name):
+    assert describe_parameter(name, 1) == (name, f"{name} 1")
+    assert describe_parameter(name, 0.25) == (name, f"{name} 0.25")
+    assert describe_parameter(name, "mindlin") == (name, f"{name} of Mindlin")
