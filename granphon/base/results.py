@@ -80,10 +80,12 @@ def _clean(text: str) -> str:
 
 def describe_value(value: Any) -> str:
     """Return a short text of a value of any kind: a float with six digits, truth values as "yes"
-    and "no", None and what is empty as "none", a list as :func:`_describe_list` does, an array by
-    its shape and range, a dataclass by its name. Of a long text or mapping the beginning is
-    returned, with dots behind it.
+    and "no", None and an empty list or mapping as "none", a list as :func:`_describe_list` does, an
+    array as :func:`_describe_array` does, a dataclass by its attribute ``name`` or else by its
+    class, and anything else as :func:`~granphon.base.errors.brief` does. Of a long text or mapping
+    the beginning is returned, with dots behind it.
     """
+    # floats of NumPy are written below: the item of a long double is a long double again
     if isinstance(value, np.generic) and value.dtype.kind in "biuc":
         return describe_value(value.item())
     if isinstance(value, str):

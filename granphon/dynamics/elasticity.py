@@ -54,7 +54,7 @@ def voigt_names(periods: int) -> tuple[str, ...]:
 
 
 def take_voigt(c: Array) -> Array:
-    """Return a tensor ``c`` (..., p, p, p, p) of components c_ijkl as matrices (..., n, n) in Voigt
+    """Return tensors ``c`` (..., p, p, p, p) of components c_ijkl as matrices (..., n, n) in Voigt
     order; components that differ by an exchange of i with j, or of k with l, are averaged.
     """
     symmetric_ij = 0.5 * (c + c.swapaxes(-4, -3))

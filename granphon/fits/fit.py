@@ -890,7 +890,11 @@ class WidthFit(Fitted):
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether long waves in the lattice have the same velocities in all directions."""
+        """Whether long waves in the lattice have the same velocities in all directions; of the
+        lattice alone, whatever the medium of the fit.
+        """
+        # no load changes this, and the averaged lattice is known at every force, as the effective
+        # medium is not
         state = MediumChoice("ala").of(self.packing).at_force(float(self.force[0]))
         return bool(state.is_isotropic)
 

@@ -319,19 +319,20 @@ class ContactState(State, Result):
     chosen_automatically: bool = held(bool, default=False)
 
     def _check(self) -> None:
-        """Raise :class:`InputError` also if an overlap that was read is out of range, or if force,
-        overlap and stiffness do not belong to each other.
+        """Raise :class:`InputError` for what the check of the base class refuses, and also if an
+        overlap that was read is out of range, or if force, overlap and stiffness do not belong to
+        each other.
 
         The range leaves out balls that lie in each other, and balls that are all apart.
         """
         super()._check()
         overlap = np.asarray(self.overlap)
         diameter = self.packing.diameter
-        least_overlap = self.law.least_overlap
-        if self.samples:
-            # the least overlap of their law would need the diameters to be drawn: minus the width,
-            # below the overlaps of samples that carry load, stands in its place
-            least_overlap = -self.packing.width_units.width
+        # the least overlap of the law of samples would need the diameters to be drawn: minus the
+        # width, or the diameter of equal balls, stands in its place, below the overlaps of samples
+        # that carry load
+        width = self.packing.width_units.width
+        least_overlap = -width if self.samples else self.law.least_overlap
         is_in_range = (overlap > max(least_overlap, -diameter)) & (overlap < diameter)
         if not np.all(is_in_range):
             first_outside = float(overlap[~is_in_range].flat[0])

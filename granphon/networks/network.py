@@ -1443,9 +1443,9 @@ class ContactNetwork(Result):
         acts on ball j, N. Each file has a digest of the rest. Folders are made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no name of a file, for two
-        names of one file, and for ``labels`` of 2^53 and above, which could not be read again; and
-        OutputError for files that granphon has not written, for folders, and if a file cannot be
-        written. Neither file is written then.
+        names of one file, and for ``labels`` of the size 2^53 or more, which could not be read
+        again; and OutputError for files that granphon has not written, for folders, and if a file
+        cannot be written. Neither file is written then.
         """
         from granphon.networks.tables import write_tables
 
@@ -1479,7 +1479,7 @@ class ContactNetwork(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, for what is no name of a file, for two names of
-        one file, and for ``labels`` of 2^53 and above, which could not be read again; and
+        one file, and for ``labels`` of the size 2^53 or more, which could not be read again; and
         OutputError for files that are there and are not such dumps of granphon's own, as dumps of
         LAMMPS, and if a file cannot be written. Neither file is written then.
         """

@@ -384,16 +384,19 @@ def read_whole_numbers(name: str, values: Any) -> Index:
 
 
 def require_readable_labels(labels: Index | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for ``labels`` (n,) of balls that files
-    cannot hold, as readers take them for floats (:func:`read_whole_numbers`). None is no labels.
+    """Raise :class:`~granphon.base.errors.InputError` for ``labels`` (n,) of balls that could not
+    be read again from a file: whole numbers are read as floats (:func:`read_whole_numbers`), which
+    are not exact from the size 2^53 on. None is no labels.
     """
     if labels is None:
         return
+    # not by np.abs, which overflows for the least whole number of 64 bits
     is_inexact = (labels >= _FIRST_INEXACT) | (labels <= -_FIRST_INEXACT)
     if np.any(is_inexact):
         fault = f"a ball of the network has the label {labels[is_inexact][0]}"
-        why = "Labels of 2^53 and above could not be read again from a file"
-        raise InputError(fault, why, "Give smaller ones: dataclasses.replace(network, labels=...)")
+        why = "Labels of the size 2^53 or more could not be read again from a file"
+        mend = "Give labels nearer to zero: dataclasses.replace(network, labels=...)"
+        raise InputError(fault, why, mend)
 
 
 def require_balls(name: str, headings: Collection[str], known: Collection[str]) -> None:

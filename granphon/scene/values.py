@@ -707,19 +707,28 @@ class SceneValues:
 
 
 def _require_planes(settings: ResponseSettings) -> None:
-    """Raise :class:`~granphon.base.errors.Refused` for a key of the ``settings`` that is that of a
-    plane of balls, where none is driven or heard.
+    """Raise :class:`~granphon.base.errors.Refused` for a key of planes of balls that the
+    ``settings`` give and that has no use (:func:`~granphon.waves.sensors.find_unused`): a distance
+    where no plane is heard, a direction or polarisation where no plane is driven or heard.
     """
     given = {name: getattr(settings, name) for name in KEYS_OF_PLANES}
     name = find_unused(settings.source, settings.receiver, given)
-    if name:
-        places = "receiver: plane" if name == "distance" else "source: plane or receiver: plane"
+    if not name:
+        return
+    path = ("response", name)
+    if name == "distance":
         raise Refused(
-            f"a {name} of a plane, and no plane",
-            f"a {name} with {places}",
-            f"Leave {name} out: a ball has its direction behind its number, as in 12 x.",
-            ("response", name),
+            "a distance, and no plane that is heard",
+            "a distance with receiver: plane",
+            "Leave distance out.",
+            path,
         )
+    raise Refused(
+        f"a {name} of a plane, and no plane",
+        f"a {name} with source: plane or receiver: plane",
+        f"Leave {name} out: a ball has its direction behind its number, as in 12 x.",
+        path,
+    )
 
 
 def _require_limits(settings: MotionSettings, swept: Mapping[str, Any]) -> None:

@@ -171,8 +171,8 @@ class GridPlace:
 
     @property
     def carries_nothing(self) -> bool:
-        """Whether a given strain leaves contacts open, and so little force that they carry no
-        load.
+        """Whether the strain is given, some contacts are open, and the mean force of all is below
+        ``options.threshold``: then contacts carry nothing.
         """
         if not self.problem.has_given_strain or self.force >= self.options.threshold:
             return False

@@ -117,12 +117,12 @@ class Bordering(NamedTuple):
         cls, border: Array, corner: Array, load_slope: Array | None, mean_row: Array | None
     ) -> Bordering:
         """Return what surrounds A where the contacts alone make B, the ``border`` (n d, m), and C,
-        the ``corner`` (m, m).
+        the ``corner`` (m, m), N/m.
 
-        ``load_slope`` (size, m) are the derivatives of the load's forces by the unknowns of walls
-        and strains, None where these forces do not change. ``mean_row`` (size,) is that of
-        :func:`find_mean_row`: it takes the place of the row of the strain in a cell without walls
-        that has one strain; None in other cells.
+        ``load_slope`` (size, m), N/m, are the derivatives of the load's forces by the unknowns of
+        walls and strains, None where these forces do not change. ``mean_row`` (size,), N/m, is that
+        of :func:`find_mean_row`: None unless contacts are given a mean force. Then the only unknown
+        beside those of balls is one strain, and ``mean_row`` takes the place of its row.
         """
         n = len(border)
         columns = border

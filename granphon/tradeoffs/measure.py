@@ -1215,8 +1215,9 @@ def _watch_memory(point: Point) -> int:
 
 
 def _run_random_points(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:
-    """Run points again and again, without timing, in half of the time left until the ``deadline``,
-    and append the outcomes to their :class:`_Runs`, up to ``_MOST_DRAWS`` for each point.
+    """Run random points again, without timing, in half of the time left until the ``deadline``, and
+    append the outcomes to their :class:`_Runs`, until a point has ``_MOST_DRAWS`` outcomes, those
+    of its timed runs included. A point of which a run fails keeps the outcomes before that run.
     """
     now = deadline.stopwatch.now
     last_end = now() + 0.5 * deadline.left
@@ -1227,7 +1228,11 @@ def _run_random_points(runs_of_point: Mapping[Point, _Runs], deadline: Deadline)
         # a run may take longer than the median
         while len(runs.outcomes) < _MOST_DRAWS and now() + _TIME_MARGIN * time_of_run < end:
             run = len(runs.outcomes) + 1
-            runs.outcomes.append(point.solve(point.prepare(run)))
+            try:
+                outcome = point.solve(point.prepare(run))
+            except GranphonError:  # the same run would fail again
+                break
+            runs.outcomes.append(outcome)
 
 
 def _square_errors(runs: _Runs, reference: Reference) -> Array:

@@ -1759,11 +1759,12 @@ def _read_list(name: str, value: ArrayLike, unit: str, low: Low) -> Array:
 
 
 def read_vector(name: str, value: Any, dimension: int) -> Array:
-    """Return the unit vector (3,) along the ``value`` of the argument ``name``, a vector of 1 to 3
-    numbers; components that are not given are zero.
+    """Return the unit vector (3,) along the ``value`` of the argument ``name``, which is a number
+    or a vector of 1 to 3 numbers; components that are not given are zero.
 
-    Raises :class:`~granphon.base.errors.InputError` for anything else, and for zeros; the message
-    asks for ``dimension`` numbers.
+    Raises :class:`~granphon.base.errors.InputError` for what is not finite numbers, for another
+    shape, and for zeros. ``dimension`` is the number of components for which the message about
+    shape and zeros asks; up to three are taken whatever it is.
     """
     components = np.atleast_1d(finite_array(name, value))
     is_vector = components.ndim == 1 and components.size <= 3
@@ -1771,7 +1772,7 @@ def read_vector(name: str, value: Any, dimension: int) -> Array:
         raise InputError(
             f"{name} is {brief(value)}", f"It is a vector of {dimension} numbers, not all zero"
         )
-    # over the largest component first: squares of very large or small numbers have no digits
+    # over the largest component first: squares of the numbers as they are may overflow
     vector = np.pad(components, (0, 3 - components.size)) / np.max(np.abs(components))
     return np.asarray(vector / np.linalg.norm(vector))
 

@@ -1159,7 +1159,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     "a distance of balls": (
         RESPONSE + "\n  distance: 3 mm",
         "15: response.distance",
-        "a distance of a plane",
+        "no plane that is heard",
         "receiver: plane",
     ),
     "a polarisation of balls": (

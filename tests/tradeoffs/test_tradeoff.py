@@ -293,6 +293,26 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
     assert (one.draws, one.stderr) == (5, 0.0)
 
 
+class FailingStudy(RandomStudy):
+    """Its points fail in their eighth run."""
+
+    def _point(self, method, knob, seconds, error):
+        point = super()._point(method, knob, seconds, error)
+
+        def solve(run):
+            if run == 8:
+                raise GranphonError("does not converge.")
+            return point.solve(run)
+
+        return replace(point, solve=solve)
+
+
+def test_a_further_draw_that_fails_ends_the_draws_of_its_point_alone(clock):
+    study = FailingStudy(clock, [("m", "1", 0.01, 0.1), ("m", "2", 0.01, 0.1)])
+    points = carry_out(study, budget=100.0).points
+    assert [(point.draws, point.failure) for point in points] == [(7, ""), (7, "")]
+
+
 @pytest.mark.slow
 def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, reference):
     """Five runs of 8 x 8 balls told 2.6e-2 of what is 6.6e-2, without a word of how well that is
