@@ -600,7 +600,8 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     """
     for path in (atoms, pairs):
         require_path(path)
-    require_readable_labels(network.labels)
+    if network.labels is not None:
+        require_readable_labels(network.labels)
     box = _write_box(network)
     ids = np.arange(1, network.n_balls + 1) if network.labels is None else network.labels
     walls = _find_walls(network)

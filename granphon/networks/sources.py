@@ -383,13 +383,11 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     return np.asarray(numbers, np.intp)
 
 
-def require_readable_labels(labels: Index | None) -> None:
+def require_readable_labels(labels: Index) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for ``labels`` (n,) of balls that could not
     be read again from a file: whole numbers are read as floats (:func:`read_whole_numbers`), which
-    are not exact from the size 2^53 on. None is no labels.
+    are not exact from the size 2^53 on.
     """
-    if labels is None:
-        return
     # not by np.abs, which overflows for the least whole number of 64 bits
     is_inexact = (labels >= _FIRST_INEXACT) | (labels <= -_FIRST_INEXACT)
     if np.any(is_inexact):

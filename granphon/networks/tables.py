@@ -653,7 +653,8 @@ def write_tables(
     """Write a network as the two files ``balls`` and ``contacts``; see
     :meth:`~granphon.networks.network.ContactNetwork.write_tables`.
     """
-    require_readable_labels(network.labels)
+    if network.labels is not None:
+        require_readable_labels(network.labels)
     fields = vars(network)
     fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
     for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):

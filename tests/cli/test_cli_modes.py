@@ -95,7 +95,7 @@ def test_an_animation_has_a_picture_for_each_moment(work, capsys, count):
 WRONG = [
     ({"--at": "Q"}, "--at: found 'Q'; allowed: G, M, K, or two numbers"),
     ({"--at": "k"}, "Did you mean 'K'?"),
-    ({"--at": "1/3"}, "--at: found '1/3', with 1 numbers"),
+    ({"--at": "1/3"}, "--at: found '1/3', with 1 number"),
     ({"--at": "1/3 1/3 1/3"}, "leaves the plane"),
     ({"--at": "1/3 nan"}, "--at: found"),
     ({"--at": ""}, "--at: found ''"),

@@ -316,7 +316,6 @@ def test_a_network_stands_on_the_floor_of_its_crystal(name):
         assert_allclose(found[field], expected[field], rtol=1e-12, err_msg=field)
 
 
-@pytest.mark.claim("floor")
 def test_another_material_of_a_wall_leaves_other_flat_walls_as_they_are():
     """A rigid floor keeps its stiffness. Without names of kinds it is not told from the wall."""
     network = gp.Crystal.on("square", [BALL]).at_force(10.0).network
@@ -344,6 +343,7 @@ def test_a_selection_without_a_wall_has_no_wall(has_kinds):
         _ = cut.select(np.isfinite(cut.radii)).wall
 
 
+@pytest.mark.claim("floor")
 def test_a_ball_on_a_floor_is_that_of_hertz_and_mindlin():
     crystal = gp.Crystal.on("chain", [BALL, ALUMINIUM], motions="all")
     found = on_floor(crystal.at_force(20.0).network.cut(0, 20, "floor"))

@@ -391,7 +391,6 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
         assert (tmp_path / name / "made" / name).is_file()
 
 
-@pytest.mark.claim("extxyz-every-digit", "files-all-digits")
 @pytest.mark.parametrize(
     "values",
     [
@@ -423,6 +422,7 @@ def test_write_extxyz_keeps_words_and_truth_values(tmp_path):
         assert back.arrays[name].tolist() == balls.arrays[name].tolist()
 
 
+@pytest.mark.claim("extxyz-every-digit", "files-all-digits")
 def test_write_extxyz_keeps_every_digit(tmp_path):
     # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))

@@ -348,7 +348,6 @@ def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
     assert (point.resolved, point.note, point.floor) == (True, "", np.finfo(float).eps)
 
 
-@pytest.mark.claim("tradeoff-budget")
 def test_memory_is_that_of_the_run_also_under_a_trace_of_the_user():
     point = SimpleNamespace(prepare=lambda run: run, solve=lambda _: bytes(1_000_000))
     alone = tradeoffs._watch_memory(point)
@@ -364,6 +363,7 @@ def test_memory_is_that_of_the_run_also_under_a_trace_of_the_user():
     assert_allclose([alone, traced], 1_000_000, rtol=0.1)
 
 
+@pytest.mark.claim("tradeoff-budget")
 def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
     costs = [
         ("m", "1", 0.1, 1e-2),
