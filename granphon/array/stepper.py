@@ -297,9 +297,11 @@ class Stepper:
         """Return the motions (fields, L1, ..., Lp) and the overlap y from which the search for a
         balance under a ``load`` begins.
 
-        They are on the parabola in the load through the last three states of the ``trail``, on the
-        line through the last two, or those of the last state. States count as far back as the path
-        has not turned and each step is similar in length to the step to the load.
+        They are on the polynomial in the load through the last states of the ``trail`` that count:
+        a parabola through three, a line through two, or the last state itself. An overlap that the
+        ``load`` prescribes is taken as it is. The last state always counts. An earlier one counts
+        if all steps from it on have the direction of the step to the load, and the step to the load
+        is at most ``options.similar`` times as long as each of them; it may be much shorter.
         """
         loads = [self.measure(state, load) for state in trail[-3:]]
         aim = find_aim(load)

@@ -366,16 +366,16 @@ class ContactHessian:
         self._split = np.concatenate([operator.head, operator.tail]).astype(real)
         self._join = np.concatenate([operator.head, -operator.tail]).T.astype(real)
         # with images in the ghost cells
-        law = np.empty((operator.n_rows, *operator.halo.outer), precision)
-        np.concatenate(stiffness, out=law[operator.halo.inner], casting="unsafe")
-        for image, cell in operator.halo.images(law, 0):
+        diagonal = np.empty((operator.n_rows, *operator.halo.outer), precision)
+        np.concatenate(stiffness, out=diagonal[operator.halo.inner])
+        for image, cell in operator.halo.images(diagonal, 0):
             image[...] = cell
-        law = law.reshape(len(law), -1)
+        diagonal = diagonal.reshape(len(diagonal), -1)
         #: D of each slab
-        self._law: list[Values] = []
+        self._diagonals: list[Values] = []
         for slab in operator.slabs(precision):
             count = slab.space.rows.shape[1]
-            self._law.append(law[:, slab.start : slab.start + count])
+            self._diagonals.append(diagonal[:, slab.start : slab.start + count])
 
     def __call__(self, balls: Values, press: float | None = None) -> tuple[Values, float]:
         """Return the forces C^T D C u (fields, L1, ..., Lp) for the motions u, ``balls`` (fields,
@@ -388,13 +388,13 @@ class ContactHessian:
         n = self._operator.n_contacts
         total = 0.0
         out = np.empty((operator.n_fields, *operator.shape), self._precision)
-        for slab, law in zip(operator.slabs(self._precision), self._law, strict=True):
+        for slab, diagonal in zip(operator.slabs(self._precision), self._diagonals, strict=True):
             space = slab.space
             stretch(self._split, balls, slab)
             if press:
                 loss = space.rows[:n]
                 np.subtract(loss, space.rows.dtype.type(press), out=loss)
-            np.multiply(space.rows, law, out=space.rows)
+            np.multiply(space.rows, diagonal, out=space.rows)
             if press is not None:
                 total -= float(np.sum(space.contacts[:n][slab.inner]))
             for place, tension in space.gathered:

@@ -527,14 +527,16 @@ def _draw_gaps(ax: Axes, gaps: Array, unit: HertzPrefix) -> None:
     """Shade intervals without a branch, ``gaps`` (n, 2), Hz; InputError for another shape, or
     numbers that are not finite.
     """
-    has_right_shape = gaps.ndim == 2 and gaps.shape[1] == 2
-    if not has_right_shape or not np.all(np.isfinite(gaps)):
-        raise InputError(
-            f"gaps have the shape {gaps.shape}", mend="Give (n, 2) finite frequencies in Hz"
-        )
+    fault = ""
+    if gaps.ndim != 2 or gaps.shape[1] != 2:
+        fault = f"gaps have the shape {gaps.shape}"
+    elif not np.all(np.isfinite(gaps)):
+        fault = "gaps hold a number that is not finite"
+    if fault:
+        raise InputError(fault, mend="Give (n, 2) finite frequencies in Hz")
+    style: dict[str, Any] = {"color": _GAP, "linewidth": 0.0, "zorder": 0.2}
     for number, (low, high) in enumerate((gaps / unit.hertz).tolist()):
         label = "_gap" if number else "gap"  # the legend has one entry
-        style: dict[str, Any] = {"color": _GAP, "linewidth": 0.0, "zorder": 0.2}
         ax.axhspan(low, high, **style, label=label, gid=f"gap-{number}")
 
 

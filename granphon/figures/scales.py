@@ -50,6 +50,8 @@ _LEAST_VISIBLE_ERROR = 3e-3
 #: part of the greatest value above which a value counts for the relative errors that a legend
 #: tells: the relative error of a value near zero says nothing
 _LEAST_VALUE = 1e-3
+#: density of states, over the greatest of its curve, up to which a frequency counts as empty
+_LEAST_DENSITY = 1e-6
 #: label of bands of standard errors
 STANDARD_ERROR = "standard error"
 #: greatest number of records of the log of an import
@@ -386,27 +388,25 @@ def make_error_handle(values: ArrayLike = (), errors: ArrayLike = ()) -> Line2D:
     return Line2D([], [], label=label, **style)
 
 
-def draw_densities(
-    ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6
-) -> None:
+def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]]) -> None:
     """Draw densities of states per ball over the frequency, with their standard errors as bands.
 
     Each of ``curves`` is (colour, label, frequencies (n,) in Hz, densities (n,) in 1/Hz, standard
-    errors (n,) in 1/Hz, nan where unknown). The axis ends a little above the highest
-    frequency at which a density is above the part ``least`` of its greatest value.
+    errors (n,) in 1/Hz, nan where unknown). The axis ends a little above the highest frequency at
+    which a density is above ``_LEAST_DENSITY`` times the greatest of its curve; a curve without any
+    density counts with its last frequency.
     """
     all_curves = list(curves)
-    # the highest frequency of each curve with a density; of a curve without any, its last frequency
     tops = []
     for _, _, frequencies, densities, _ in all_curves:
-        occupied = np.flatnonzero(densities > least * densities.max())
+        occupied = np.flatnonzero(densities > _LEAST_DENSITY * densities.max())
         tops.append(float(frequencies[occupied[-1] if occupied.size else -1]))
     top = max(tops)
     unit = HertzPrefix.for_top(top)
-    for colour, label, frequencies, densities, errors in all_curves:
+    for number, (colour, label, frequencies, densities, errors) in enumerate(all_curves):
         x = frequencies / unit.hertz
         y = densities * unit.hertz
-        draw_error_band(ax, x, y, errors * unit.hertz, colour, "errors")
+        draw_error_band(ax, x, y, errors * unit.hertz, colour, f"errors-{number}")
         ax.plot(x, y, color=colour, linewidth=0.9, label=label)
     unit_name = write_hertz(unit)
     ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")

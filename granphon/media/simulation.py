@@ -1139,8 +1139,8 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def ratio(self) -> float:
-        """W/d in the exact geometry of contacts; zero where they keep the directions of the
-        lattice.
+        """W/d if the simulation names the exact geometry; zero if it names that of the lattice, and
+        zero also if it names none: :meth:`by_geometry` makes simulations that do.
         """
         return self.packing.relative_width if self.is_exact else 0.0
 

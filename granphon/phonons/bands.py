@@ -487,12 +487,14 @@ class Bands(Result):
         # a ball of six motions is two atoms, of which the first is at the position of the ball
         atoms = data["points"]
         symbols = [atom["symbol"] for atom in atoms]
-        n = natom // read_motions(header)[0].atoms_per_ball
-        per_ball = natom // max(n, 1)
+        per_ball = read_motions(header)[0].atoms_per_ball
+        if not natom or natom % per_ball:
+            raise InputError(f"Its {natom} atoms are no whole number of balls")
+        n = natom // per_ball
         n_still = int(header.get("still_branches", 0))
         modes = [point["band"][n_still:] for point in phonon]
         b = len(modes[0])
-        motions, periods = read_motions(header, b // max(n, 1))
+        motions, periods = read_motions(header, b // n)  # a ball has as many branches as motions
         cell = read_numbers("lattice", data["lattice"])
         positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms])
         masses = read_numbers("mass", [atom["mass"] for atom in atoms])

@@ -897,21 +897,25 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
 
 
 def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any]) -> Ball:
-    """Return the ball that has the ``settings`` of a kind, SI by key. Refused, at the key of the
-    quantity at fault, for a ball that double precision cannot hold; the plain data ``written``
-    under ``name`` say what the file has there.
+    """Return the ball that has the ``settings`` of a kind, SI by key; the plain data ``written``
+    under ``name`` say what the file has.
+
+    Refused for what :class:`~granphon.balls.material.Ball` refuses: a mass or inertia beyond double
+    precision, an inertia above that of a thin shell, and a spread with a ball of size zero or
+    below. The error is at the mass or the inertia, or at the diameter if neither is at fault or the
+    one at fault is not written.
     """
     arguments = dict(settings)
     material_numbers = arguments.pop("material")
     try:
         return Ball(Material(**material_numbers), **arguments)
     except InputError as error:
-        # the message begins with the name of the quantity at fault
+        # a message about a mass or an inertia begins with its name
         key = "diameter"
         for quantity_name in ("mass", "inertia"):
             if quantity_name in written and str(error).startswith(quantity_name):
                 key = quantity_name
-        allowed = "a ball that double precision can hold"
+        allowed = "a ball that can be"
         raise Refused(show(written[key]), allowed, str(error), (name, key)) from None
 
 

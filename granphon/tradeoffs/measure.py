@@ -1051,11 +1051,12 @@ class _StudyTask(Task):
     kind: str = where
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Return the measured points, JSON texts, how the reference was made, and the time of the
-        study, s.
+        """Return the result of the study: "points", the measured points as JSON texts; "made", how
+        the reference was made, empty without a reference; and "seconds", the time of the study, s.
 
-        Points are measured in the first part of the time, and the reference is found in the rest. A
-        study is one step, so that nothing is ``begun`` before it.
+        Points are measured in the first part of the time, and the reference is found in the rest.
+        The reference is not sought if no point was run. A study is one step, so that nothing is
+        ``begun`` before it.
         """
         study = self.study
         now = study.stopwatch.now
@@ -1065,7 +1066,7 @@ class _StudyTask(Task):
         points = study.make_points()
         runs_of_point, failures = self._run_points(points, points_deadline)
         reference = None
-        problem = "no point was run"
+        problem = ""  # why there is no reference
         if runs_of_point:
             with self.progress.step("media: reference") as step:
                 judges_all = partial(_judges_all, list(runs_of_point.values()))
@@ -1078,9 +1079,8 @@ class _StudyTask(Task):
             if point in runs_of_point:
                 measured = self._measure(point, runs_of_point[point], reference, problem)
             else:
-                why = failures.get(point, problem)
                 measured = MeasuredPoint(
-                    point.method, point.knob, np.zeros(0), np.zeros(0), failure=why
+                    point.method, point.knob, np.zeros(0), np.zeros(0), failure=failures[point]
                 )
             texts.append(json.dumps(measured.to_dict()))
         made = [reference.made] if reference else []
