@@ -139,10 +139,10 @@ def test_files_that_hold_the_default_polarisation_of_planes_are_read():
     balls = CHAIN.replace("source: plane", "source: 3 x").replace("transmissibility", "velocity")
     balls = balls.replace("points: 30", "points: 3")
     held = balls.replace("quantity:", "polarisation: longitudinal\n  quantity:")
-    response = gp.Scene.from_text(held).response
+    response = scene(held, FORCE="20 N").response
     assert response.polarisation == "longitudinal"
-    ours = gp.Scene.from_text(balls).sweep()
-    theirs = gp.Scene.from_text(held).sweep()
+    ours = scene(balls, FORCE="20 N").sweep()
+    theirs = scene(held, FORCE="20 N").sweep()
     assert_allclose(ours["mobility"], theirs["mobility"], rtol=0.0, atol=0.0)
 
 
