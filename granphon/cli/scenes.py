@@ -54,8 +54,9 @@ PRESETS = (
     "hcp",
     "diatomic",
 )
-#: time of a run from which on it is announced, s
-_LONG_SECONDS = 10.0
+#: time of a run, s, above which the run is announced: a minute, up to which its time is told as
+#: "seconds"
+_LONG_SECONDS = 60.0
 #: group of the options of ``run`` that say which files it writes
 _FILES = "Files"
 

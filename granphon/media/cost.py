@@ -44,6 +44,10 @@ if TYPE_CHECKING:
 MOST_SECONDS = 10_000 * 86400.0
 #: time of a unit of any work, s, on any machine: a unit takes microseconds, or a millisecond
 _SLOWEST_UNIT = 0.1
+#: time of a ball of an array that comes to rest without friction, s, on any machine, beside the
+#: factors by which few and many balls are slower: 1 to 24 microseconds were seen, between 4 and 4096
+#: balls under f* = 1 to 5e-4
+_SLOWEST_BALL = 2e-4
 #: time in which a number is written as text, s, on any machine: 0.2 microseconds were seen
 _SLOWEST_NUMBER = 1e-5
 #: words for a time, each up to so many s
@@ -280,8 +284,28 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
         )
     small_seconds, growth = _time_array(small_simulation, load)
     size_ratio = balls / small_simulation.balls
-    few_balls_factor = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / small_simulation.balls)
+    few_balls_factor = _few_balls_factor(balls) / _few_balls_factor(small_simulation.balls)
     return small_seconds / small_simulation.balls * few_balls_factor * math.pow(size_ratio, growth)
+
+
+def _few_balls_factor(balls: int) -> float:
+    """Return the time per ball of an array of so many ``balls``, over that of a ball alone: a part
+    of the time of an array does not depend on the balls.
+    """
+    return 1.0 + _FEW_BALLS / balls
+
+
+def _limit_ball(simulation: DirectSimulation) -> float:
+    """Return the time per ball, s, that an equilibrium of an array takes at most on any machine.
+
+    As in :func:`_measure_ball` it has a part that does not depend on the balls, and grows with
+    their number: at most as the root, as if half of the contacts were open.
+    """
+    if simulation.history.is_loaded:
+        return _SLOWEST_UNIT
+    balls = simulation.balls
+    growth = math.pow(max(balls / _SMALL_BALLS, 1.0), _UNKNOWN_GROWTH)
+    return _SLOWEST_BALL * _few_balls_factor(balls) * growth
 
 
 @lru_cache(maxsize=32)
@@ -368,7 +392,8 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     equilibria_of_state = 3 if exponents and packing.spread_matters else 1
     equilibria = load.size * simulation.samples * equilibria_of_state
     relaxed_balls = float(balls) * equilibria
-    units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
+    measure = partial(_measure_ball, simulation, load.applied.flat)
+    units = Units(relaxed_balls, measure, _limit_ball(simulation))
     return Cost(
         simulation.find_memory(load),
         units=(units,),

@@ -234,8 +234,9 @@ class _Cages:
         work = np.empty(n_groups)
         rise = np.empty(n_groups)
         for trial in range(options.loose_slopes):
-            # the first lengths are those of whole steps, which lead to ``ahead`` if all groups go
-            if trial or np.any(is_done):
+            # the first lengths are those of whole steps, which lead to ``ahead`` unless a group that
+            # is to stay would move
+            if trial or np.any(steps[is_done[group]]):
                 ahead = self._go(length[group, None] * steps)
             vectors = (ahead.turned.current, ahead.turned.distance)
             forces = (ahead.force, ahead.stiffness, self.load)

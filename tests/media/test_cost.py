@@ -516,6 +516,27 @@ def test_what_cannot_take_long_is_not_timed():
         guess.takes_longer(10.0)
 
 
+def test_small_arrays_are_not_timed_to_see_whether_they_take_a_minute(monkeypatch):
+    def measure(simulation, load):
+        raise AssertionError("this is timed")
+
+    monkeypatch.setattr(cost, "_measure_ball", measure)
+
+    def estimate(shape, samples, **settings):
+        packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))
+        simulation = gp.DirectSimulation(packing, shape, samples=samples, **settings)
+        return cost.estimate(simulation, gp.Load("force", np.geomspace(0.05, 10.0, 9)), True)
+
+    assert not estimate((24, 24), 4).takes_longer(60.0)
+    assert not estimate((2, 2), 4).takes_longer(60.0)
+    for long in (
+        estimate((64, 64), 4),
+        estimate((24, 24), 4, friction_coefficient=0.5),  # each load takes many steps
+    ):
+        with pytest.raises(AssertionError):
+            long.takes_longer(60.0)
+
+
 def test_the_tables_of_few_states_are_not_timed(monkeypatch):
     def measure(do_piece):
         raise AssertionError("this is timed")
