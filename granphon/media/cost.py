@@ -45,7 +45,7 @@ MOST_SECONDS = 10_000 * 86400.0
 #: time of a unit of any work, s, on any machine: a unit takes microseconds, or a millisecond
 _SLOWEST_UNIT = 0.1
 #: time of a ball of an array that comes to rest without friction, s, on any machine, beside the
-#: factors by which few and many balls are slower: 1 to 24 microseconds were seen, between 4 and 4096
+#: factors by which few and many balls are slower: 1 to 24 microseconds were seen, of 4 to 4096
 #: balls under f* = 1 to 5e-4
 _SLOWEST_BALL = 2e-4
 #: time in which a number is written as text, s, on any machine: 0.2 microseconds were seen

@@ -234,8 +234,8 @@ class _Cages:
         work = np.empty(n_groups)
         rise = np.empty(n_groups)
         for trial in range(options.loose_slopes):
-            # the first lengths are those of whole steps, which lead to ``ahead`` unless a group that
-            # is to stay would move
+            # the first lengths are those of whole steps, which lead to ``ahead`` unless a group
+            # that is to stay would move
             if trial or np.any(steps[is_done[group]]):
                 ahead = self._go(length[group, None] * steps)
             vectors = (ahead.turned.current, ahead.turned.distance)
