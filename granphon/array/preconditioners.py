@@ -152,12 +152,12 @@ class Patches:
         j = ends_j[is_inside]
         contacts_inside = contacts[is_inside]
         numbers = np.arange(balls.size)
-        product = tangent.product
+        forward, backward = tangent.product.list_blocks(contacts_inside)
         # the lines and the columns of blocks, and the blocks (m, m, n_blocks)
         blocks = (
             (numbers, numbers, tangent.diagonal[..., balls]),
-            (i, j, product.forward[..., contacts_inside]),
-            (j, i, product.backward[..., contacts_inside].swapaxes(0, 1)),
+            (i, j, forward),
+            (j, i, backward.swapaxes(0, 1)),
         )
         m = self._n_motions
         motions = np.arange(m)[:, None]

@@ -69,7 +69,7 @@ class PressedGeometry:
     @cached_property
     def product(self) -> GridProduct:
         """The contacts as loops that multiply tangents read them, with empty blocks."""
-        return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
+        return GridProduct.of(self.contacts.i, self.contacts.j, self.stencils.shape)
 
     def place(self, balls: Array, overlap: float) -> PressedPlace:
         """Return the configuration with the motions ``balls`` (fields, L1, ..., Lp) and the
@@ -257,7 +257,7 @@ class PressedPlace:
         )
         blocks = diagonal.astype(precision)
         return PressedTangent(
-            geometry.product._replace(diagonal=blocks, forward=forward, backward=backward),
+            geometry.product.fill(blocks, forward, backward),
             diagonal,
             ahead.astype(precision),
             back.astype(precision),
@@ -293,7 +293,7 @@ class PressedTangent:
         Return minus the change of the sum of the normal forces. If the overlap is held, ``press``
         is not read, and zero is returned.
         """
-        fields = (-1, 1, self.product.end_cells.shape[1])
+        fields = (-1, 1, len(self.product.places))
         return multiply_pressed(
             self.product,
             self.ahead,

@@ -4,21 +4,28 @@ A cell has b balls, and each ball has m motions; n = b cells is the number of al
 kinds cells that of all contacts. Motions and forces are arrays (f, k, cells) with f = b m, for k
 right sides at once: loops go through cells that follow each other in memory. The blocks of the
 tangent are multiplied as they are; no sparse matrix is made.
+
+Blocks of contacts are laid out with ghost cells around the array (:class:`Halo`), one place for
+each cell or ghost, and motions are copied to such places first. From ball i to ball j of all
+contacts of a kind it is then the same number of places, also across the boundary: loops read and
+add slices, and no index.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.compiled import compiled
+from granphon.contacts.shift_product import Halo
 
 Values = NDArray[Any]
-#: number of contacts of a kind that are multiplied at a time, so that they stay in the processor's
-#: cache
-_CACHED = 256
+#: number of places that are multiplied at a time, so that they stay in the processor's cache
+_CACHED = 1024
 #: number of balls whose blocks are inverted together
 _INVERTED = 64
 
@@ -29,30 +36,76 @@ class GridProduct(NamedTuple):
     Attributes
     ----------
     diagonal : (m, m, n) forces on each ball against its own motions.
-    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j.
-    backward : (m, m, n_c) forces on ball j of each contact (second axis) against motions of ball i
-        (first axis); ``forward`` itself where the tangent is symmetric.
-    ends : (kinds, 2) numbers, within the cell, of the balls i and j of each kind of contact.
-    end_cells : (kinds, cells) number of the cell where the contact ends that starts in each cell.
+    forward : (m, m, kinds, places) forces on ball i of each contact against motions of ball j, at
+        the places of balls i.
+    backward : (m, m, kinds, places) forces on ball j of each contact (second axis) against motions
+        of ball i (first axis), at the places of balls i; ``forward`` itself where the tangent is
+        symmetric.
+    joins : (kinds, 3) numbers, within the cell, of the balls i and j of each kind of contact, and
+        number of places from ball i to ball j.
+    cells : (places,) number of the cell that each place repeats.
+    places : (cells,) place of each cell, ascending; all other places are ghosts.
     """
 
     diagonal: Values
     forward: Values
     backward: Values
-    ends: NDArray[np.int64]
-    end_cells: NDArray[np.uint32]
+    joins: NDArray[np.int64]
+    cells: NDArray[np.uint32]
+    places: NDArray[np.uint32]
 
     @classmethod
-    def of(cls, i: NDArray[np.int64], j: NDArray[np.int64], cells: int) -> GridProduct:
-        """Return the product of the contacts, kind by kind, of a grid of ``cells`` cells; ``i`` and
-        ``j`` (n_c,) are the numbers of their balls. Its blocks are empty (0, 0, 0): the caller
-        replaces them.
+    def of(cls, i: NDArray[np.int64], j: NDArray[np.int64], shape: Sequence[int]) -> GridProduct:
+        """Return the product of the contacts, kind by kind, of a grid of the ``shape`` (L1, ...,
+        Lp); ``i`` and ``j`` (n_c,) are the numbers of their balls. Its blocks are empty (0, 0, 0):
+        :meth:`fill` replaces them.
         """
-        # unsigned numbers: a loop need not test whether an index is below zero
-        end_cells = (j % cells).reshape(-1, cells).astype(np.uint32)
-        ends = np.stack([i[::cells], j[::cells]], axis=1) // cells
+        n_cells = math.prod(shape)
+        # the first contact of each kind tells where all others lead, up to periods of the array:
+        # the nearest image needs the fewest ghosts
+        first_i = i[::n_cells]
+        first_j = j[::n_cells]
+        ends = np.array([np.unravel_index(balls % n_cells, shape) for balls in (first_i, first_j)])
+        half = np.floor_divide(shape, 2)
+        shifts = (np.subtract(*ends[::-1]).T + half) % shape - half
+        halo = Halo(shape, [*shifts.tolist(), *(-shifts).tolist()])
+        steps = [halo.offset(shift) for shift in shifts.tolist()]
+        cells = np.empty(halo.outer, np.uint32)
+        cells[halo.inner] = np.arange(n_cells).reshape(shape)
+        for ghosts, layers in halo.images(cells, 0):
+            ghosts[...] = layers
+        places = np.arange(cells.size).reshape(halo.outer)[halo.inner]
         no_blocks = np.empty((0, 0, 0))
-        return cls(no_blocks, no_blocks, no_blocks, ends, end_cells)
+        return cls(
+            no_blocks,
+            no_blocks,
+            no_blocks,
+            np.stack([first_i // n_cells, first_j // n_cells, steps], axis=1),
+            cells.ravel(),
+            # unsigned numbers: a loop need not test whether an index is below zero
+            places.ravel().astype(np.uint32),
+        )
+
+    def fill(self, diagonal: Values, forward: Values, backward: Values) -> GridProduct:
+        """Return the product with the blocks of a tangent: ``diagonal`` (m, m, n) those of balls,
+        ``forward`` and ``backward`` (m, m, n_c) those of contacts, which may be the same array.
+        """
+        laid_forward = self._lay(forward)
+        laid_backward = laid_forward if backward is forward else self._lay(backward)
+        return self._replace(diagonal=diagonal, forward=laid_forward, backward=laid_backward)
+
+    def _lay(self, blocks: Values) -> Values:
+        """Return the ``blocks`` (m, m, n_c) of contacts at their places, (m, m, kinds, places)."""
+        by_kind = blocks.reshape(*blocks.shape[:2], len(self.joins), -1)
+        return np.take(by_kind, self.cells, axis=-1)
+
+    def list_blocks(self, contacts: NDArray[np.intp]) -> tuple[Values, Values]:
+        """Return the blocks ``forward`` and ``backward`` (m, m, count) of the ``contacts`` (count,)
+        with these numbers.
+        """
+        kinds, cells = np.divmod(contacts, len(self.places))
+        index = (..., kinds, self.places[cells])
+        return self.forward[index], self.backward[index]
 
     def round(self) -> GridProduct:
         """Return the product with blocks in single precision."""
@@ -104,49 +157,57 @@ def add_neighbour_products(product: GridProduct, motions: Values, forces: Values
     """Add to ``forces`` (f, k, cells) the forces of contacts on each of their two balls against the
     ``motions`` (f, k, cells) of the other ball.
 
-    The motions of balls j of at most ``_CACHED`` contacts of a kind are gathered first, and the
-    forces on balls j are scattered last: the multiplications in between go through memory in order.
+    For each right side, motions are copied to all places, and the forces at the places of cells are
+    added up, ``_CACHED`` places at a time; those at ghosts between them are left.
     """
-    ends = product.ends
-    end_cells = product.end_cells
+    cells = product.cells
+    places = product.places
+    fields = len(motions)
+    motions_at = np.empty((fields, len(cells)), motions.dtype)
+    forces_at = np.empty((fields, len(cells)), motions.dtype)
+    end = places[-1] + 1
+    for side in range(motions.shape[1]):
+        for field in range(fields):
+            motion = motions[field, side]
+            motion_at = motions_at[field]
+            for place in range(len(cells)):
+                motion_at[place] = motion[cells[place]]
+        for start in range(places[0], end, _CACHED):
+            _add_up_forces(product, motions_at, forces_at, start, min(start + _CACHED, end))
+        for field in range(fields):
+            force = forces[field, side]
+            force_at = forces_at[field]
+            for cell in range(len(places)):
+                force[cell] += force_at[places[cell]]
+
+
+@compiled
+def _add_up_forces(
+    product: GridProduct, motions: Values, forces: Values, start: int, stop: int
+) -> None:
+    """Set the ``forces`` (f, places) of contacts on balls from place ``start`` to before ``stop``,
+    against the ``motions`` (f, places) of the balls at the other ends.
+    """
     m = len(product.forward)
-    cells = motions.shape[2]
-    motions_j = np.empty((m, _CACHED), motions.dtype)
-    forces_j = np.empty((m, _CACHED), motions.dtype)
-    for kind in range(len(ends)):
-        first_contact = kind * cells
-        first_i = m * ends[kind, 0]
-        first_j = m * ends[kind, 1]
-        for start in range(0, cells, _CACHED):
-            stop = min(start + _CACHED, cells)
-            count = stop - start
-            cells_j = end_cells[kind, start:stop]
-            for side in range(motions.shape[1]):
-                for motion in range(m):
-                    motion_j = motions_j[motion]
-                    field = motions[first_j + motion, side]
-                    for cell in range(count):
-                        motion_j[cell] = field[cells_j[cell]]
-                    forces_j[motion] = 0.0
-                for line in range(m):
-                    motion_i = motions[first_i + line, side, start:stop]
-                    force_i = forces[first_i + line, side, start:stop]
-                    for motion in range(m):
-                        contact_start = first_contact + start
-                        contact_stop = first_contact + stop
-                        forward = product.forward[line, motion, contact_start:contact_stop]
-                        backward = product.backward[line, motion, contact_start:contact_stop]
-                        motion_j = motions_j[motion]
-                        force_j = forces_j[motion]
-                        for cell in range(count):
-                            force_i[cell] += forward[cell] * motion_j[cell]
-                        for cell in range(count):
-                            force_j[cell] += backward[cell] * motion_i[cell]
-                for motion in range(m):
-                    force_j = forces_j[motion]
-                    field = forces[first_j + motion, side]
-                    for cell in range(count):
-                        field[cells_j[cell]] += force_j[cell]
+    forces[:, start:stop] = 0.0
+    for kind in range(len(product.joins)):
+        first_i = m * product.joins[kind, 0]
+        first_j = m * product.joins[kind, 1]
+        step = product.joins[kind, 2]
+        for line in range(m):
+            for motion in range(m):
+                # on balls i in the range, whose balls j are a step ahead
+                block = product.forward[line, motion, kind, start:stop]
+                motion_j = motions[first_j + motion, start + step : stop + step]
+                force_i = forces[first_i + line, start:stop]
+                for place in range(len(force_i)):
+                    force_i[place] += block[place] * motion_j[place]
+                # on balls j in the range, whose balls i are a step behind
+                block = product.backward[line, motion, kind, start - step : stop - step]
+                motion_i = motions[first_i + line, start - step : stop - step]
+                force_j = forces[first_j + motion, start:stop]
+                for place in range(len(force_j)):
+                    force_j[place] += block[place] * motion_i[place]
 
 
 @compiled

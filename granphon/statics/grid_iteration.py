@@ -234,12 +234,10 @@ class TangentIteration(GridIteration):
             product = earlier._product
             green = earlier._green
         else:
-            product = GridProduct.of(contacts.i, contacts.j, self._cells)
+            product = GridProduct.of(contacts.i, contacts.j, contacts.grid)
             green = _find_green(contacts, self.level, is_uniform, numbers)
         blocks = tangent.blocks
-        self._product: GridProduct = product._replace(
-            diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward
-        )
+        self._product = product.fill(blocks.diagonal, blocks.forward, blocks.forward)
         self._coarse = self._product.round()
         self._green: NDArray[Any] = green
         self._alone = np.empty_like(self._coarse.diagonal)

@@ -10,6 +10,7 @@ import pytest
 from granphon.balls.lattices import find_lattice
 from granphon.contacts import grid_loops
 from granphon.contacts.grid import Grid
+from granphon.contacts.grid_product import GridProduct, find_residual
 from granphon.statics.green import GreenFunction
 
 #: shapes that wrap once, that touch themselves, and that are one cell wide
@@ -122,6 +123,40 @@ def test_each_ball_alone_moves_by_its_block(name, shape):
     by_ball = forces.reshape(grid.n_balls, d, -1).swapaxes(1, 2).reshape(balls, d)
     moved = np.einsum("bij,bj->bi", wanted, by_ball).reshape(grid.n_balls, -1, d).swapaxes(1, 2)
     np.testing.assert_allclose(motions, moved.reshape(motions.shape), rtol=1e-9, atol=1e-11)
+
+
+@every_shape
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+@pytest.mark.parametrize("is_symmetric", [True, False])
+def test_blocks_of_contacts_are_multiplied_as_each_contact_alone(
+    name, shape, precision, is_symmetric
+):
+    grid = make_grid(name, shape)
+    i, j = grid.ends
+    m = 2
+    n_balls = grid.n_balls * grid.n_cells
+    rng = np.random.default_rng(4)
+    diagonal = rng.normal(size=(m, m, n_balls)).astype(precision)
+    forward, backward = rng.normal(size=(2, m, m, len(i))).astype(precision)
+    if is_symmetric:
+        backward = forward
+    product = GridProduct.of(i, j, shape).fill(diagonal, forward, backward)
+    assert (product.backward is product.forward) == is_symmetric
+    motions, forces = rng.normal(size=(2, m * grid.n_balls, 3, grid.n_cells)).astype(precision)
+    # (n, m, 3) motions of balls, and forces against them, contact by contact
+    by_ball = motions.reshape(grid.n_balls, m, 3, -1).transpose(0, 3, 1, 2).reshape(n_balls, m, 3)
+    against = np.einsum("abn,nbk->nak", diagonal, by_ball)
+    for contact, (ball_i, ball_j) in enumerate(zip(i, j, strict=True)):
+        against[ball_i] += forward[..., contact] @ by_ball[ball_j]
+        against[ball_j] += backward[..., contact].T @ by_ball[ball_i]
+    expected = against.reshape(grid.n_balls, -1, m, 3).transpose(0, 2, 3, 1).reshape(motions.shape)
+    left = np.full_like(motions, np.nan)
+    find_residual(product, forces, motions, left)
+    digits = {"rtol": 0.0, "atol": 100.0 * float(np.finfo(precision).eps)}
+    np.testing.assert_allclose(left, forces - expected, **digits)
+    chosen = rng.permutation(len(i))[:5]
+    for found, blocks in zip(product.list_blocks(chosen), (forward, backward), strict=True):
+        np.testing.assert_array_equal(found, blocks[..., chosen])
 
 
 @pytest.mark.parametrize("count", [0, 1, 15, 16, 17, 100])
