@@ -6,6 +6,7 @@ them.
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -22,10 +23,12 @@ _BALL_BYTES = {1: 650.0, 2: 380.0, 3: 450.0}
 #: bytes for each ball while a linear response with rotations is solved, besides those of the
 #: Green's function
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 1400.0}
-#: bytes for each contact of a list, and for each entry of its block of the tangent, (m, m) with m
-#: motions of a ball, in double and in single precision, while the list responds to strains
+#: bytes for each contact of a list while the list responds to strains, and for each entry of its
+#: block of the tangent, (m, m) with m motions of a ball; and for each entry of the copies with
+#: ghost cells, in double and in single precision, from which products are made
 _LISTED_CONTACT_BYTES = 250.0
-_BLOCK_ENTRY_BYTES = 12.0
+_BLOCK_ENTRY_BYTES = 8.0
+_LAID_ENTRY_BYTES = 12.0
 #: bytes for each motion of a ball under each strain while the list responds: the force that is
 #: left, the direction of the search and the like
 _STRAINED_MOTION_BYTES = 110.0
@@ -43,8 +46,10 @@ _SAMPLE_BYTES = 8.0
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 #: least f* of an estimate
 LEAST_FORCE = 5e-5
-#: bytes for each ball while a path is followed, with two and three periods
+#: bytes for each ball while a path is followed, with two and three periods, in the directions of
+#: the lattice and in exact directions
 _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
+_EXACT_HISTORY_BYTES = {2: 7000.0, 3: 20_000.0}
 #: bytes for each ball of each state of a path that is kept
 _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 
@@ -59,6 +64,10 @@ class Samples(Protocol):
     @property
     def balls(self) -> int:
         """Number of balls of a sample."""
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Number of cells of a sample along each axis with a period."""
 
     @property
     def samples(self) -> int:
@@ -96,7 +105,7 @@ def estimate_memory(simulation: Samples, load: Load) -> float:
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
     response_bytes = solved_bytes + green_bytes
     if simulation.ratio or balls <= ResponseOptions().most_balls[periods]:
-        response_bytes = max(response_bytes, _estimate_list(packing, motions))
+        response_bytes = max(response_bytes, _estimate_list(packing, motions, simulation.cells))
     memory = balls * (response_bytes + kept_bytes)
     if not packing.width:
         return memory
@@ -105,16 +114,21 @@ def estimate_memory(simulation: Samples, load: Load) -> float:
     if can_be_factorised and np.any(reduced_force < _FACTOR_FORCE):
         memory += balls * (_ROTATING_FACTOR_BYTES if rotate else _FACTOR_BYTES)
     if simulation.history.is_loaded:
-        memory += balls * (_HISTORY_BYTES[periods] + n_states * _HISTORY_STATE_BYTES[periods])
+        followed_bytes = _EXACT_HISTORY_BYTES if simulation.ratio else _HISTORY_BYTES
+        memory += balls * (followed_bytes[periods] + n_states * _HISTORY_STATE_BYTES[periods])
     return memory
 
 
-def _estimate_list(packing: Packing, motions: int) -> float:
+def _estimate_list(packing: Packing, motions: int, cells: tuple[int, ...]) -> float:
     """Return the memory, bytes for each ball, of a list of contacts while its response to all
-    strains of the cell is solved. Each ball has so many ``motions``.
+    strains of the cell is solved. Each ball has so many ``motions``; the array has so many
+    ``cells`` along its axes.
     """
     structure = packing.structure
     n_contacts = len(structure.contacts) / structure.n_balls  # of one ball
     n_strains = structure.periods * (structure.periods + 1) // 2
-    contact_bytes = _LISTED_CONTACT_BYTES + _BLOCK_ENTRY_BYTES * motions**2
+    # contacts reach from a cell to the next one: there is one ghost on each side
+    ghosts = math.prod((cells_along + 2) / cells_along for cells_along in cells)
+    entry_bytes = _BLOCK_ENTRY_BYTES + _LAID_ENTRY_BYTES * ghosts
+    contact_bytes = _LISTED_CONTACT_BYTES + entry_bytes * motions**2
     return n_contacts * contact_bytes + _STRAINED_MOTION_BYTES * motions * n_strains

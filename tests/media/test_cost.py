@@ -116,6 +116,25 @@ def test_memory_of_cells_that_shear_is_what_is_told_and_what_is_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [("triangular", (64, 64)), ("fcc", (6, 6, 6)), ("hcp", (5, 5, 5))]
+)
+def test_memory_of_loading_with_friction_is_what_the_arrays_take(lattice, shape, geometry):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice)
+    options = {"friction_history": True, "friction_coefficient": 0.3, "geometry": geometry}
+    force = np.array([2.0, 3.0, 4.0])
+    medium = gp.DirectSimulation(packing, shape, **options)
+    guess = estimate(medium, Load("force", force))
+    _ = gp.DirectSimulation(packing, (4,) * len(shape), **options).at_force(force).elastic_tensor
+    tracemalloc.start()
+    _ = medium.at_force(force).elastic_tensor
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < peak / (guess.working + guess.kept) < 1.0
+
+
+@pytest.mark.slow
 @pytest.mark.claim("array-exponents", "exponent-cost")
 def test_exponents_take_two_states_more_beside_each():
     for friction in (False, True):
