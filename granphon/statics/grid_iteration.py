@@ -237,7 +237,8 @@ class TangentIteration(GridIteration):
             product = GridProduct.of(contacts.i, contacts.j, contacts.grid)
             green = _find_green(contacts, self.level, is_uniform, numbers)
         blocks = tangent.blocks
-        self._product = product.fill(blocks.diagonal, blocks.forward, blocks.forward)
+        forward = blocks.forward
+        self._product: GridProduct = product.fill(blocks.diagonal, forward, forward)
         self._coarse = self._product.round()
         self._green: NDArray[Any] = green
         self._alone = np.empty_like(self._coarse.diagonal)
