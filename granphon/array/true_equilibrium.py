@@ -33,6 +33,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.deformation import measure_resistance
 from granphon.contacts.placed import collect_pulls
 from granphon.contacts.tangent import fill_blocks
+from granphon.dynamics.linalg import bound_lowest
 from granphon.statics.configuration import list_shears
 from granphon.statics.response import ListResponse
 
@@ -90,8 +91,11 @@ class TrueEquilibrium(Equilibrium):
         tangent = fill_blocks(
             contacts.columns, contacts.axes, np.zeros((0, 3, 3)), contacts.n_balls
         )
-        blocks = np.moveaxis(tangent.diagonal, -1, 0)
-        goes_aside = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
+        # most balls cannot go aside: the bounds of their eigenvalues are not below zero
+        doubtful = np.flatnonzero(bound_lowest(tangent.diagonal) < 0.0)
+        blocks = np.moveaxis(tangent.diagonal[..., doubtful], -1, 0)
+        goes_aside = np.zeros(contacts.n_balls, bool)
+        goes_aside[doubtful] = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
         must_hold = (goes_aside[contacts.i] | goes_aside[contacts.j]).reshape(signed_forces.shape)
         return np.where(must_hold, -np.abs(signed_forces), signed_forces)
 

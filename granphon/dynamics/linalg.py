@@ -467,6 +467,16 @@ def find_dependent(
     return basis[:, :n_null], basis[:, n_null:]
 
 
+def bound_lowest(matrices: NDArray[Any]) -> NDArray[np.float64]:
+    """Return bounds (n,) of the lowest eigenvalues of symmetric ``matrices`` (m, m, n), which are
+    not below the bounds: the least difference, over the rows of a matrix, of the entry on the
+    diagonal and the sizes of the other entries of its row (Gershgorin's circles).
+    """
+    on_diagonal = np.einsum("aan->an", matrices)
+    in_rows = np.sum(np.abs(matrices), axis=1)
+    return np.asarray(np.min(on_diagonal - (in_rows - np.abs(on_diagonal)), axis=0))
+
+
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
     """Return the inverses of Hermitian ``matrices`` (..., n, n); where one is singular, its
     pseudoinverse, which is zero on the null space.

@@ -37,6 +37,7 @@ from granphon.contacts.grid_product import (
     invert_blocks,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
+from granphon.dynamics.linalg import bound_lowest
 from granphon.statics.green import list_phases, load_transforms, multiply_waves
 from granphon.statics.options import GridOptions
 
@@ -258,13 +259,10 @@ class TangentIteration(GridIteration):
         if search is not None:
             return self.list_motions(search[:, None])[..., 0]
         blocks = self._product.diagonal
-        # the lowest eigenvalue of a block is at most its least entry on the diagonal. It is at
-        # least the least difference between an entry on the diagonal and the sizes of the other
-        # entries of its row (Gershgorin's circles). So most balls cannot have the lowest eigenvalue
-        # of all
+        # the lowest eigenvalue of a block is at most its least entry on the diagonal, and at least
+        # its bound: so most balls cannot have the lowest eigenvalue of all
         on_diagonal = np.einsum("aan->an", blocks)
-        in_rows = np.sum(np.abs(blocks), axis=1)
-        bounds = np.min(on_diagonal - (in_rows - np.abs(on_diagonal)), axis=0)
+        bounds = bound_lowest(blocks)
         candidates = np.flatnonzero(bounds <= np.min(on_diagonal))
         values, vectors = np.linalg.eigh(np.moveaxis(blocks[:, :, candidates], -1, 0))
         lowest = int(np.argmin(values[:, 0]))

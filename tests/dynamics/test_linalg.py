@@ -343,3 +343,15 @@ def test_the_inverse_of_a_singular_matrix_is_zero_where_the_matrix_is():
     assert_allclose(inverses[0] @ one, np.eye(2), atol=1e-15)
     assert_allclose(inverses[1], np.diag([0.0, 0.25]), atol=1e-15)
     assert not np.any(inverses[2])
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 6])
+def test_eigenvalues_are_above_their_bounds(m):
+    matrices = np.random.default_rng(m).normal(size=(m, m, 50))
+    matrices += matrices.swapaxes(0, 1)
+    matrices[..., 0] = 0.0
+    matrices[..., 1] = np.diag(np.arange(m))  # bounds of diagonal matrices are eigenvalues
+    lowest = np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0))[:, 0]
+    bounds = linalg.bound_lowest(matrices)
+    assert np.all(bounds <= lowest + 1e-14 * m)
+    np.testing.assert_array_equal(bounds[:2], 0.0)
