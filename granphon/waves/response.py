@@ -364,7 +364,8 @@ class ResponseOptions(NamedTuple):
     ----------
     quantity : one of :data:`QUANTITIES`.
     method : one of :data:`METHODS`, or None for the faster one.
-    tolerance : bound of the error at which a Krylov space ends.
+    tolerance : bound of the error, over the largest value at a frequency, at which a Krylov space
+        ends; above zero and below 1.
     """
 
     quantity: str
@@ -376,10 +377,16 @@ class ResponseOptions(NamedTuple):
         """Return the options of these arguments of ``Waves.response``.
 
         Raises :class:`~granphon.base.errors.InputError` for other words, and a tolerance that is
-        not above zero.
+        not above zero and below 1.
         """
         quantity = one_of("quantity", quantity, QUANTITIES)
-        tolerance = positive("tolerance", tolerance, "")
+        tolerance = positive("tolerance", tolerance)
+        if tolerance >= 1.0:
+            raise InputError(
+                f"tolerance is {tolerance:g}",
+                "With an error as large as the response nothing is known of the response",
+                "Give a number below 1",
+            )
         if method is not None:
             method = one_of("method", method, METHODS)
         return cls(quantity, method, tolerance)

@@ -63,9 +63,9 @@ class Waves:
     source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; a state,
         whose network is one cell, so that these are waves at Gamma; or ``ase.Atoms`` with a
         :class:`~granphon.phonons.calculator.HertzMindlin`.
-    progress : is told how far densities, spectral functions, modes, responses and pulses have come:
+    progress : is told how far the work for a result has come, where the work takes many steps:
         ``granphon.base.progress.Terminal()`` draws a bar on stderr. :meth:`estimate` says
-        beforehand how long they take.
+        beforehand how long a result takes.
 
     Raises :class:`~granphon.base.errors.InputError` for any other source, and for balls that are
     not at rest under the static forces that act
@@ -92,7 +92,8 @@ class Waves:
         :func:`gp.validity`; and one if static forces act and leave more than 1e-3 of their mean on
         a ball.
 
-        Every result has these warnings too.
+        Densities and spectral functions of all balls, :meth:`modes`, :meth:`whole_modes` and pulses
+        have these warnings too.
         """
         return network_warnings(self.network)
 
@@ -112,17 +113,16 @@ class Waves:
 
     @cached_property
     def _stable_operator(self) -> WaveOperator:
-        """D of the network, after a check that it is stable, which is made once.
+        """D of the network. When D is first asked for, the network is checked to be stable.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero,
+        and what :attr:`operator` raises.
         """
         require_stable(self.operator)
         return self.operator
 
     def _require_stable(self) -> None:
-        """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
-        zero; the network is examined once.
-        """
+        """Raise what :attr:`_stable_operator` raises, for a result that has D already."""
         _ = self._stable_operator
 
     def estimate(self, name: str, *arguments: Any, **options: Any) -> Cost:
@@ -141,12 +141,17 @@ class Waves:
 
         :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
         bytes, and ``seconds`` is the processor's time, within a factor of about three. For the
-        estimate D is made, and one product with it is timed. For modes that are filtered out of
-        random vectors the density of states is computed too, a small part of the search.
+        estimate D is made, and if the result takes products with D, one product is timed. For modes
+        that are filtered out of random vectors the density of states is computed too, a small part
+        of the search.
 
         Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
         method does not have or that are missing, and for values that the method refuses; but the
-        source and the receiver of a response are not looked at.
+        source and the receiver of a response are not looked at. Raises
+        :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much, as
+        :meth:`response` does, and :class:`~granphon.base.errors.InstabilityError` for an array that
+        does not hold between the free ends of a pulse. Whether the network itself is stable is not
+        examined.
         """
         from granphon.waves.estimates import WaveEstimate
 
@@ -175,9 +180,10 @@ class Waves:
         ----------
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
-        vectors : number of random vectors; the error falls as the root of this number, and as the
-            root of the number of balls. With one vector the error is nan.
-        seed : number from which the random vectors are drawn.
+        vectors : number of random vectors, for a network of more than 600 motions; the error falls
+            as the root of this number, and as the root of the number of balls. With one vector the
+            error is nan.
+        seed : number from which the random vectors are drawn, zero or above.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         The memory is that of D, of about six vectors, of vectors that are kept for more moments, up
@@ -219,7 +225,8 @@ class Waves:
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not
-        move, for numbers out of range, and for a resolution together with moments;
+        move, for numbers out of range, for a resolution together with moments, and for more
+        frequencies than memory holds;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         return find_local_density(self._stable_operator, ball, frequencies, resolution, moments)
@@ -238,8 +245,9 @@ class Waves:
 
         Parameters
         ----------
-        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Their waves must repeat with the periodic
-            cell; :meth:`nearest_wavevectors` finds such wave vectors near any q.
+        q : (d,) or (n, d) wave vectors, Cartesian, 1/m; on a line also a number. Their waves must
+            repeat with the periodic cell; :meth:`nearest_wavevectors` finds such wave vectors near
+            any q.
         polarisation : "longitudinal": balls move along q. "transverse": balls move across q.
             "rotational": balls turn. Or numbers, one for each displacement, or one for each motion
             of a ball. If several directions are across q, or several axes of rotation are free, the
@@ -247,15 +255,16 @@ class Waves:
             can.
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
-        direction : (2,) or (3,) vector. A transverse wave moves along its part across q, a
+        direction : (1,) to (3,) vector. A transverse wave moves along its part across q, a
             rotational wave turns about it, and a wave with q = 0, which has no direction of its
             own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
         message names the nearest one), for a polarisation in which balls do not move, for a
-        direction that is missing or has no use, for a resolution together with moments, and for
-        numbers out of range;
+        direction that is missing or has no use, for a resolution together with moments, for numbers
+        out of range, for more moments and wave vectors than memory holds, and for a wave in which
+        no ball with contacts moves;
         :class:`~granphon.base.errors.PrecisionError` for a q so long that its phases have no
         digits; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
         zero.
@@ -311,8 +320,8 @@ class Waves:
         :meth:`modes` returns the modes of the symmetric part of the matrix. The antisymmetric part
         changes frequencies in second order of T/(k r) and of the overlap. Two frequencies that are
         next to each other may become a pair of complex ones, so that one mode grows and the other
-        decays, as in the program from which the law is. Without such forces the modes are those of
-        :meth:`modes`.
+        decays; the motion in a program with such forces does the same. Without such forces the
+        modes are those of :meth:`modes`.
 
         Parameters
         ----------
@@ -320,9 +329,9 @@ class Waves:
             nearest; None for the lowest.
 
         Frequencies are complex, Hz; those of modes that grow have an imaginary part below zero. Up
-        to 600 motions all modes are found by a dense matrix. Larger networks, up to 300,000 motions
-        in the plane and 12,000 in space, are factorised, and nothing proves that no mode is
-        missing.
+        to 600 motions all modes are found by a dense matrix. Larger networks, up to 1,000,000
+        motions on a line, 300,000 in the plane and 12,000 in space, are factorised, and nothing
+        proves that no mode is missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for a frequency below zero or above the top, for more motions than the limit above,
@@ -348,8 +357,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, for wave
         vectors of another shape or not finite, for a count that is no whole number above zero, for
-        more branches than there are, and for more than about a third
-        of them in a network of more than 600 motions;
+        more branches than there are, and for more than about a third of them in a network of more
+        than 600 motions;
         :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, unless
         static tangential forces act;
@@ -371,11 +380,13 @@ class Waves:
         frequencies : (...) or a number, Hz, above zero. For frequencies at or below 1e-6 of the top
             frequency, only the modes that cost no energy are counted.
 
-        Each frequency takes one factorisation: of 1e4 balls in space, with rotations, 10 s of a
-        processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the number of balls in
-        space, and as its power 3/2 in the plane. Raises
-        :class:`~granphon.base.errors.InputError` for frequencies that are not above zero, and for
-        more motions than are factorised, 300,000 in the plane and 120,000 in space;
+        Each frequency up to the top frequency takes one factorisation: of 1e4 balls in space, with
+        rotations, 10 s of a processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the
+        number of balls in space, and as its power 3/2 in the plane.
+
+        Raises :class:`~granphon.base.errors.InputError` for no frequency, for frequencies that are
+        not above zero or not finite, and for more motions than are factorised, 1,000,000 on a line,
+        300,000 in the plane and 120,000 in space;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         hertz = finite_array("frequencies", frequencies, "Hz", "above zero")
@@ -451,7 +462,7 @@ class Waves:
         method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
             for the faster of both.
         tolerance : bound of the error, over the largest response at a frequency, at which a Krylov
-            space ends.
+            space ends; above zero and below 1.
 
         Raises
         ------
@@ -461,8 +472,8 @@ class Waves:
             a distance in a network that repeats along the direction; a direction, or a polarisation
             other than "longitudinal", where no plane is driven or heard; a distance where no plane
             is heard; a loss below zero, a restitution below 1e-6 or above 1; another word for the
-            quantity or the method; a tolerance that is not above zero; a mode without losses at one
-            of the frequencies.
+            quantity or the method; a tolerance that is not above zero and below 1; a mode without
+            losses at one of the frequencies.
         ConvergenceError : a network that is too large to be factorised, and damped too little or
             unevenly; or, unless a ``method`` is given, a response that would take more than an
             hour.
@@ -504,10 +515,10 @@ class Waves:
         If all contacts and motions have the same losses, the modes are those of :meth:`modes`: they
         are chosen by their frequencies without losses, and then damped. If losses differ, and
         contacts resist up to 300 motions (up to 600 if many modes are requested), all modes are
-        computed, and chosen by their real parts. Larger networks, up to 300,000 such motions in the
-        plane and 120,000 in space, are factorised, and modes are chosen among those nearest in the
-        complex plane. Modes that creep fast are far away there, though their real part is zero, and
-        may then be missing.
+        computed, and chosen by their real parts. Larger networks, up to 1,000,000 such motions on a
+        line, 300,000 in the plane and 120,000 in space, are factorised, and modes are chosen among
+        those nearest in the complex plane. Modes that creep fast are far away there, though their
+        real part is zero, and may then be missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for losses that :meth:`response` refuses, for a frequency below zero or above the top,
@@ -524,9 +535,12 @@ class Waves:
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
         """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, whose waves repeat with the
-        periodic cell, in the same shape.
+        periodic cell, in the same shape; on a line ``q`` may also be a number.
 
-        Along an axis without a period any component is allowed.
+        Along an axis without a period any component is allowed. Raises
+        :class:`~granphon.base.errors.InputError` for a ``q`` of another shape, empty or not finite,
+        and :class:`~granphon.base.errors.PrecisionError` for a ``q`` so long that its phases have
+        no digits.
         """
         return nearest_wavevectors(self.network, q)
 

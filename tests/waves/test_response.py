@@ -991,6 +991,8 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"loss_factor": -0.1}, "loss_factor: found -0.1"),
         ({"quantity": "forces"}, "force, transmissibility"),
         ({"method": "fast"}, "allowed: direct, krylov"),
+        ({"tolerance": 0.0}, "tolerance: found 0"),
+        ({"tolerance": 1.0}, "tolerance is 1"),
         ({"method": "krylov", "loss_factor": [0.1, 0.1, 0.1, 0.1, 0.0]}, "others lose none"),
         ({"frequencies": [2.0 * math.sin(0.5 * math.pi / 11) * HERTZ]}, "has no bound"),
     ],
