@@ -415,7 +415,8 @@ class Waves:
         """Return the complex amplitudes of balls, or of forces of contacts, in the steady motion
         that a source makes at given frequencies.
 
-        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. The
+        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. Of
+        static tangential forces those count that have a potential, as for :meth:`modes`. The
         frequencies of small networks are solved one by one. Those of large networks are solved by
         one Krylov space if that is less work; :attr:`Response.method` says which method was taken,
         and :attr:`Response.error` how large the error is.
@@ -466,17 +467,23 @@ class Waves:
 
         Raises
         ------
-        InputError : frequencies below zero, not real, not ascending or given twice; a ball that is
-            not there; a ball of the source that is held, unless a wall is displaced; a direction
-            along which balls do not move; no receiver; a sensor without a contact; a plane without
-            a distance in a network that repeats along the direction; a direction, or a polarisation
-            other than "longitudinal", where no plane is driven or heard; a distance where no plane
-            is heard; a loss below zero, a restitution below 1e-6 or above 1; another word for the
-            quantity or the method; a tolerance that is not above zero and below 1; a mode without
-            losses at one of the frequencies.
-        ConvergenceError : a network that is too large to be factorised, and damped too little or
-            unevenly; or, unless a ``method`` is given, a response that would take more than an
-            hour.
+        InputError : no frequency, or frequencies below zero, not real, not ascending or given
+            twice; a ball or contact that is not there; a ball of the source that is held, unless a
+            wall is displaced; a wall that is displaced and touches no ball that moves; a receiver
+            of motion that is held; a "floor" where there is none, or several; a direction along
+            which balls do not move; no source, or no receiver; a sensor without a contact, or at
+            one of several contacts of two balls; a plane without a distance in a network that
+            repeats along the direction; a direction, or a polarisation other than "longitudinal",
+            where no plane is driven or heard; a distance where no plane is heard; a loss below
+            zero, a restitution below 1e-6 or above 1; another word for the quantity or the method;
+            a tolerance that is not above zero and below 1; the ``method`` "krylov" where some
+            motions lose no energy and others do, or where static tangential forces act beside other
+            losses than an even drag; more receivers and frequencies than memory holds; a mode
+            without losses at one of the frequencies.
+        ConvergenceError : losses that are too small or uneven for a Krylov space, in a network that
+            is too large to be factorised or with the ``method`` "krylov"; the ``method`` "direct"
+            in a network that is too large to be factorised; or, unless a ``method`` is given, a
+            response that would take more than an hour.
         InstabilityError : a squared frequency is below zero.
         """
         hertz = frequency_array("frequencies", frequencies)
