@@ -68,12 +68,12 @@ _MAXIMUM_SHARE = 0.5
 _TOP_SHARE = 0.9
 #: shift, in steps of the record, up to which a signal has not travelled
 _LEAST_SHIFT = 0.05
-#: why a signal has no time of flight
-_RECORD_TOO_SHORT = (
+#: two reasons why a signal has no time of flight
+_SHORT_RECORD_REASON = (
     "the record ends before the pulse is over: use a longer duration; in a periodic network a"
     " longer array, a shorter distance, fewer cycles, a higher frequency, or ends: free"
 )
-_TOO_EARLY = (
+_EARLY_REASON = (
     "the signal does not come after the burst: what is heard has not travelled, as no waves of"
     " this frequency and polarisation do, the plane is too near, or the array is far shorter than"
     " the pulse"
@@ -81,7 +81,7 @@ _TOO_EARLY = (
 #: part of the maximum of the envelope at which a signal begins, by default
 _THRESHOLD = 0.1
 #: damping ratio of a wave of the pulse's frequency from which the signal tells no velocity of sound
-_MOST_DAMPING = 0.3
+_LARGEST_DAMPING_RATIO = 0.3
 #: relative excess of a velocity over that of the fastest wave that errors of the time of flight may
 #: explain
 _VELOCITY_EXCESS = 0.02
@@ -95,13 +95,13 @@ _LARGEST_ERROR = 0.5
 #: half width of the gate around the height of a pulse, in durations of the burst: it holds all of a
 #: pulse that keeps its shape, and a margin
 _GATE_REACH = 0.75
-#: warning of a pulse whose damping is above _MOST_DAMPING
+#: warning of a pulse whose damping is above _LARGEST_DAMPING_RATIO
 _DAMPED_REMARK = (
     "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has"
     " no velocity of sound"
 )
 #: message of an array that has no stable part once it is cut
-_NOTHING_HELD = message(
+_FALL_MESSAGE = message(
     "the array does not hold with free ends: static forces push over one ball after the"
     " other, as far as the receivers",
     "They need the contacts that the ends cut, as such an array has hardly more than it needs",
@@ -112,19 +112,20 @@ _NOTHING_HELD = message(
 _RECORD_LENGTH = 3.0
 #: squared frequency over the squared bound of all frequencies up to which some mode surely has this
 #: frequency or a higher one; for the ball with the highest frequency alone the ratio is nearly 1/2
-_SURELY_REACHED = 0.45
+_SURE_SHARE = 0.45
 #: most products with D that a record may take
 _MOST_PRODUCTS = 2**20
 #: products of a step if motions are damped unevenly: with D, and with the matrix of dashpots
 _UNEVEN_PRODUCTS = 2.0
-#: largest viscosity of a contact over its stiffness, times the highest frequency
-_MOST_DAMPED = 1e12
+#: largest viscosity of a contact over its stiffness, times the highest angular frequency, with
+#: which something moves
+_LARGEST_DAMPING = 1e12
 #: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
 #: least weight of a reading in the fit of a maximum: above zero, so that a fit has three readings
 _LEAST_WEIGHT = 1e-9
 #: greatest relative difference of the distances, and of the dampings, of pulses that are averaged
-_SIMILAR = 0.1
+_LARGEST_DIFFERENCE = 0.1
 #: relative difference of forces that are the same but for rounding
 _ROUNDING = 1e-12
 #: relative error of the highest squared frequency
@@ -143,15 +144,15 @@ class Course:
     """The balls of a network in the order in which a plane wave along ``direction`` meets them.
 
     The *place* of a ball is its distance along the direction from the beginning of the course. In a
-    network that repeats, places are taken less whole periods: the course is closed unless it was
-    given ends.
+    network that repeats along the direction, places are taken less whole periods: the course is
+    closed unless it was given ends.
 
     Attributes
     ----------
     network : the network.
     direction : (3,) unit vector.
-    period : distance after which planes across the direction meet themselves, m; infinity if they
-        never do.
+    period : distance after which planes across the direction meet themselves, m; infinity if no
+        period of the network leads along the direction.
     origin : coordinate along the direction of the beginning of the course, m.
     face : place from which the distance of receivers is counted if the network was given ends, m;
         else nan.
@@ -167,8 +168,9 @@ class Course:
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
-        """Return the course along ``direction`` (3,), a unit vector, through the ``network``, which
-        begins halfway between two planes of balls, or half a diameter before the first ball.
+        """Return the course along ``direction`` (3,), a unit vector, through the ``network``. It
+        begins halfway between two planes of balls; or, in a network without a period along the
+        direction, half a diameter before the first ball that moves.
 
         Raises :class:`~granphon.base.errors.InputError` for a direction that leaves the line or the
         plane of the balls, and if no ball moves.
@@ -216,11 +218,15 @@ class Course:
 
     @cached_property
     def places(self) -> Array:
-        """(n,) places of balls, m: distances behind the beginning, from zero to :attr:`period`."""
+        """(n,) places of balls, m: distances behind the beginning, from zero to :attr:`period`. If
+        the period is infinite, held balls before the beginning have places below zero.
+        """
         return self._wrap(self.heights - self.origin)
 
     def _wrap(self, lengths: Array) -> Array:
-        """Return ``lengths`` (n,), m, less whole periods: from zero to :attr:`period`."""
+        """Return ``lengths`` (n,), m, less whole periods: from zero to :attr:`period`; the lengths
+        themselves if the period is infinite.
+        """
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
     def require_period(self, shortest: float, why: str) -> None:
@@ -293,8 +299,9 @@ class Course:
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
         """(n_c,) how many times each contact, from ball i to ball j, passes the beginning of the
-        course: 1 for a contact that leads from the end of the course on to its beginning, -1 for
-        one that leads back from the beginning to the end, and 0 for most.
+        course: above zero for a contact that leads from the end of the course on to its beginning,
+        below zero for one that leads back from the beginning to the end, and zero for all others.
+        A contact that is longer along the direction than the period may pass it more than once.
         """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
@@ -308,8 +315,9 @@ class Course:
         """Return the course through the network with the ``ends`` "periodic", "free" or "walls",
         see :data:`~granphon.waves.settings.ENDS`.
 
-        Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
-        along the direction, and what :meth:`_hold_walls` and :func:`drop_falling` raise.
+        A network without a period along the direction keeps the ends that it has. Raises
+        :class:`~granphon.base.errors.InputError` for walls in such a network, and what
+        :meth:`_hold_walls` and :func:`drop_falling` raise.
         """
         if ends == "periodic":
             return self
@@ -510,7 +518,7 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
         sizes = np.linalg.norm(falls, axis=1)
         most_moved = np.unique(np.argmax(sizes, axis=0))
         remaining = _detach(remaining, operator.balls[most_moved])
-    raise InstabilityError(_NOTHING_HELD)
+    raise InstabilityError(_FALL_MESSAGE)
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
@@ -570,8 +578,8 @@ def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
     if not np.any(signal):
         return "the signal is zero"
     if not is_held:
-        return _RECORD_TOO_SHORT
-    return _TOO_EARLY if shift <= _LEAST_SHIFT else ""
+        return _SHORT_RECORD_REASON
+    return _EARLY_REASON if shift <= _LEAST_SHIFT else ""
 
 
 def find_arrivals(
@@ -590,7 +598,7 @@ def find_arrivals(
         is the first one that has half the height of the greatest. "first": the time between the
         moments at which the envelopes first reach the part ``threshold`` of that maximum.
         "correlation": the shift at which the cross-correlation of both signals is greatest.
-    threshold : part of the maximum, above 0 and below 1; other methods do not use it.
+    threshold : part of the maximum, above 0 and below 1, for the method "first"; not examined.
 
     Returns
     -------
@@ -610,10 +618,10 @@ def find_arrivals(
             [_find_pulse_position(envelope, method, threshold) for envelope in envelopes]
         )
         shifts = positions[1:] - positions[0]
-    are_held = step * shifts + duration <= times[-1] + step
+    has_whole_signal = step * shifts + duration <= times[-1] + step  # False for nan
     reasons = [
         _explain_unknown_time(signal, shift, is_held)
-        for signal, shift, is_held in zip(signals, shifts, are_held, strict=True)
+        for signal, shift, is_held in zip(signals, shifts, has_whole_signal, strict=True)
     ]
     is_unknown = [bool(reason) for reason in reasons]
     return np.where(is_unknown, np.nan, step * shifts), reasons
@@ -772,9 +780,8 @@ class Pulse(Result):
     planes : (n_p, n_t) mean velocity of each further plane, m/s.
     frames : (n_f,) times at which the motions of all balls were kept, s; may be empty.
     velocities : (n_f, n, 3) velocities of all balls at the times ``frames``, m/s.
-    warnings : one sentence for each limit of the model that the network exceeds, one that says why
-        the time of flight is not known, or one that says how sure the velocity is if its error is
-        above 3 percent.
+    warnings : one sentence for each limit of the model that the network exceeds; one if balls were
+        left out as far inside as the receivers; and those of :meth:`judge`.
     echo : detour of the first echo, m: how much longer its path is than the distance. The echo is
         from an end, or in a closed network the pulse that runs round in the other direction.
     fastest : (2,) upper bounds of the velocity of long waves, m/s: of this polarisation, and of all
@@ -867,13 +874,16 @@ class Pulse(Result):
 
     @property
     def loss(self) -> float:
-        """Part of the energy that is lost from the end of the burst to the end of the record."""
-        start, end = self.energies
-        return float(1.0 - end / start)
+        """Part of the energy that is lost from the end of the burst to the end of the record; zero
+        if there is no energy at the end of the burst.
+        """
+        start, end = self.energies.tolist()
+        return 1.0 - end / start if start else 0.0
 
     def arrival(self, method: str = "envelope", threshold: float = _THRESHOLD) -> float:
-        """Return the time of flight of the coherent signal, s; nan if it is not known, see
-        :attr:`time_of_flight`.
+        """Return the time of flight of the coherent signal, s; nan if :attr:`time_of_flight` is
+        nan, or if the signal by this method does not come after the burst or is not over at the end
+        of the record.
 
         Parameters
         ----------
@@ -883,7 +893,8 @@ class Pulse(Result):
             maximum. "correlation": the shift at which the cross-correlation of the signal and the
             burst is greatest; it follows single waves under the envelope, so for long pulses it
             tells the phase, up to whole periods.
-        threshold : part of the maximum, above 0 and below 1, for the method "first".
+        threshold : part of the maximum, above 0 and below 1, for the method "first"; other methods
+            do not use it.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
         is not between 0 and 1.
@@ -1006,7 +1017,7 @@ class Pulse(Result):
         """
         greatest_damping = max(self.damping, self.tangential_damping)
         damping_ratio = self._find_damping_ratio(greatest_damping)
-        remarks = [_DAMPED_REMARK] if damping_ratio > _MOST_DAMPING else []
+        remarks = [_DAMPED_REMARK] if damping_ratio > _LARGEST_DAMPING_RATIO else []
         if self.why_unknown:
             remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
             return tuple(remarks)
@@ -1074,10 +1085,11 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` for no list, an empty list, and what is no
-    pulse; and for pulses that differ in frequency, cycles, direction, polarisation, drag or burst,
-    or by more than a tenth in their dampings or in the distances of planes. Pulses do not hold
-    their ends, nor whether one ball or a plane was pushed: the caller has to see to these.
+    Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, an empty list,
+    and what is no pulse; and for pulses that differ in frequency, cycles, direction, polarisation,
+    drag or burst, or by more than a tenth in their dampings or in the distances of planes. Pulses
+    do not hold their ends, nor whether one ball or a plane was pushed: the caller has to see to
+    these.
     """
     if not isinstance(pulses, Sequence):
         raise InputError(f"{brief(pulses)} is no list of pulses", mend="Give a list")
@@ -1150,7 +1162,7 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
     unlike_names += [
         name
         for name in ("damping", "tangential_damping", "distance", "plane_distances")
-        if not _are_similar(getattr(pulse, name), getattr(first, name))
+        if not _is_similar(getattr(pulse, name), getattr(first, name))
     ]
     rounding = _ROUNDING * np.max(np.abs(first.sent))
     # bursts of other settings differ in any case, and are not named beside these
@@ -1161,13 +1173,13 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
         raise InputError(fault, mend="Average pulses that were sent alike")
 
 
-def _are_similar(values: ArrayLike, reference: ArrayLike) -> bool:
-    """Return whether ``values`` (...), none below zero, have the shape of a ``reference`` and
-    differ from it by at most :data:`_SIMILAR` times the reference.
+def _is_similar(values: ArrayLike, reference: ArrayLike) -> bool:
+    """Whether ``values`` (...), none below zero, have the shape of a ``reference`` and differ
+    from it by at most :data:`_LARGEST_DIFFERENCE` times the reference.
     """
     if np.shape(values) != np.shape(reference):
         return False
-    return bool(np.allclose(values, reference, rtol=_SIMILAR, atol=0.0))
+    return bool(np.allclose(values, reference, rtol=_LARGEST_DIFFERENCE, atol=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -1212,7 +1224,8 @@ class PulseSource:
         a quarter if ends are periodic, less a small part of a diameter (of two planes that are
         equally near, that nearer to the source is then taken in all samples). Raises
         :class:`~granphon.base.errors.InputError` for what is no direction; and without a distance,
-        if the network has no period along the direction, or one too short for a pulse.
+        if the network has no period along the direction, or one too short for a pulse, and what
+        :meth:`Course.along` raises.
         """
         given_direction = [1.0] if direction is None else direction
         unit_vector = read_vector("direction", given_direction, network.dimension)
@@ -1277,48 +1290,38 @@ class Route:
         """Return the route through the ``network`` of the pulse of a ``request``.
 
         A ``margin`` above one says that the pulse is meant for another network, in which waves may
-        be slower or faster by this factor: a request is then refused only if it fails in every such
-        network. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, except for losses,
-        for frequencies that the network does not have, and for records and frames that take too
-        much.
+        be slower or faster by this factor: whether the pulse that runs round a periodic network the
+        other way comes too early is then judged by the slowest waves. Raises what
+        :meth:`~granphon.waves.waves.Waves.transmit` raises, except for losses, for frequencies that
+        the network does not have, for the number of products with D, and for the memory of frames.
         """
-        hertz = positive("frequency", request.frequency, "Hz")
-        distance = positive("distance", request.distance, "m")
-        burst = ToneBurst(hertz, positive("cycles", request.cycles))
-        if burst.cycles < 1.0:
-            raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
-        ends = one_of("ends", request.ends, ENDS)
+        burst = _read_burst(request)
         direction = read_vector("direction", request.direction, network.dimension)
         push = read_push(network, direction, request.polarisation)
-        plane_distances = _read_list("planes", request.planes, "m", "above zero")
+        further_distances = _read_list("planes", request.planes, "m", "above zero")
         frames = _read_list("frames", request.frames, "s", "zero or above")
-        distances = [distance, *plane_distances.tolist()]
-        farthest = max(distances)
-        course = Course.along(network, direction)
-        if ends == "periodic":
-            why = "The pulse that runs the other way round would come first"
-            course.require_period(2.0 * farthest, why)
-        course.require_period(farthest, "The pulse would meet itself")
-        course = course.with_ends(ends)
+        distance = positive("distance", request.distance, "m")
+        distances = [distance, *further_distances.tolist()]
+        course = _find_course(network, direction, request.ends, max(distances))
         sources = _find_sources(course, request.source)
-        is_plane = isinstance(request.source, str) and request.source == "plane"
-        starts_at_face = is_plane and not math.isnan(course.face)
-        start = course.face if starts_at_face else course.find_place(sources)
+        start = _find_start(course, request.source, sources)
         groups = [course.find_plane(start + length, "receivers") for length in distances]
         receivers = groups[0]
         _require_apart(course, distance, sources, receivers)
-        has_fallen = ends == "free" and bool(np.any(network.moving & ~course.network.moving))
+        has_fallen = request.ends == "free" and bool(
+            np.any(network.moving & ~course.network.moving)
+        )
         fastest = _find_fastest(course, push, sources, receivers, has_fallen)
         if request.duration is not None:
             duration = positive("duration", request.duration, "s")
         else:
-            duration = burst.duration + _RECORD_LENGTH * farthest / float(fastest[0])
+            velocity = float(fastest[0])
+            duration = burst.duration + _RECORD_LENGTH * max(distances) / velocity
             if course.is_closed:
                 flight_length = course.find_distance(start, receivers)
-                _require_room(course.period, flight_length, fastest[0] / margin, burst)
+                _require_room(course.period, flight_length, velocity / margin, burst)
                 # the record ends before the pulse that runs the other way round comes
-                other_way = course.period - flight_length
-                duration = min(duration, other_way / float(fastest[0]))
+                duration = min(duration, (course.period - flight_length) / velocity)
         return cls(
             course=course,
             burst=burst,
@@ -1342,6 +1345,45 @@ class Route:
     def end_time(self) -> float:
         """The end of the record, or of the burst if that is later, s."""
         return max(float(self.times[-1]), self.burst.duration)
+
+
+def _read_burst(request: PulseSource) -> ToneBurst:
+    """Return the burst of a ``request``.
+
+    Raises :class:`~granphon.base.errors.InputError` for a frequency that is not above zero, and for
+    fewer cycles than 1.
+    """
+    hertz = positive("frequency", request.frequency, "Hz")
+    cycles = positive("cycles", request.cycles)
+    if cycles < 1.0:
+        raise InputError(f"cycles is {cycles:g}", mend="Give 1 or more")
+    return ToneBurst(hertz, cycles)
+
+
+def _find_course(network: ContactNetwork, direction: Array, ends: str, farthest: float) -> Course:
+    """Return the course along ``direction`` (3,), a unit vector, through the ``network`` with the
+    ``ends``, a word, for a pulse that is heard at distances up to ``farthest``, m.
+
+    Raises :class:`~granphon.base.errors.InputError` for another word, and for a period that is
+    shorter than such a pulse needs; and what :meth:`Course.along` and :meth:`Course.with_ends`
+    raise.
+    """
+    ends = one_of("ends", ends, ENDS)
+    course = Course.along(network, direction)
+    if ends == "periodic":
+        why = "The pulse that runs the other way round would come first"
+        course.require_period(2.0 * farthest, why)
+    course.require_period(farthest, "The pulse would meet itself")
+    return course.with_ends(ends)
+
+
+def _find_start(course: Course, source: str | int | Sequence[int], sources: Index) -> float:
+    """Return the place, m, on a ``course`` from which distances count: the face if the ``source``
+    is "plane" and the course was given ends, and else the place of the balls ``sources`` (k,).
+    """
+    is_plane = isinstance(source, str) and source == "plane"
+    starts_at_face = is_plane and not math.isnan(course.face)
+    return course.face if starts_at_face else course.find_place(sources)
 
 
 def _require_apart(course: Course, distance: float, sources: Index, receivers: Index) -> None:
@@ -1381,8 +1423,8 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
     index of a ball or several; "plane", the first plane along the direction; or "ball", the ball of
     lowest index of this plane.
 
-    Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and for another
-    word.
+    Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move,
+    for a ball that is given twice, and for another word.
     """
     moving = course.network.moving
     if not isinstance(source, str):
@@ -1425,7 +1467,7 @@ def _find_fastest(
     shared_pieces = np.intersect1d(piece_of_ball[receivers], piece_of_ball[sources])
     if not shared_pieces.size:
         if has_fallen:
-            raise InstabilityError(_NOTHING_HELD)
+            raise InstabilityError(_FALL_MESSAGE)
         fault = (
             f"no contacts join the source and the {counted(len(receivers), 'ball')} of the"
             f" receiving plane"
@@ -1549,9 +1591,7 @@ def transmit(
     if find_operator is not None and course.network is network:
         operator = find_operator()
     else:
-        operator = make_operator(course.network, progress)
-        if not course.is_known_stable:
-            require_stable(operator)
+        operator = _make_stable_operator(course, progress)
     _require_short(operator.top, burst, route.last_time, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     _require_reached(operator, burst.frequency)
@@ -1586,6 +1626,18 @@ def transmit(
     )
     remarks = _warn_of_fallen(course, fallen_balls, receivers)
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+def _make_stable_operator(course: Course, progress: Progress) -> WaveOperator:
+    """Return the operator of the network of a ``course``, whose work ``progress`` is told of, after
+    a check that the network is stable, unless this is known.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+    """
+    operator = make_operator(course.network, progress)
+    if not course.is_known_stable:
+        require_stable(operator)
+    return operator
 
 
 def count_products(operator: WaveOperator, request: PulseSource) -> float:
@@ -1728,7 +1780,7 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
     from scipy.sparse.linalg import eigsh
 
     square = (2.0 * np.pi * hertz) ** 2
-    if square <= _SURELY_REACHED * operator.top**2 and not operator.network.prestress:
+    if square <= _SURE_SHARE * operator.top**2 and not operator.network.prestress:
         return
     if operator.size > 2:
         start = np.random.default_rng(0).normal(size=operator.size)
@@ -1811,8 +1863,8 @@ def read_push(network: ContactNetwork, direction: Array, polarisation: Any) -> A
     """Return the unit vector (3,) along which a source with a ``polarisation``, a word or a vector,
     pushes; its waves travel along the ``direction`` (3,), a unit vector.
 
-    Raises :class:`~granphon.base.errors.InputError` for another word, and if balls do not move
-    along the push.
+    Raises :class:`~granphon.base.errors.InputError` for another word, for what is no vector, if
+    balls do not move along the push, and what :func:`_find_transverse` raises.
     """
     if not isinstance(polarisation, str):
         push = read_vector("polarisation", polarisation, network.dimension)
@@ -1868,9 +1920,9 @@ def _require_short(top: float, burst: ToneBurst, duration: float, losses: Losses
     """
     highest = write_quantity(top / (2.0 * math.pi), "Hz", 3)
     damping = float(np.max(losses.times))
-    if top * damping > _MOST_DAMPED:
+    if top * damping > _LARGEST_DAMPING:
         tau = write_quantity(damping, "s", 3)
-        longest_damping = write_quantity(_MOST_DAMPED / top, "s", 3)
+        longest_damping = write_quantity(_LARGEST_DAMPING / top, "s", 3)
         raise InputError(
             f"with a damping of {tau} nothing moves at frequencies up to {highest}",
             mend=f"Give {longest_damping} at most",

@@ -583,8 +583,9 @@ class Waves:
         direction : (1,) to (3,) direction in which the pulse travels, Cartesian.
         distance : distance of the receiving plane, m. The plane of the balls nearest to this
             distance is taken, and the result has its distance. Distances count from the source; if
-            the source is a plane at an end, from that end, which is the plane halfway between the
-            first balls and those that were before them, or the balls of the wall.
+            ``source`` is "plane" and a period was cut for ``ends``, from that end, which is the
+            plane halfway between the first balls and those that were before them, or the balls of
+            the wall.
         cycles : number of periods of the burst, 1 or more.
         polarisation : direction in which the source pushes, and of the velocities that are
             received: "longitudinal"; "transverse", which in the plane of balls is across the
@@ -596,7 +597,7 @@ class Waves:
             static forces then push over are left out (``left_out`` of the result). "walls": the
             balls before that plane are held. "periodic": the network stays as it is, and the pulse
             runs both ways. A network without a period along the direction, such as one between
-            walls of its own, is left as it is.
+            walls of its own, is left as it is; "walls" are refused there.
         damping : viscosity of each contact over its stiffness, s, as in :meth:`response`: a mode of
             the angular frequency omega decays as exp(-damping omega^2 t/2).
         tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
@@ -605,7 +606,7 @@ class Waves:
             between contacts or motions, or act beside static forces, modes exchange energy, and the
             propagation takes several times as long.
         duration : length of the record, s. The default is that of the burst and three times the
-            flight of the fastest long wave. In a periodic network the record ends before that wave
+            flight of the fastest long wave to the farthest plane. In a periodic network the record ends before that wave
             comes round the other way, and must hold the burst and its flight. With another duration
             the signals are right too, but may not be of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
@@ -615,11 +616,15 @@ class Waves:
         ------
         InputError : planes across the direction meet themselves in the periodic network before
             twice the distance (with ends, before the distance); there are no balls at the distance,
-            or they are those of the source, or no contacts join them with the source; nothing
-            resists the polarisation; a number is out of range; ``tangential_damping`` is given
-            beside a pair of ``damping``; the record takes more than 2^20 products with D; in a
-            periodic network the pulse that runs the other way round ends the record before the
-            burst and its flight are over.
+            or they are those of the source, or no contacts join them with the source; balls do not
+            move along the direction of the polarisation, or nothing resists it; a ball of the
+            source is not there or does not move; the direction leaves the line or plane of the
+            balls; another word is given for the polarisation, the source or the ends; "walls" have
+            no place; a number is out of range, or losses are so strong that nothing moves;
+            ``tangential_damping`` is given beside a pair of ``damping``; the record takes more than
+            2^20 products with D or 2^24 readings; frames do not fit into memory; in a periodic
+            network the pulse that runs the other way round ends the record before the burst and
+            its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative, or leaves no array
             between free ends.

@@ -413,6 +413,9 @@ def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus
 
 def test_ideal_array_has_no_speckle_and_a_disordered_one_has(disordered):
     even = gp.Waves(ideal("triangular", (5, 12))).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2)
+    silent = replace(even, signals=0.0 * even.signals, energies=np.zeros(2))
+    assert silent.loss == 0.0
+    assert silent.coherent_fraction == 0.0
     assert np.max(np.abs(even.speckle)) < 1e-13 * np.max(np.abs(even.signals))
     assert even.coherent_fraction == pytest.approx(1.0)
     other = gp.Waves(disordered).transmit(
