@@ -288,7 +288,7 @@ class WaveEstimate:
         count = work.hertz.size
         seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads
         slice_seconds = _SLICE_TIME * float(np.sum(work.widths**3))
-        if work.by_slices:
+        if work.is_sliced:
             seconds += slice_seconds
         else:
             # the estimate of factors is that of a cube; a narrow strip, as most are, costs less

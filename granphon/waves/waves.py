@@ -606,9 +606,9 @@ class Waves:
             between contacts or motions, or act beside static forces, modes exchange energy, and the
             propagation takes several times as long.
         duration : length of the record, s. The default is that of the burst and three times the
-            flight of the fastest long wave to the farthest plane. In a periodic network the record ends before that wave
-            comes round the other way, and must hold the burst and its flight. With another duration
-            the signals are right too, but may not be of one pulse.
+            flight of the fastest long wave to the farthest plane. In a periodic network the record
+            ends before that wave comes round the other way, and must hold the burst and its flight.
+            With another duration the signals are right too, but may not be of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
         frames : (n_f,) times at which the velocities of all balls are kept, s.
 
