@@ -157,6 +157,8 @@ class Course:
     face : place from which the distance of receivers is counted if the network was given ends, m;
         else nan.
     is_known_stable : whether it is known that static forces push over no ball of the network.
+    contacts : (n_c,) index of each contact of the network among those of the network before its
+        ends were cut; None if no contact was cut.
     """
 
     network: ContactNetwork
@@ -165,6 +167,7 @@ class Course:
     origin: float = 0.0
     face: float = math.nan
     is_known_stable: bool = False
+    contacts: Index | None = None
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
@@ -335,10 +338,18 @@ class Course:
         without the balls that static forces then push over; see :func:`drop_falling`.
         """
         network = self.network
-        is_kept = self.crossings == 0
-        kept_fields = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
-        stable_network = drop_falling(replace(network, **kept_fields), network)
-        return replace(self, network=stable_network, face=0.0, is_known_stable=True)
+        contacts = np.flatnonzero(self.crossings == 0)
+        contact_fields = {name: getattr(network, name)[contacts] for name in network.contact_fields}
+        stable_network = drop_falling(replace(network, **contact_fields), network)
+        has_fallen = network.moving & ~stable_network.moving
+        has_end_fallen = has_fallen[network.i[contacts]] | has_fallen[network.j[contacts]]
+        return replace(
+            self,
+            network=stable_network,
+            face=0.0,
+            is_known_stable=True,
+            contacts=contacts[~has_end_fallen],
+        )
 
     def _hold_walls(self) -> Course:
         """Return the course through the network in which the last balls, those with contacts that
@@ -368,6 +379,20 @@ class Course:
         # the wall in front of the first balls is the one behind the last, a period earlier
         face = float(np.max(self.places[wall_balls])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
+
+    def find_losses(self, losses: Losses) -> Losses:
+        """Return the ``losses`` of the network before its ends were cut or held as those of the
+        network of this course.
+        """
+        contacts = slice(None) if self.contacts is None else self.contacts
+        return replace(
+            losses,
+            network=self.network,
+            damping=losses.damping[:, contacts],
+            factors=losses.factors[:, contacts],
+            dashpot=losses.dashpot[:, contacts],
+            tsuji=losses.tsuji[contacts],
+        )
 
     def find_plane(self, place: float, role: str) -> Index:
         """Return the indices (k,) of the plane of balls nearest to a ``place``, m, among balls that
@@ -1566,7 +1591,7 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     limit = MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
         raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
-    losses = Losses.of(route.course.network, request.losses)
+    losses = route.course.find_losses(Losses.of(network, request.losses))
     _require_short(operator.top / MARGIN, burst, route.last_time, losses)
 
 
@@ -1587,7 +1612,7 @@ def transmit(
     course = route.course
     burst = route.burst
     receivers = route.groups[0]
-    losses = Losses.of(course.network, request.losses)
+    losses = course.find_losses(Losses.of(network, request.losses))
     if find_operator is not None and course.network is network:
         operator = find_operator()
     else:
@@ -1652,7 +1677,7 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
     if route.burst.frequency > limit:
         raise _explain_unreachable(route.burst.frequency, f"which is below {limit:.4g} Hz")
     _require_frames_memory(len(route.frames), operator.network.n_balls, operator.size)
-    losses = Losses.of(route.course.network, request.losses)
+    losses = route.course.find_losses(Losses.of(operator.network, request.losses))
     _require_short(operator.top, route.burst, route.last_time, losses)
     even_losses = losses.find_even()
     if even_losses is None:

@@ -490,9 +490,8 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     level, rate = _fit_line(lengths, offsets, squares, counts)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
-        fitted_energies = np.exp(
-            np.clip(level - rate * offsets, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM)
-        )
+        logs = np.clip(level - rate * offsets, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM)
+        fitted_energies = np.exp(logs)
         derivatives = np.stack([fitted_energies, -fitted_energies * offsets / span])  # (2, lengths)
         weights = 1.0 / (fitted_energies / counts + common_variance / n_pairs)
         matrix = derivatives * weights @ derivatives.T

@@ -599,7 +599,8 @@ class Waves:
             runs both ways. A network without a period along the direction, such as one between
             walls of its own, is left as it is; "walls" are refused there.
         damping : viscosity of each contact over its stiffness, s, as in :meth:`response`: a mode of
-            the angular frequency omega decays as exp(-damping omega^2 t/2).
+            the angular frequency omega decays as exp(-damping omega^2 t/2). Numbers of each contact
+            are those of all contacts of the network, also of those that ``ends`` cut.
         tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
             normal motion, as the second of a pair ``damping=(normal, tangential)`` is.
         drag, dashpot, restitution : further losses, as in :meth:`response`. If losses differ
