@@ -1611,7 +1611,6 @@ def transmit(
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
-    receivers = route.groups[0]
     losses = course.find_losses(Losses.of(network, request.losses))
     if find_operator is not None and course.network is network:
         operator = find_operator()
@@ -1620,12 +1619,23 @@ def transmit(
     _require_short(operator.top, burst, route.last_time, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     _require_reached(operator, burst.frequency)
-    motions = _propagate(route, operator, losses)
-    distances = [course.find_distance(route.start, balls) for balls in route.groups]
     fallen_balls = np.zeros(0, np.intp)
     if request.ends == "free":
         fallen_balls = np.flatnonzero(network.moving & ~course.network.moving)
-    pulse = Pulse(
+    pulse = _make_pulse(route, losses, _propagate(route, operator, losses), fallen_balls.size)
+    remarks = _warn_of_fallen(course, fallen_balls, route.groups[0])
+    return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+def _make_pulse(route: Route, losses: Losses, motions: _HeardMotions, n_left_out: int) -> Pulse:
+    """Return the pulse of a ``route``, without warnings, that made these ``motions`` in a network
+    with ``losses``, from which ``n_left_out`` balls had been left out.
+    """
+    course = route.course
+    burst = route.burst
+    receivers = route.groups[0]
+    distances = [course.find_distance(route.start, balls) for balls in route.groups]
+    return Pulse(
         frequency=burst.frequency,
         cycles=burst.cycles,
         direction=course.direction,
@@ -1647,10 +1657,8 @@ def transmit(
         velocities=motions.velocities,
         echo=course.find_echo(route.start, receivers),
         fastest=route.fastest,
-        left_out=fallen_balls.size,
+        left_out=n_left_out,
     )
-    remarks = _warn_of_fallen(course, fallen_balls, receivers)
-    return replace(pulse, warnings=(*remarks, *pulse.judge()))
 
 
 def _make_stable_operator(course: Course, progress: Progress) -> WaveOperator:
@@ -1732,20 +1740,12 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
     with these ``losses``; progress of the operator is told of the work.
     """
     network = operator.network
-    burst = route.burst
-    axes = list(operator.motions.translations)
-    push = route.push[axes]
+    push = route.push[list(operator.motions.translations)]
     inverse_root = 1.0 / np.sqrt(network.masses)  # from mass-weighted motions to motions
     forces = operator.push(route.sources, route.push, inverse_root[route.sources])
     receivers = np.concatenate(route.groups)
     indices = operator.indices[receivers, : push.size]
-    propagation: Propagation | ViscousPropagation
-    even_losses = losses.find_even()
-    if even_losses is None:
-        propagation = ViscousPropagation(operator, forces, burst, losses)
-    else:
-        _, time, drag = even_losses
-        propagation = Propagation(operator, forces, burst, route.last_time, time, drag)
+    propagation = _make_propagation(route, operator, losses, forces)
 
     def listen(vector: Array) -> Array:
         """Return the velocities (n_r,) of receivers along the push, m/s, from a ``vector`` (size,)
@@ -1754,7 +1754,7 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
         return inverse_root[receivers] * (vector[indices] @ push)
 
     # the first two states are for the energies, at the ends of the burst and of the record
-    energy_times = [burst.duration, route.end_time]
+    energy_times = [route.burst.duration, route.end_time]
     state_times = np.concatenate([energy_times, route.frames])
     signals, state_x, state_v = propagation.follow(listen, route.times, state_times)
     energies = [
@@ -1763,6 +1763,20 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
     velocities = _find_ball_velocities(operator, state_v[2:])
     group_ends = np.cumsum([len(balls) for balls in route.groups[:-1]])
     return _HeardMotions(np.split(signals, group_ends), np.array(energies), velocities)
+
+
+def _make_propagation(
+    route: Route, operator: WaveOperator, losses: Losses, forces: Array
+) -> Propagation | ViscousPropagation:
+    """Return the propagation of the pulse of a ``route`` in the network of the ``operator``, on
+    which the mass-weighted ``forces`` (size,) act as the burst does: one expansion for the whole
+    time if ``losses`` are even, and else steps.
+    """
+    even_losses = losses.find_even()
+    if even_losses is None:
+        return ViscousPropagation(operator, forces, route.burst, losses)
+    _, time, drag = even_losses
+    return Propagation(operator, forces, route.burst, route.last_time, time, drag)
 
 
 def _find_ball_velocities(operator: WaveOperator, vectors: Array) -> Array:

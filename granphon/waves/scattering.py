@@ -361,12 +361,7 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     """
     _require_alike(runs)
     first = runs[0]
-    lengths, length_of_run = np.unique([run.length for run in runs], return_inverse=True)
-    n_samples = np.bincount(length_of_run)
-    if len(lengths) < 2 or n_samples.min() < 2:
-        fewest = counted(int(n_samples.min()), "sample")
-        fault = f"the runs have {counted(len(lengths), 'length')}, with {fewest} or more of each"
-        raise InputError(fault, "A fall and its error need two of each", "Give more runs")
+    lengths, runs_of_length = _group_by_length(runs)
     # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
     amplitudes = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
     totals = np.array([run.total for run in runs])
@@ -377,7 +372,6 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
-    runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
     amplitudes_of_length = [amplitudes[numbers] for numbers in runs_of_length]
     path, path_error = _fit_paths(lengths, amplitudes_of_length, is_running)
     logs = [np.log(totals[numbers]) for numbers in runs_of_length]
@@ -390,6 +384,23 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
         localisation_length=length,
         localisation_length_error=length_error,
     )
+
+
+def _group_by_length(runs: Sequence[Transmission]) -> tuple[Array, list[Index]]:
+    """Return the lengths (k,), m, of the strips of ``runs``, ascending, and for each length the
+    indices (samples,) of its runs.
+
+    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, and fewer than two
+    samples of a length.
+    """
+    lengths, length_of_run = np.unique([run.length for run in runs], return_inverse=True)
+    runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
+    fewest_samples = min(len(numbers) for numbers in runs_of_length)
+    if len(lengths) < 2 or fewest_samples < 2:
+        samples = counted(fewest_samples, "sample")
+        fault = f"the runs have {counted(len(lengths), 'length')}, with {samples} or more of each"
+        raise InputError(fault, "A fall and its error need two of each", "Give more runs")
+    return lengths, runs_of_length
 
 
 def _fit_paths(
@@ -477,38 +488,80 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     (quasi-likelihood). If the fit does not settle, or does not tell the level from the rate, the
     signal is above the noise only at the least length, and the error is infinite.
     """
-    counts = np.array([len(samples) for samples in amplitudes], float)
-    means = np.array([samples.mean() for samples in amplitudes])
-    covariances = _find_covariances(amplitudes, means)
-    noise = np.trace(covariances, axis1=1, axis2=2)
-    common_variance = 0.5 * float(np.average(noise, weights=counts - 1.0))
-    squares = np.abs(means) ** 2
-    energies = squares - noise / counts
-    n_pairs = counts * (counts - 1.0)
-    offsets = lengths - np.average(lengths, weights=counts)
+    statistics = _Statistics.of(amplitudes)
+    offsets = lengths - np.average(lengths, weights=statistics.counts)
     # energies are exp(level - rate offset); the fit changes the level, and the rate times the span
-    level, rate = _fit_line(lengths, offsets, squares, counts)
+    level, rate = _fit_line(lengths, offsets, statistics.squares, statistics.counts)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
         logs = np.clip(level - rate * offsets, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM)
         fitted_energies = np.exp(logs)
         derivatives = np.stack([fitted_energies, -fitted_energies * offsets / span])  # (2, lengths)
-        weights = 1.0 / (fitted_energies / counts + common_variance / n_pairs)
+        weights = statistics.weigh(fitted_energies)
         matrix = derivatives * weights @ derivatives.T
         if np.linalg.det(matrix) <= _LEAST_DETERMINANT * matrix[0, 0] * matrix[1, 1]:
             break
         shares = np.linalg.solve(matrix, derivatives * weights)
-        change = shares @ (energies - fitted_energies)
+        change = shares @ (statistics.energies - fitted_energies)
         change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
         level = level + float(change[0])
         rate = rate + float(change[1]) / span
         if np.max(np.abs(change)) < _LARGEST_CHANGE:
-            variances_along_mean = covariances[:, 0, 0]
-            covariance_squares = np.sum(covariances**2, axis=(1, 2))
-            variances = 4.0 * variances_along_mean * fitted_energies / counts
-            variances += 2.0 * covariance_squares / n_pairs
+            variances = statistics.find_variances(fitted_energies)
             return rate, math.sqrt(float(shares[1] ** 2 @ variances)) / span
     return rate, math.inf
+
+
+class _Statistics(NamedTuple):
+    """What the amplitudes of a wave are at each of k lengths.
+
+    Attributes
+    ----------
+    counts : (k,) numbers n of samples.
+    squares : (k,) squared sizes of the mean amplitudes.
+    covariances : (k, 2, 2) covariances C of the parts of amplitudes along and across the mean.
+    """
+
+    counts: Array
+    squares: Array
+    covariances: Array
+
+    @classmethod
+    def of(cls, amplitudes: Sequence[Complex]) -> Self:
+        """Return the statistics of ``amplitudes``, an array (samples,) for each length."""
+        counts = np.array([len(samples) for samples in amplitudes], float)
+        means = np.array([samples.mean() for samples in amplitudes])
+        return cls(counts, np.abs(means) ** 2, _find_covariances(amplitudes, means))
+
+    @property
+    def n_pairs(self) -> Array:
+        """(k,) numbers n (n - 1) of pairs of samples, each pair counted twice."""
+        return self.counts * (self.counts - 1.0)
+
+    @property
+    def noise(self) -> Array:
+        """(k,) variances of the complex amplitudes."""
+        return np.asarray(np.trace(self.covariances, axis1=1, axis2=2))
+
+    @property
+    def energies(self) -> Array:
+        """(k,) squared sizes of the means less the variances of the means."""
+        return self.squares - self.noise / self.counts
+
+    def weigh(self, energies: Array) -> Array:
+        """Return weights (k,) for the fit of the :attr:`energies`: one over their variances about
+        ``energies`` (k,), but for a common factor, with the noise of all lengths together, the same
+        in all directions.
+        """
+        common_variance = 0.5 * float(np.average(self.noise, weights=self.counts - 1.0))
+        return 1.0 / (energies / self.counts + common_variance / self.n_pairs)
+
+    def find_variances(self, energies: Array) -> Array:
+        """Return the variances (k,) of the :attr:`energies` about ``energies`` (k,)."""
+        variances_along_mean = self.covariances[:, 0, 0]
+        covariance_squares = np.sum(self.covariances**2, axis=(1, 2))
+        variances = 4.0 * variances_along_mean * energies / self.counts
+        return np.asarray(variances + 2.0 * covariance_squares / self.n_pairs)
 
 
 def _find_covariances(amplitudes: Sequence[Complex], means: Complex) -> Array:
@@ -760,6 +813,18 @@ def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
     return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
 
 
+def _solve_strip(work: TransmissionWork, equations: Any, drive: Any) -> tuple[Complex, Complex]:
+    """Return the motions of the blocks at the lower and at the upper end of the strip of the
+    ``work``, (size of the block, m), that solve ``equations`` (size, size), sparse, with the right
+    sides ``drive`` (size, m).
+    """
+    lower, upper = work.ends
+    if work.is_sliced:
+        return solve_by_slices(equations.tocsr(), drive, lower, upper)
+    strip_motions = factorise(equations, symmetric=False).solve(np.asarray(drive, complex))
+    return lower @ strip_motions, upper @ strip_motions
+
+
 def _find_self_energies(work: TransmissionWork, first_green: Complex, last_green: Complex) -> Any:
     """Return what the leads of the ``work`` add to the stiffness of the strip at its ends, the
     self-energies: a sparse matrix (size, size), (rad/s)^2. ``first_green`` and ``last_green``, s^2,
@@ -880,7 +945,7 @@ def _scatter(
     """
     from scipy.sparse import eye_array
 
-    lower, upper = work.ends
+    lower, _ = work.ends
     (incoming, outgoing_back), (outgoing_through, _) = waves
     first_blocks = work.first.blocks
     last_blocks = work.last.blocks
@@ -897,13 +962,7 @@ def _scatter(
     drive = lower.conj().T @ (first_blocks.down @ (shapes - first_green @ push))
     stiffness = matrix + _find_self_energies(work, first_green, last_green)
     equations = square * eye_array(stiffness.shape[0]) - stiffness
-    if work.is_sliced:
-        at_lower, at_upper = solve_by_slices(equations.tocsr(), drive, lower, upper)
-    else:
-        factors = factorise(equations, symmetric=False)
-        strip_motions = factors.solve(np.asarray(drive, complex))
-        at_lower = lower @ strip_motions
-        at_upper = upper @ strip_motions
+    at_lower, at_upper = _solve_strip(work, equations, drive)
     back_motions = first_green @ (first_blocks.up @ at_lower - push)
     through_motions = last_green @ (last_blocks.down @ at_upper)
     back_amplitudes = outgoing_back.find_parts(back_motions)

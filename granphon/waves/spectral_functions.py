@@ -265,7 +265,6 @@ def find_polarisations(
     beside numbers, or is no vector; and what :func:`_choose_directions` raises.
     """
     motions = operator.motions
-    letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
         if direction is not None:
             finite_array("polarisation", polarisation)  # raises if it is not numbers
@@ -281,16 +280,7 @@ def find_polarisations(
     # (a, 3) directions in which balls move, or about which they turn
     free_axes = np.eye(3)[list(axes)]
     directions = np.atleast_2d(_choose_directions(operator.network, q, name, free_axes, direction))
-    held_components = np.abs(np.delete(directions, axes, axis=1))
-    may_move = len(directions) > 0 and len(axes) > 0
-    if not may_move or np.max(held_components, initial=0.0) > _LEAST_LENGTH:
-        alternatives = {"longitudinal": "transverse", "transverse": "longitudinal"}
-        mend = ""
-        if name in alternatives and motions.translations:
-            mend = f"Take the polarisation {alternatives[name]}"
-        raise InputError(
-            f"no {name} wave of this direction runs here", f"Balls move in {letters} alone", mend
-        )
+    _require_free_directions(operator, name, directions, axes)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(lengths < _LEAST_LENGTH):
         # these are rotations: a direction in which balls do not move is refused above
@@ -304,6 +294,26 @@ def find_polarisations(
     rows = np.zeros((len(directions), motions.count))
     rows[:, columns] = unit_vectors[:, list(axes)]
     return rows
+
+
+def _require_free_directions(
+    operator: WaveOperator, name: str, directions: Array, axes: Sequence[int]
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless balls move along, or turn about, the
+    ``directions`` (b, 3) of a wave with the polarisation ``name``. ``axes``, 0 to 2 for x to z, are
+    those along which balls can move, or about which balls can turn.
+    """
+    motions = operator.motions
+    held_components = np.abs(np.delete(directions, list(axes), axis=1))
+    is_free = np.max(held_components, initial=0.0) <= _LEAST_LENGTH
+    if len(directions) and len(axes) and is_free:
+        return
+    alternatives = {"longitudinal": "transverse", "transverse": "longitudinal"}
+    mend = ""
+    if name in alternatives and motions.translations:
+        mend = f"Take the polarisation {alternatives[name]}"
+    why = f"Balls move in {', '.join(motions.letters)} alone"
+    raise InputError(f"no {name} wave of this direction runs here", why, mend)
 
 
 def _choose_directions(
