@@ -365,7 +365,7 @@ class WaveEstimate:
     def find_pulse(self, pulse: PulseSource) -> Cost:
         """Return the cost of sending a ``pulse``.
 
-        Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
+        Raises what :func:`~granphon.waves.pulses.count_products` raises.
         """
         products = count_products(self.operator, pulse)
         n_frames = np.size(pulse.frames)

@@ -359,15 +359,15 @@ class Course:
         no ball is left that moves.
         """
         network = self.network
-        crosses = self.crossings != 0
-        if not np.any(crosses):
+        is_crossing = self.crossings != 0
+        if not np.any(is_crossing):
             raise InputError(
                 "there are no balls for walls: no contact joins the last balls to the first",
                 "Walls are made of the last balls, where a period is cut",
                 "Leave ends out: the network is cut already",
             )
-        is_forward = self.crossings[crosses] > 0
-        wall_balls = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
+        is_forward = self.crossings[is_crossing] > 0
+        wall_balls = np.unique(np.where(is_forward, network.i[is_crossing], network.j[is_crossing]))
         masses = np.array(network.masses)
         masses[wall_balls] = math.inf
         if not np.any(np.isfinite(masses)):
@@ -755,8 +755,8 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
 
 
 def _make_gate(times: Array, reach: float) -> Array:
-    """Return factors (n_t,) at ``times`` (n_t,), s, that are 1 around the time zero, fall over the
-    last third of the ``reach``, above zero, s, to either side, and are 0 beyond.
+    """Return factors (n_t,) at ``times`` (n_t,), s. They are 1 around the time zero, fall to either
+    side over the last third of the ``reach``, s, which is above zero, and are 0 beyond it.
     """
     return np.clip(3.0 * (1.0 - np.abs(times) / reach), 0.0, 1.0)
 
@@ -1407,8 +1407,8 @@ def _find_start(course: Course, source: str | int | Sequence[int], sources: Inde
     is "plane" and the course was given ends, and else the place of the balls ``sources`` (k,).
     """
     is_plane = isinstance(source, str) and source == "plane"
-    starts_at_face = is_plane and not math.isnan(course.face)
-    return course.face if starts_at_face else course.find_place(sources)
+    is_at_face = is_plane and not math.isnan(course.face)
+    return course.face if is_at_face else course.find_place(sources)
 
 
 def _require_apart(course: Course, distance: float, sources: Index, receivers: Index) -> None:
@@ -1677,8 +1677,10 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
     """Return the number of products of D with a vector that the pulse of a ``request`` takes;
     ``operator`` is that of the network before its ends are cut.
 
-    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent. A frequency is
-    refused only if it is above the bound of all modes, as the highest mode is not found.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent, and
+    :class:`~granphon.base.errors.InstabilityError` for an array that does not hold between free
+    ends. A frequency is refused only if it is above the bound of all modes, as the highest mode is
+    not found.
     """
     route = Route.of(operator.network, request)
     limit = operator.top / (2.0 * math.pi)
@@ -1869,22 +1871,22 @@ def read_vector(name: str, value: Any, dimension: int) -> Array:
 
 
 def require_moves(
-    name: str, direction: Array, network: ContactNetwork, turns: bool = False
+    name: str, direction: Array, network: ContactNetwork, is_rotation: bool = False
 ) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls of a ``network`` can move in
-    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``turns``, unless balls can
+    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``is_rotation``, unless balls can
     turn about the direction. ``name`` is that of the argument.
     """
     motions = network.ball_motions
     vectors = np.atleast_2d(direction)
-    axes = motions.rotations if turns else motions.translations
+    axes = motions.rotations if is_rotation else motions.translations
     forbidden = np.abs(np.delete(vectors, list(axes), axis=1))  # components off these axes
     largest_forbidden = forbidden.max(axis=1, initial=0.0)
     rounding = _ZERO_LENGTH * np.abs(vectors).max(initial=0.0)
     if largest_forbidden.max(initial=0.0) <= rounding:
         return
     ball = int(np.argmax(largest_forbidden))
-    verb, preposition = ("turn", "about") if turns else ("move", "along")
+    verb, preposition = ("turn", "about") if is_rotation else ("move", "along")
     vector = _write_direction(vectors[ball])
     is_of_all_balls = direction.ndim == 1
     if is_of_all_balls:

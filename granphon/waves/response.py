@@ -903,8 +903,8 @@ class ResponseWork:
             return ""
         if self.operator.whole is not None:
             return "Static tangential forces, or levers of slip that exceed arms, have no potential"
-        loses_none = np.sum(self.row_losses, axis=0) == 0.0
-        has_lossless_motions = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
+        is_lossless = np.sum(self.row_losses, axis=0) == 0.0
+        has_lossless_motions = bool(np.any(is_lossless)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
 
     @property
@@ -1795,12 +1795,12 @@ class _KrylovProcess:
         self.steps = 0
         self._listen = listen
         self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy  # y + a x, in place of y
-        self._previous = np.zeros_like(space.start)
-        self._current = space.start / self.size
-        self._following = self._current
-        first_signals = listen(self._current)
+        self._previous_vector = np.zeros_like(space.start)
+        self._vector = space.start / self.size
+        self._next_vector = self._vector
+        first_signals = listen(self._vector)
         self.bands = np.zeros((3, _FIRST_ROOM), complex)
-        self.signals = np.zeros((_FIRST_ROOM, first_signals.size), self._current.dtype)
+        self.signals = np.zeros((_FIRST_ROOM, first_signals.size), self._vector.dtype)
         self._pivot = np.ones(space.shifts.size, complex)  # last pivots of the shifted matrices
         self.last_entry = np.ones(space.shifts.size)
         self._below: Any = 1.0  # last entry below the diagonal
@@ -1818,20 +1818,20 @@ class _KrylovProcess:
         ends.
         """
         if self.steps:
-            self._previous = self._current
-            self._current = self._following
-            self._current /= self._below
+            self._previous_vector = self._vector
+            self._vector = self._next_vector
+            self._vector /= self._below
         self._make_room()
         product = self.space.product
-        self.signals[self.steps] = self._listen(self._current)
-        following = self.space.apply(self._current)
-        above = product(self._previous, following)
-        following = self._add(self._previous, following, a=-above)
-        diagonal = product(self._current, following)
-        following = self._add(self._current, following, a=-diagonal)
+        self.signals[self.steps] = self._listen(self._vector)
+        following = self.space.apply(self._vector)
+        above = product(self._previous_vector, following)
+        following = self._add(self._previous_vector, following, a=-above)
+        diagonal = product(self._vector, following)
+        following = self._add(self._vector, following, a=-diagonal)
         self._eliminate(above, diagonal)  # with the entry below the last diagonal one
         self._below = np.sqrt(product(following, following))
-        self._following = following
+        self._next_vector = following
         self.bands[:, self.steps] = (above, diagonal, self._below)
         self.steps += 1
         self._check_end(abs(diagonal))
@@ -1859,7 +1859,7 @@ class _KrylovProcess:
         """Set whether the space is complete or degenerate, and the greatest sizes so far;
         ``diagonal_size`` is the size of the last entry on the diagonal.
         """
-        self.length = math.sqrt(np.vdot(self._following, self._following).real)
+        self.length = math.sqrt(np.vdot(self._next_vector, self._next_vector).real)
         self.largest = max(self.largest, self.length, diagonal_size)
         self.is_complete = self.length <= _LEAST_LENGTH * self.largest
         if self.is_complete:

@@ -150,10 +150,10 @@ def transmission(
     progress : is told how many frequencies are done. ``gp.Waves(middle).estimate("transmission",
         left, right, frequencies, ...)`` says beforehand how long they take.
 
-    A strip may be of any length: beyond 12,000 motions in space, 300,000 in a plane, it is taken
-    slice by slice, in a time that goes as its length and as the cube of the number of motions
-    across. Dense matrices of the motions of a slice, and of a layer of the leads, must fit into
-    memory.
+    A strip may be of any length: beyond 12,000 motions in space, 300,000 in a plane and 1,000,000
+    on a line, it is taken slice by slice, in a time that goes as its length and as the cube of the
+    number of motions across. Dense matrices of the motions of a slice, and of a layer of the leads,
+    must fit into memory.
 
     Raises
     ------

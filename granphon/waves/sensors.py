@@ -83,8 +83,8 @@ class SensorPlaces:
 
         Raises :class:`~granphon.base.errors.InputError` if they have no contact, or several.
         """
-        joins = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
-        contacts = np.flatnonzero(joins)
+        is_joining = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
+        contacts = np.flatnonzero(is_joining)
         if not contacts.size:
             raise InputError(f"balls {i} and {j} have no contact", mend="Give two balls that touch")
         if contacts.size > 1:

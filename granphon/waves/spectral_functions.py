@@ -164,8 +164,8 @@ def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]
     """
     p = steps.shape[1]
     all_vectors = np.indices((denominator + 1,) * p).reshape(p, -1).T
-    keeps_phases = np.all((all_vectors @ steps.T) % denominator == 0, axis=1)
-    vectors = all_vectors[keeps_phases]
+    has_same_phases = np.all((all_vectors @ steps.T) % denominator == 0, axis=1)
+    vectors = all_vectors[has_same_phases]
     repeats = np.zeros((p, p), np.intp)
     for axis in range(p):
         # zero along the axes before, and as short as can be along this one
@@ -261,8 +261,8 @@ def find_polarisations(
 
     ``polarisation`` and ``direction`` are the arguments of ``Waves.spectral_function``. Raises
     :class:`~granphon.base.errors.InputError` for another word or other numbers, if the balls do not
-    move in that polarisation, and if a direction that the polarisation needs is missing, is given
-    beside numbers, or is no vector; and what :func:`_choose_directions` raises.
+    move or turn in that polarisation, and if a direction that the polarisation needs is missing, is
+    given beside numbers, or is no vector; and what :func:`_choose_directions` raises.
     """
     motions = operator.motions
     if not isinstance(polarisation, str):
