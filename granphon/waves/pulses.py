@@ -1874,8 +1874,8 @@ def require_moves(
     name: str, direction: Array, network: ContactNetwork, is_rotation: bool = False
 ) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls of a ``network`` can move in
-    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``is_rotation``, unless balls can
-    turn about the direction. ``name`` is that of the argument.
+    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``is_rotation``, unless
+    balls can turn about the direction. ``name`` is that of the argument. The direction zero passes.
     """
     motions = network.ball_motions
     vectors = np.atleast_2d(direction)
