@@ -461,18 +461,18 @@ class Course:
         if self.is_closed:
             return self.period - 2.0 * self.find_distance(start, balls)
         if math.isfinite(self.period):
-            first = 0.0
-            last = self.period
+            first_end = 0.0
+            last_end = self.period
         else:
             moving_places = self.places[self.network.moving]
-            first = float(np.min(moving_places))
-            last = float(np.max(moving_places))
-        detour_by_first = 2.0 * (start - first)
-        detour_by_last = 2.0 * (last - self.find_place(balls))
-        # a shorter detour is not heard by itself
-        shortest = 2.0 * self.spacing
-        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > shortest]
-        return min(detours, default=2.0 * (last - first))
+            first_end = float(np.min(moving_places))
+            last_end = float(np.max(moving_places))
+        detour_by_first = 2.0 * (start - first_end)
+        detour_by_last = 2.0 * (last_end - self.find_place(balls))
+        # a detour up to this is not heard by itself
+        least_detour = 2.0 * self.spacing
+        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > least_detour]
+        return min(detours, default=2.0 * (last_end - first_end))
 
 
 def _write_direction(direction: Array) -> str:
@@ -514,12 +514,12 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     ``cut`` itself if no static forces act (``prestress``), or if it is stable.
 
     The balls of a cut still feel the forces of the contacts that they have lost, as dead loads,
-    which keep the balance and do not change with small motions. A ball that hangs on one contact
-    rolls off that contact under such a load, and then carries nothing: in the returned network the
-    ball does not move and has no contacts. A ball hangs if fewer pressed contacts hold it than
-    there are dimensions, also once other such balls are gone. If static forces still push over
-    several balls that hang together, the ball that moves most in each of these motions is left out,
-    again and again until the network is stable.
+    which keep the balance and do not change with small motions. A ball that hangs on too few
+    contacts (:func:`_find_hanging`) rolls off them under such a load, and then carries nothing: in
+    the returned network the ball does not move and has no contacts. Balls that hang in the whole
+    network too stay. If static forces still push over several balls that hang together, the ball
+    that moves most in each of these motions is left out, again and again until the network is
+    stable.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable, if
     nothing of the cut network is held, or if the network is too large for its motions to be found.
@@ -534,22 +534,22 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
         return cut
     require_stable(uncut_operator)
     hanging_by_cut = np.setdiff1d(_find_hanging(cut), _find_hanging(whole))
-    remaining = _detach(cut, hanging_by_cut)
-    while remaining.n_contacts:
-        operator = make_operator(remaining)
+    network = _detach(cut, hanging_by_cut)
+    while network.n_contacts:
+        operator = make_operator(network)
         if is_stable(operator, fall):
-            return remaining
+            return network
         falls = operator.values(find_falling_motions(operator, fall))  # (n_free, motions, falls)
         sizes = np.linalg.norm(falls, axis=1)
-        most_moved = np.unique(np.argmax(sizes, axis=0))
-        remaining = _detach(remaining, operator.balls[most_moved])
+        leaders = np.unique(np.argmax(sizes, axis=0))  # the ball that moves most in each fall
+        network = _detach(network, operator.balls[leaders])
     raise InstabilityError(_FALL_MESSAGE)
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the indices (k,) of the balls of a ``network`` that hang: fewer contacts hold them
-    than there are dimensions, where contacts with other balls that hang do not count. Bodies that
-    do not move do not hang.
+    """Return the indices (k,) of the balls of a ``network`` that hang: no contact pulls at them,
+    and fewer contacts hold them than there are dimensions, where contacts with other balls that
+    hang do not count. Bodies that do not move do not hang.
     """
     i = network.i
     j = network.j
@@ -1582,8 +1582,9 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     ``request`` cannot be sent, or cannot be read.
 
     ``network`` is an array of equal balls. It stands for an array of differing balls that is not
-    yet simulated, whose velocities and frequencies may differ by the factor :data:`MARGIN`: only
-    what fails for all such arrays is refused.
+    yet simulated, whose velocities and frequencies may differ by the factor :data:`MARGIN`: with
+    this margin the frequency, the room of a periodic network and the number of products with D are
+    judged.
     """
     route = Route.of(network, request, MARGIN)
     burst = route.burst

@@ -433,9 +433,9 @@ class Waves:
         receiver : balls in the same form, each of which is a receiver; "plane" is the last plane of
             balls, or that at the ``distance``. For a force, a receiver is the contact (i, j) of two
             balls, the "floor", or (ball, direction), a sensor in the ball. A sensor reads half of
-            the sum of the normal forces of the contacts of its ball, each times the cosine between
-            its normal and the direction; in a chain this is the mean of two contacts. A sensor in a
-            body that is held reads the whole sum.
+            the sum of the normal forces of the contacts of its ball, each times the magnitude of
+            the cosine between its normal and the direction; in a chain this is the mean of two
+            contacts. A sensor in a body that is held reads the whole sum.
         damping : viscosity c of each contact over its stiffness k, s, as in :meth:`transmit`: a
             number or (n_c,), or a tuple of that in normal motion and of that in all other.
         loss_factor : eta of the complex stiffness k (1 + i eta): a number or (n_c,), or a tuple of
@@ -453,7 +453,7 @@ class Waves:
             together, over that of the source, above zero where contacts are pressed more;
             "transmissibility", the displacement of the balls over that of the source; or
             "stiffness", the force over the displacement of the source, N/m, which is also taken for
-            "force" if the source is held.
+            "force" if all bodies of the source are held.
         direction : (1,) to (3,) vector across the planes; by default the first axis along which the
             network does not repeat, or x.
         polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`; by
@@ -461,7 +461,8 @@ class Waves:
         distance : distance of the receiving plane from the first one, m; in a network that repeats
             along the direction, whole periods count as zero.
         method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
-            for the faster of both.
+            for factors in a network of up to 2000 motions, and for the faster of both at each
+            frequency in a larger one.
         tolerance : bound of the error, over the largest response at a frequency, at which a Krylov
             space ends; above zero and below 1.
 
