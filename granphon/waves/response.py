@@ -850,14 +850,16 @@ class ResponseWork:
     @cached_property
     def even_losses(self) -> tuple[float, float, float] | None:
         """The loss factor eta, the time tau, s, and the drag gamma, 1/s, of all contacts and
-        motions; None if they differ, or if static forces act together with losses of contacts.
+        motions; None if they differ, or if contacts lose energy beside static forces or springs to
+        the ground, which lose none.
         """
         return self.losses.find_even()
 
     @cached_property
     def row_losses(self) -> Array:
         """(2, rows) loss factors eta, and times tau, s, of all deformations that resist motions:
-        those of springs, and those of static forces that pull, whose losses are zero.
+        those of contacts; and those of springs to the ground and of static forces that pull, whose
+        losses are zero.
         """
         factors = self.operator.row_weights(self.losses.factors)
         times = self.operator.row_weights(self.losses.times)
