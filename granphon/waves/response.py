@@ -1442,12 +1442,12 @@ class _Problem:
         return apply
 
     def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
-        """Return the source (size + rows,) of velocities and deformations; ``spring`` and ``times``
-        are those of :meth:`_make_first_order_product`.
+        """Return the source (size + rows,) of velocities and deformations, that of a wall over its
+        factor i omega; ``spring`` and ``times`` are those of :meth:`_make_first_order_product`.
         """
         if not self.driven.is_moved:
             return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])
-        # (H - i w) (v, y) = i omega (-A^T tau s, spring s), if walls stretch the rows of A by s
+        # if walls stretch the rows of A by s, it is (-A^T tau s, top spring s)
         stretches = self.operator.stretch(self.driven.amplitude)
         ball_source = -self.operator.parts.pull(times * stretches)
         deformation_source = self.operator.top * spring * stretches
@@ -1495,7 +1495,7 @@ class _Problem:
                 x += change
                 previous = signals
                 signals = self._listen(x) + self.shift
-                loudest = np.max(np.abs(signals)) or 1.0
+                loudest = np.max(np.abs(signals)) or 1.0  # signals that are all zero: no quotient
                 error = float(np.max(np.abs(signals - previous)) / loudest)
                 is_corrected = number > 0
                 if is_corrected and error <= TOLERANCE:
@@ -1657,8 +1657,8 @@ class _Problem:
         return np.asarray(motions + change)
 
     @cached_property
-    def _greatest_signal(self) -> float:
-        """The greatest signal that motions x of norm one can make in any receiver."""
+    def _signal_bound(self) -> float:
+        """A bound of the signals that motions x of norm one make in any receiver."""
         return float(np.max(np.linalg.norm(self.motion_weights, axis=1)))
 
     def _try_solution(self, process: _KrylovProcess, number: int) -> _Trial:
@@ -1676,7 +1676,7 @@ class _Problem:
         )
         signals = space_signals + space.direct_signals[number]
         residual = process.find_residual(number)
-        bound = abs(scale) * self._greatest_signal * residual * space.bound[number]
+        bound = abs(scale) * self._signal_bound * residual * space.bound[number]
         # the first vectors may not reach the receivers: then the bound stands for their signals
         loudest = float(np.max(np.abs(signals))) or bound or 1.0
         rounding_of_vectors = np.finfo(float).eps * math.sqrt(steps) * process.growth

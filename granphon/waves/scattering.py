@@ -574,8 +574,8 @@ def _find_covariances(amplitudes: Sequence[Complex], means: Complex) -> Array:
     covariances = []
     for samples, mean in zip(amplitudes, means, strict=True):
         divisor = abs(mean) or 1.0
-        rotated = samples * np.conj(mean) / divisor  # the mean is turned to the real axis
-        covariances.append(np.cov(rotated.real, rotated.imag))
+        along_mean = samples * np.conj(mean) / divisor  # with the mean on the real axis
+        covariances.append(np.cov(along_mean.real, along_mean.imag))
     return np.array(covariances)
 
 
@@ -621,6 +621,9 @@ class _Lead(NamedTuple):
     def of(cls, source: Any, axis: Any, q: ArrayLike) -> _Lead:
         """Return the lead of a state or network; the arguments are those of
         :func:`transmission`.
+
+        Raises :class:`~granphon.base.errors.InputError` for what has no network, for an axis that
+        is no period, and for a wave vector of another shape or not finite.
         """
         space = HalfSpace(given_network(source), axis)
         wavevector = space.read_wavevector(q)
@@ -777,8 +780,8 @@ class _Lead(NamedTuple):
         heights = strip.positions[:, p] * outwards
         heights_above = heights - heights[balls].max()
         # a floor, whose radius is infinite, is never of the same layer as balls
-        least = np.where(np.isinf(strip.radii), 0.0, _LEAST_HEIGHT * diameter)
-        is_blocking = ~strip.moving & (heights_above > least)
+        least_heights = np.where(np.isinf(strip.radii), 0.0, _LEAST_HEIGHT * diameter)
+        is_blocking = ~strip.moving & (heights_above > least_heights)
         if np.all(self.space.network.moving) and np.any(is_blocking):
             raise InputError(
                 misfit,

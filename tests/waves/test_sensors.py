@@ -224,7 +224,7 @@ def test_what_is_no_sensor():
         respond(chain(6, ("floor", "floor")), "floor", quantity="force")
     with pytest.raises(InputError, match="moves"):
         respond(held_chain(), (0, 1), source=[(0, "x"), "floor"], quantity="stiffness")
-    for pair in ((np.timedelta64(0), 1), (True, 1), (0.0, 1), [0, 1]):
+    for pair in ((np.timedelta64(0, "s"), 1), (True, 1), (0.0, 1), [0, 1]):
         assert not is_contact(pair)
     assert is_contact((np.int64(0), 1))
     motion = gp.NonlinearWaves(line(10.0, 4)).run(1e-6, frames=2)
