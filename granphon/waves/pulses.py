@@ -326,7 +326,7 @@ class Course:
             return self
         has_period = math.isfinite(self.period)
         if ends == "free":
-            return self._cut_free() if has_period else self  # without a period it has free ends
+            return self._cut_free() if has_period else self  # without a period nothing is cut
         if not has_period:
             fault = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"

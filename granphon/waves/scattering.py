@@ -51,10 +51,10 @@ _SITE_TOLERANCE = 0.1
 _LARGEST_IMBALANCE = 1e-6
 #: most entries of the matrices of leads at those frequencies whose waves are found together: 700 MB
 _ENTRIES_AT_ONCE = 6_000_000
-#: most steps of the fit of energies that fall with the length; each changes logarithms by at most
-#: one
+#: most steps of the fit of energies that fall with the length; each changes the level, and the
+#: rate times the span of lengths, by at most one
 _ROUNDS = 60
-#: change of the logarithms with which a fit is settled
+#: change of the level, and of the rate times the span, below which a fit is settled
 _LARGEST_CHANGE = 1e-9
 #: determinant of the curvatures of a fit, over the product of those along level and along rate,
 #: below which level and rate are not told apart
@@ -503,7 +503,7 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
             break
         shares = np.linalg.solve(matrix, derivatives * weights)
         change = shares @ (statistics.energies - fitted_energies)
-        change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
+        change /= max(1.0, float(np.max(np.abs(change))))  # each by at most one
         level = level + float(change[0])
         rate = rate + float(change[1]) / span
         if np.max(np.abs(change)) < _LARGEST_CHANGE:

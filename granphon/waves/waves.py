@@ -186,9 +186,9 @@ class Waves:
         seed : number from which the random vectors are drawn, zero or above.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        The memory is that of D, of about six vectors, of vectors that are kept for more moments, up
-        to 256 MiB, and of the densities of all random vectors, about 400 bytes for each moment of
-        each vector.
+        The memory for a larger network is that of D, of about six vectors, of vectors that are kept
+        for more moments, up to 256 MiB, and of the densities of all random vectors, about 400 bytes
+        for each moment of each vector.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range, for a resolution
         together with moments, and for more than 2^26 moments of all random vectors;
