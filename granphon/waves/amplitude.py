@@ -37,9 +37,10 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
 
     Raises :class:`~granphon.base.errors.InputError` for what :class:`NonlinearWaves` refuses, for a
     law that is no power of the overlap, and for contacts without an overlap; for a network that
-    does not repeat, and for ``q`` of another shape; for a number that no branch has, and for a
-    branch whose frequency at q is zero or that of another branch, or in which balls only turn; and
-    if a wave of wave vector 2 q has twice the frequency. Raises
+    does not repeat, and for ``q`` of another shape, not finite, or with a component across the
+    periods; for a number that no branch has, and for a branch whose frequency at q is zero or that
+    of another branch, or in which balls only turn; and if a wave of wave vector 2 q has twice the
+    frequency. Raises
     :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
     """
     waves = NonlinearWaves(x, law)
@@ -60,12 +61,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     matrix, rows = _compose_harmonic(operator, wavevector, 1)
     square, vector = _find_single_mode(matrix, number, operator.top**2)
     amplitude = _find_amplitude(operator, vector, number)
-    # a contact stretched by e has the tension k e + k2 e^2 + k3 e^3 beyond that at rest
-    exponent = waves.normal.exponent
-    k = network.normal_stiffness
-    delta = waves.overlap
-    k2 = -0.5 * k * (exponent - 1.0) / delta
-    k3 = k * (exponent - 1.0) * (exponent - 2.0) / (6.0 * delta**2)
+    k2, k3 = _find_tension_series(network.normal_stiffness, waves.overlap, waves.normal.exponent)
     # the wave stretches contacts by Re(e exp(-i omega t)); the tension k2 e^2 makes elongations of
     # order two: some are constant in time, the others have twice the frequency
     e = rows @ vector
@@ -77,7 +73,18 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     tension += 0.75 * k3 * np.abs(e) ** 2 * e
     square_change = float((e.conj() @ tension).real)
     shift = square_change / (2.0 * square)
-    return shift * (float(np.mean(delta)) / amplitude) ** 2
+    return shift * (float(np.mean(waves.overlap)) / amplitude) ** 2
+
+
+def _find_tension_series(k: Array, overlap: Array, exponent: float) -> tuple[Array, Array]:
+    """Return k2 (n_c,), N/m^2, and k3 (n_c,), N/m^3, of contacts whose force is the power
+    ``exponent`` of the overlap: a contact stretched by e has the tension k e + k2 e^2 + k3 e^3
+    beyond that at rest, with the stiffness ``k`` (n_c,), N/m, and the ``overlap`` (n_c,), m, at
+    rest.
+    """
+    k2 = -0.5 * k * (exponent - 1.0) / overlap
+    k3 = k * (exponent - 1.0) * (exponent - 2.0) / (6.0 * overlap**2)
+    return k2, k3
 
 
 def _find_single_mode(matrix: Complex, number: int, top_square: float) -> tuple[float, Complex]:

@@ -75,40 +75,15 @@ class WaveEstimate:
     def __init__(self, operator: WaveOperator) -> None:
         self.operator = operator
 
-    @property
-    def finders(self) -> dict[str, Callable[..., Cost]]:
-        """The function that estimates each result, by its name; it takes the arguments of the
-        method.
-        """
-        return {
-            "dos": self._find_density,
-            "spectral_function": self._find_spectra,
-            "modes": self._find_modes,
-            "branches": self._find_branches,
-            "count_modes": self._find_counts,
-            "response": self._find_response,
-            "transmit": self._find_sent_pulse,
-            "transmission": self._find_transmission,
-            "moduli": self._find_moduli,
-        }
-
-    def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
-        """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
-        method.
-
-        Raises what :meth:`bind` raises, and :class:`~granphon.base.errors.InputError` for values
-        that the method refuses.
-        """
-        return self.bind(name, *arguments, **options)()
-
     def bind(self, name: str, *arguments: Any, **options: Any) -> Callable[[], Cost]:
-        """Return the function that finds the cost of the result ``name`` with the ``arguments`` and
-        ``options`` of its method.
+        """Return the function that finds the cost of the result ``name``, one of :data:`FINDERS`,
+        with the ``arguments`` and ``options`` of its method. The function raises
+        :class:`~granphon.base.errors.InputError` for values that the method refuses.
 
         Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
         TypeError for arguments that the method does not have, and if some are missing.
         """
-        find_cost = self.finders[one_of("the result", name, self.finders)]
+        find_cost = partial(FINDERS[one_of("the result", name, FINDERS)], self)
         signature(find_cost).bind(*arguments, **options)
         return partial(find_cost, *arguments, **options)
 
@@ -313,7 +288,7 @@ class WaveEstimate:
         count = work.hertz.size
         seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads
         slice_seconds = _SLICE_TIME * float(np.sum(work.widths**3))
-        if work.by_slices:
+        if work.is_sliced:
             seconds += slice_seconds
         else:
             # the estimate of factors is that of a cube; a narrow strip, as most are, costs less
@@ -390,10 +365,25 @@ class WaveEstimate:
     def find_pulse(self, pulse: PulseSource) -> Cost:
         """Return the cost of sending a ``pulse``.
 
-        Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
+        Raises what :func:`~granphon.waves.pulses.count_products` raises.
         """
         products = count_products(self.operator, pulse)
         n_frames = np.size(pulse.frames)
         memory = find_frames_memory(n_frames, self.operator.network.n_balls, self.operator.size)
         words = f"pulse of {write_quantity(pulse.frequency, 'Hz')}"
         return self._cost_products(words, products, memory=memory)
+
+
+#: the functions that estimate results, by the names of the results; each takes a
+#: :class:`WaveEstimate` and the arguments of the method that finds the result
+FINDERS: dict[str, Callable[..., Cost]] = {
+    "dos": WaveEstimate._find_density,
+    "spectral_function": WaveEstimate._find_spectra,
+    "modes": WaveEstimate._find_modes,
+    "branches": WaveEstimate._find_branches,
+    "count_modes": WaveEstimate._find_counts,
+    "response": WaveEstimate._find_response,
+    "transmit": WaveEstimate._find_sent_pulse,
+    "transmission": WaveEstimate._find_transmission,
+    "moduli": WaveEstimate._find_moduli,
+}

@@ -68,12 +68,12 @@ _MAXIMUM_SHARE = 0.5
 _TOP_SHARE = 0.9
 #: shift, in steps of the record, up to which a signal has not travelled
 _LEAST_SHIFT = 0.05
-#: why a signal has no time of flight
-_RECORD_TOO_SHORT = (
+#: two reasons why a signal has no time of flight
+_SHORT_RECORD_REASON = (
     "the record ends before the pulse is over: use a longer duration; in a periodic network a"
     " longer array, a shorter distance, fewer cycles, a higher frequency, or ends: free"
 )
-_TOO_EARLY = (
+_EARLY_REASON = (
     "the signal does not come after the burst: what is heard has not travelled, as no waves of"
     " this frequency and polarisation do, the plane is too near, or the array is far shorter than"
     " the pulse"
@@ -81,7 +81,7 @@ _TOO_EARLY = (
 #: part of the maximum of the envelope at which a signal begins, by default
 _THRESHOLD = 0.1
 #: damping ratio of a wave of the pulse's frequency from which the signal tells no velocity of sound
-_MOST_DAMPING = 0.3
+_LARGEST_DAMPING_RATIO = 0.3
 #: relative excess of a velocity over that of the fastest wave that errors of the time of flight may
 #: explain
 _VELOCITY_EXCESS = 0.02
@@ -95,13 +95,13 @@ _LARGEST_ERROR = 0.5
 #: half width of the gate around the height of a pulse, in durations of the burst: it holds all of a
 #: pulse that keeps its shape, and a margin
 _GATE_REACH = 0.75
-#: warning of a pulse whose damping is above _MOST_DAMPING
+#: warning of a pulse whose damping is above _LARGEST_DAMPING_RATIO
 _DAMPED_REMARK = (
     "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has"
     " no velocity of sound"
 )
 #: message of an array that has no stable part once it is cut
-_NOTHING_HELD = message(
+_FALL_MESSAGE = message(
     "the array does not hold with free ends: static forces push over one ball after the"
     " other, as far as the receivers",
     "They need the contacts that the ends cut, as such an array has hardly more than it needs",
@@ -112,19 +112,20 @@ _NOTHING_HELD = message(
 _RECORD_LENGTH = 3.0
 #: squared frequency over the squared bound of all frequencies up to which some mode surely has this
 #: frequency or a higher one; for the ball with the highest frequency alone the ratio is nearly 1/2
-_SURELY_REACHED = 0.45
+_SURE_SHARE = 0.45
 #: most products with D that a record may take
 _MOST_PRODUCTS = 2**20
 #: products of a step if motions are damped unevenly: with D, and with the matrix of dashpots
 _UNEVEN_PRODUCTS = 2.0
-#: largest viscosity of a contact over its stiffness, times the highest frequency
-_MOST_DAMPED = 1e12
+#: largest viscosity of a contact over its stiffness, times the highest angular frequency, with
+#: which something moves
+_LARGEST_DAMPING = 1e12
 #: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
 #: least weight of a reading in the fit of a maximum: above zero, so that a fit has three readings
 _LEAST_WEIGHT = 1e-9
 #: greatest relative difference of the distances, and of the dampings, of pulses that are averaged
-_SIMILAR = 0.1
+_LARGEST_DIFFERENCE = 0.1
 #: relative difference of forces that are the same but for rounding
 _ROUNDING = 1e-12
 #: relative error of the highest squared frequency
@@ -143,19 +144,21 @@ class Course:
     """The balls of a network in the order in which a plane wave along ``direction`` meets them.
 
     The *place* of a ball is its distance along the direction from the beginning of the course. In a
-    network that repeats, places are taken less whole periods: the course is closed unless it was
-    given ends.
+    network that repeats along the direction, places are taken less whole periods: the course is
+    closed unless it was given ends.
 
     Attributes
     ----------
     network : the network.
     direction : (3,) unit vector.
-    period : distance after which planes across the direction meet themselves, m; infinity if they
-        never do.
+    period : distance after which planes across the direction meet themselves, m; infinity if no
+        period of the network leads along the direction.
     origin : coordinate along the direction of the beginning of the course, m.
     face : place from which the distance of receivers is counted if the network was given ends, m;
         else nan.
     is_known_stable : whether it is known that static forces push over no ball of the network.
+    contacts : (n_c,) index of each contact of the network among those of the network before its
+        ends were cut; None if no contact was cut.
     """
 
     network: ContactNetwork
@@ -164,11 +167,13 @@ class Course:
     origin: float = 0.0
     face: float = math.nan
     is_known_stable: bool = False
+    contacts: Index | None = None
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
-        """Return the course along ``direction`` (3,), a unit vector, through the ``network``, which
-        begins halfway between two planes of balls, or half a diameter before the first ball.
+        """Return the course along ``direction`` (3,), a unit vector, through the ``network``. It
+        begins halfway between two planes of balls; or, in a network without a period along the
+        direction, half a diameter before the first ball that moves.
 
         Raises :class:`~granphon.base.errors.InputError` for a direction that leaves the line or the
         plane of the balls, and if no ball moves.
@@ -216,11 +221,15 @@ class Course:
 
     @cached_property
     def places(self) -> Array:
-        """(n,) places of balls, m: distances behind the beginning, from zero to :attr:`period`."""
+        """(n,) places of balls, m: distances behind the beginning, from zero to :attr:`period`. If
+        the period is infinite, held balls before the beginning have places below zero.
+        """
         return self._wrap(self.heights - self.origin)
 
     def _wrap(self, lengths: Array) -> Array:
-        """Return ``lengths`` (n,), m, less whole periods: from zero to :attr:`period`."""
+        """Return ``lengths`` (n,), m, less whole periods: from zero to :attr:`period`; the lengths
+        themselves if the period is infinite.
+        """
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
     def require_period(self, shortest: float, why: str) -> None:
@@ -293,8 +302,9 @@ class Course:
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
         """(n_c,) how many times each contact, from ball i to ball j, passes the beginning of the
-        course: 1 for a contact that leads from the end of the course on to its beginning, -1 for
-        one that leads back from the beginning to the end, and 0 for most.
+        course: above zero for a contact that leads from the end of the course on to its beginning,
+        below zero for one that leads back from the beginning to the end, and zero for all others.
+        A contact that is longer along the direction than the period may pass it more than once.
         """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
@@ -308,14 +318,15 @@ class Course:
         """Return the course through the network with the ``ends`` "periodic", "free" or "walls",
         see :data:`~granphon.waves.settings.ENDS`.
 
-        Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
-        along the direction, and what :meth:`_hold_walls` and :func:`drop_falling` raise.
+        A network without a period along the direction keeps the ends that it has. Raises
+        :class:`~granphon.base.errors.InputError` for walls in such a network, and what
+        :meth:`_hold_walls` and :func:`drop_falling` raise.
         """
         if ends == "periodic":
             return self
         has_period = math.isfinite(self.period)
         if ends == "free":
-            return self._cut_free() if has_period else self  # without a period it has free ends
+            return self._cut_free() if has_period else self  # without a period nothing is cut
         if not has_period:
             fault = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
@@ -327,10 +338,18 @@ class Course:
         without the balls that static forces then push over; see :func:`drop_falling`.
         """
         network = self.network
-        is_kept = self.crossings == 0
-        kept_fields = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
-        stable_network = drop_falling(replace(network, **kept_fields), network)
-        return replace(self, network=stable_network, face=0.0, is_known_stable=True)
+        contacts = np.flatnonzero(self.crossings == 0)
+        contact_fields = {name: getattr(network, name)[contacts] for name in network.contact_fields}
+        stable_network = drop_falling(replace(network, **contact_fields), network)
+        has_fallen = network.moving & ~stable_network.moving
+        has_end_fallen = has_fallen[network.i[contacts]] | has_fallen[network.j[contacts]]
+        return replace(
+            self,
+            network=stable_network,
+            face=0.0,
+            is_known_stable=True,
+            contacts=contacts[~has_end_fallen],
+        )
 
     def _hold_walls(self) -> Course:
         """Return the course through the network in which the last balls, those with contacts that
@@ -340,15 +359,15 @@ class Course:
         no ball is left that moves.
         """
         network = self.network
-        crosses = self.crossings != 0
-        if not np.any(crosses):
+        is_crossing = self.crossings != 0
+        if not np.any(is_crossing):
             raise InputError(
                 "there are no balls for walls: no contact joins the last balls to the first",
                 "Walls are made of the last balls, where a period is cut",
                 "Leave ends out: the network is cut already",
             )
-        is_forward = self.crossings[crosses] > 0
-        wall_balls = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
+        is_forward = self.crossings[is_crossing] > 0
+        wall_balls = np.unique(np.where(is_forward, network.i[is_crossing], network.j[is_crossing]))
         masses = np.array(network.masses)
         masses[wall_balls] = math.inf
         if not np.any(np.isfinite(masses)):
@@ -360,6 +379,20 @@ class Course:
         # the wall in front of the first balls is the one behind the last, a period earlier
         face = float(np.max(self.places[wall_balls])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
+
+    def find_losses(self, losses: Losses) -> Losses:
+        """Return the ``losses`` of the network before its ends were cut or held as those of the
+        network of this course.
+        """
+        contacts = slice(None) if self.contacts is None else self.contacts
+        return replace(
+            losses,
+            network=self.network,
+            damping=losses.damping[:, contacts],
+            factors=losses.factors[:, contacts],
+            dashpot=losses.dashpot[:, contacts],
+            tsuji=losses.tsuji[contacts],
+        )
 
     def find_plane(self, place: float, role: str) -> Index:
         """Return the indices (k,) of the plane of balls nearest to a ``place``, m, among balls that
@@ -428,18 +461,18 @@ class Course:
         if self.is_closed:
             return self.period - 2.0 * self.find_distance(start, balls)
         if math.isfinite(self.period):
-            first = 0.0
-            last = self.period
+            first_end = 0.0
+            last_end = self.period
         else:
             moving_places = self.places[self.network.moving]
-            first = float(np.min(moving_places))
-            last = float(np.max(moving_places))
-        detour_by_first = 2.0 * (start - first)
-        detour_by_last = 2.0 * (last - self.find_place(balls))
-        # a shorter detour is not heard by itself
-        shortest = 2.0 * self.spacing
-        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > shortest]
-        return min(detours, default=2.0 * (last - first))
+            first_end = float(np.min(moving_places))
+            last_end = float(np.max(moving_places))
+        detour_by_first = 2.0 * (start - first_end)
+        detour_by_last = 2.0 * (last_end - self.find_place(balls))
+        # a detour up to this is not heard by itself
+        least_detour = 2.0 * self.spacing
+        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > least_detour]
+        return min(detours, default=2.0 * (last_end - first_end))
 
 
 def _write_direction(direction: Array) -> str:
@@ -481,12 +514,12 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     ``cut`` itself if no static forces act (``prestress``), or if it is stable.
 
     The balls of a cut still feel the forces of the contacts that they have lost, as dead loads,
-    which keep the balance and do not change with small motions. A ball that hangs on one contact
-    rolls off that contact under such a load, and then carries nothing: in the returned network the
-    ball does not move and has no contacts. A ball hangs if fewer pressed contacts hold it than
-    there are dimensions, also once other such balls are gone. If static forces still push over
-    several balls that hang together, the ball that moves most in each of these motions is left out,
-    again and again until the network is stable.
+    which keep the balance and do not change with small motions. A ball that hangs on too few
+    contacts (:func:`_find_hanging`) rolls off them under such a load, and then carries nothing: in
+    the returned network the ball does not move and has no contacts. Balls that hang in the whole
+    network too stay. If static forces still push over several balls that hang together, the ball
+    that moves most in each of these motions is left out, again and again until the network is
+    stable.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable, if
     nothing of the cut network is held, or if the network is too large for its motions to be found.
@@ -501,22 +534,22 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
         return cut
     require_stable(uncut_operator)
     hanging_by_cut = np.setdiff1d(_find_hanging(cut), _find_hanging(whole))
-    remaining = _detach(cut, hanging_by_cut)
-    while remaining.n_contacts:
-        operator = make_operator(remaining)
+    network = _detach(cut, hanging_by_cut)
+    while network.n_contacts:
+        operator = make_operator(network)
         if is_stable(operator, fall):
-            return remaining
+            return network
         falls = operator.values(find_falling_motions(operator, fall))  # (n_free, motions, falls)
         sizes = np.linalg.norm(falls, axis=1)
-        most_moved = np.unique(np.argmax(sizes, axis=0))
-        remaining = _detach(remaining, operator.balls[most_moved])
-    raise InstabilityError(_NOTHING_HELD)
+        leaders = np.unique(np.argmax(sizes, axis=0))  # the ball that moves most in each fall
+        network = _detach(network, operator.balls[leaders])
+    raise InstabilityError(_FALL_MESSAGE)
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the indices (k,) of the balls of a ``network`` that hang: fewer contacts hold them
-    than there are dimensions, where contacts with other balls that hang do not count. Bodies that
-    do not move do not hang.
+    """Return the indices (k,) of the balls of a ``network`` that hang: no contact pulls at them,
+    and fewer contacts hold them than there are dimensions, where contacts with other balls that
+    hang do not count. Bodies that do not move do not hang.
     """
     i = network.i
     j = network.j
@@ -570,8 +603,8 @@ def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
     if not np.any(signal):
         return "the signal is zero"
     if not is_held:
-        return _RECORD_TOO_SHORT
-    return _TOO_EARLY if shift <= _LEAST_SHIFT else ""
+        return _SHORT_RECORD_REASON
+    return _EARLY_REASON if shift <= _LEAST_SHIFT else ""
 
 
 def find_arrivals(
@@ -590,7 +623,7 @@ def find_arrivals(
         is the first one that has half the height of the greatest. "first": the time between the
         moments at which the envelopes first reach the part ``threshold`` of that maximum.
         "correlation": the shift at which the cross-correlation of both signals is greatest.
-    threshold : part of the maximum, above 0 and below 1; other methods do not use it.
+    threshold : part of the maximum, above 0 and below 1, for the method "first"; not examined.
 
     Returns
     -------
@@ -610,10 +643,10 @@ def find_arrivals(
             [_find_pulse_position(envelope, method, threshold) for envelope in envelopes]
         )
         shifts = positions[1:] - positions[0]
-    are_held = step * shifts + duration <= times[-1] + step
+    has_whole_signal = step * shifts + duration <= times[-1] + step  # False for nan
     reasons = [
         _explain_unknown_time(signal, shift, is_held)
-        for signal, shift, is_held in zip(signals, shifts, are_held, strict=True)
+        for signal, shift, is_held in zip(signals, shifts, has_whole_signal, strict=True)
     ]
     is_unknown = [bool(reason) for reason in reasons]
     return np.where(is_unknown, np.nan, step * shifts), reasons
@@ -722,8 +755,8 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
 
 
 def _make_gate(times: Array, reach: float) -> Array:
-    """Return factors (n_t,) at ``times`` (n_t,), s, that are 1 around the time zero, fall over the
-    last third of the ``reach``, above zero, s, to either side, and are 0 beyond.
+    """Return factors (n_t,) at ``times`` (n_t,), s. They are 1 around the time zero, fall to either
+    side over the last third of the ``reach``, s, which is above zero, and are 0 beyond it.
     """
     return np.clip(3.0 * (1.0 - np.abs(times) / reach), 0.0, 1.0)
 
@@ -772,9 +805,8 @@ class Pulse(Result):
     planes : (n_p, n_t) mean velocity of each further plane, m/s.
     frames : (n_f,) times at which the motions of all balls were kept, s; may be empty.
     velocities : (n_f, n, 3) velocities of all balls at the times ``frames``, m/s.
-    warnings : one sentence for each limit of the model that the network exceeds, one that says why
-        the time of flight is not known, or one that says how sure the velocity is if its error is
-        above 3 percent.
+    warnings : one sentence for each limit of the model that the network exceeds; one if balls were
+        left out as far inside as the receivers; and those of :meth:`judge`.
     echo : detour of the first echo, m: how much longer its path is than the distance. The echo is
         from an end, or in a closed network the pulse that runs round in the other direction.
     fastest : (2,) upper bounds of the velocity of long waves, m/s: of this polarisation, and of all
@@ -867,13 +899,16 @@ class Pulse(Result):
 
     @property
     def loss(self) -> float:
-        """Part of the energy that is lost from the end of the burst to the end of the record."""
-        start, end = self.energies
-        return float(1.0 - end / start)
+        """Part of the energy that is lost from the end of the burst to the end of the record; zero
+        if there is no energy at the end of the burst.
+        """
+        start, end = self.energies.tolist()
+        return 1.0 - end / start if start else 0.0
 
     def arrival(self, method: str = "envelope", threshold: float = _THRESHOLD) -> float:
-        """Return the time of flight of the coherent signal, s; nan if it is not known, see
-        :attr:`time_of_flight`.
+        """Return the time of flight of the coherent signal, s; nan if :attr:`time_of_flight` is
+        nan, or if the signal by this method does not come after the burst or is not over at the end
+        of the record.
 
         Parameters
         ----------
@@ -883,7 +918,8 @@ class Pulse(Result):
             maximum. "correlation": the shift at which the cross-correlation of the signal and the
             burst is greatest; it follows single waves under the envelope, so for long pulses it
             tells the phase, up to whole periods.
-        threshold : part of the maximum, above 0 and below 1, for the method "first".
+        threshold : part of the maximum, above 0 and below 1, for the method "first"; other methods
+            do not use it.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
         is not between 0 and 1.
@@ -1006,7 +1042,7 @@ class Pulse(Result):
         """
         greatest_damping = max(self.damping, self.tangential_damping)
         damping_ratio = self._find_damping_ratio(greatest_damping)
-        remarks = [_DAMPED_REMARK] if damping_ratio > _MOST_DAMPING else []
+        remarks = [_DAMPED_REMARK] if damping_ratio > _LARGEST_DAMPING_RATIO else []
         if self.why_unknown:
             remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
             return tuple(remarks)
@@ -1074,10 +1110,11 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` for no list, an empty list, and what is no
-    pulse; and for pulses that differ in frequency, cycles, direction, polarisation, drag or burst,
-    or by more than a tenth in their dampings or in the distances of planes. Pulses do not hold
-    their ends, nor whether one ball or a plane was pushed: the caller has to see to these.
+    Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, an empty list,
+    and what is no pulse; and for pulses that differ in frequency, cycles, direction, polarisation,
+    drag or burst, or by more than a tenth in their dampings or in the distances of planes. Pulses
+    do not hold their ends, nor whether one ball or a plane was pushed: the caller has to see to
+    these.
     """
     if not isinstance(pulses, Sequence):
         raise InputError(f"{brief(pulses)} is no list of pulses", mend="Give a list")
@@ -1150,7 +1187,7 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
     unlike_names += [
         name
         for name in ("damping", "tangential_damping", "distance", "plane_distances")
-        if not _are_similar(getattr(pulse, name), getattr(first, name))
+        if not _is_similar(getattr(pulse, name), getattr(first, name))
     ]
     rounding = _ROUNDING * np.max(np.abs(first.sent))
     # bursts of other settings differ in any case, and are not named beside these
@@ -1161,13 +1198,13 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
         raise InputError(fault, mend="Average pulses that were sent alike")
 
 
-def _are_similar(values: ArrayLike, reference: ArrayLike) -> bool:
-    """Return whether ``values`` (...), none below zero, have the shape of a ``reference`` and
-    differ from it by at most :data:`_SIMILAR` times the reference.
+def _is_similar(values: ArrayLike, reference: ArrayLike) -> bool:
+    """Whether ``values`` (...), none below zero, have the shape of a ``reference`` and differ
+    from it by at most :data:`_LARGEST_DIFFERENCE` times the reference.
     """
     if np.shape(values) != np.shape(reference):
         return False
-    return bool(np.allclose(values, reference, rtol=_SIMILAR, atol=0.0))
+    return bool(np.allclose(values, reference, rtol=_LARGEST_DIFFERENCE, atol=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -1212,7 +1249,8 @@ class PulseSource:
         a quarter if ends are periodic, less a small part of a diameter (of two planes that are
         equally near, that nearer to the source is then taken in all samples). Raises
         :class:`~granphon.base.errors.InputError` for what is no direction; and without a distance,
-        if the network has no period along the direction, or one too short for a pulse.
+        if the network has no period along the direction, or one too short for a pulse, and what
+        :meth:`Course.along` raises.
         """
         given_direction = [1.0] if direction is None else direction
         unit_vector = read_vector("direction", given_direction, network.dimension)
@@ -1277,48 +1315,38 @@ class Route:
         """Return the route through the ``network`` of the pulse of a ``request``.
 
         A ``margin`` above one says that the pulse is meant for another network, in which waves may
-        be slower or faster by this factor: a request is then refused only if it fails in every such
-        network. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, except for losses,
-        for frequencies that the network does not have, and for records and frames that take too
-        much.
+        be slower or faster by this factor: whether the pulse that runs round a periodic network the
+        other way comes too early is then judged by the slowest waves. Raises what
+        :meth:`~granphon.waves.waves.Waves.transmit` raises, except for losses, for frequencies that
+        the network does not have, for the number of products with D, and for the memory of frames.
         """
-        hertz = positive("frequency", request.frequency, "Hz")
-        distance = positive("distance", request.distance, "m")
-        burst = ToneBurst(hertz, positive("cycles", request.cycles))
-        if burst.cycles < 1.0:
-            raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
-        ends = one_of("ends", request.ends, ENDS)
+        burst = _read_burst(request)
         direction = read_vector("direction", request.direction, network.dimension)
         push = read_push(network, direction, request.polarisation)
-        plane_distances = _read_list("planes", request.planes, "m", "above zero")
+        further_distances = _read_list("planes", request.planes, "m", "above zero")
         frames = _read_list("frames", request.frames, "s", "zero or above")
-        distances = [distance, *plane_distances.tolist()]
-        farthest = max(distances)
-        course = Course.along(network, direction)
-        if ends == "periodic":
-            why = "The pulse that runs the other way round would come first"
-            course.require_period(2.0 * farthest, why)
-        course.require_period(farthest, "The pulse would meet itself")
-        course = course.with_ends(ends)
+        distance = positive("distance", request.distance, "m")
+        distances = [distance, *further_distances.tolist()]
+        course = _find_course(network, direction, request.ends, max(distances))
         sources = _find_sources(course, request.source)
-        is_plane = isinstance(request.source, str) and request.source == "plane"
-        starts_at_face = is_plane and not math.isnan(course.face)
-        start = course.face if starts_at_face else course.find_place(sources)
+        start = _find_start(course, request.source, sources)
         groups = [course.find_plane(start + length, "receivers") for length in distances]
         receivers = groups[0]
         _require_apart(course, distance, sources, receivers)
-        has_fallen = ends == "free" and bool(np.any(network.moving & ~course.network.moving))
+        has_fallen = request.ends == "free" and bool(
+            np.any(network.moving & ~course.network.moving)
+        )
         fastest = _find_fastest(course, push, sources, receivers, has_fallen)
         if request.duration is not None:
             duration = positive("duration", request.duration, "s")
         else:
-            duration = burst.duration + _RECORD_LENGTH * farthest / float(fastest[0])
+            velocity = float(fastest[0])
+            duration = burst.duration + _RECORD_LENGTH * max(distances) / velocity
             if course.is_closed:
                 flight_length = course.find_distance(start, receivers)
-                _require_room(course.period, flight_length, fastest[0] / margin, burst)
+                _require_room(course.period, flight_length, velocity / margin, burst)
                 # the record ends before the pulse that runs the other way round comes
-                other_way = course.period - flight_length
-                duration = min(duration, other_way / float(fastest[0]))
+                duration = min(duration, (course.period - flight_length) / velocity)
         return cls(
             course=course,
             burst=burst,
@@ -1342,6 +1370,45 @@ class Route:
     def end_time(self) -> float:
         """The end of the record, or of the burst if that is later, s."""
         return max(float(self.times[-1]), self.burst.duration)
+
+
+def _read_burst(request: PulseSource) -> ToneBurst:
+    """Return the burst of a ``request``.
+
+    Raises :class:`~granphon.base.errors.InputError` for a frequency that is not above zero, and for
+    fewer cycles than 1.
+    """
+    hertz = positive("frequency", request.frequency, "Hz")
+    cycles = positive("cycles", request.cycles)
+    if cycles < 1.0:
+        raise InputError(f"cycles is {cycles:g}", mend="Give 1 or more")
+    return ToneBurst(hertz, cycles)
+
+
+def _find_course(network: ContactNetwork, direction: Array, ends: str, farthest: float) -> Course:
+    """Return the course along ``direction`` (3,), a unit vector, through the ``network`` with the
+    ``ends``, a word, for a pulse that is heard at distances up to ``farthest``, m.
+
+    Raises :class:`~granphon.base.errors.InputError` for another word, and for a period that is
+    shorter than such a pulse needs; and what :meth:`Course.along` and :meth:`Course.with_ends`
+    raise.
+    """
+    ends = one_of("ends", ends, ENDS)
+    course = Course.along(network, direction)
+    if ends == "periodic":
+        why = "The pulse that runs the other way round would come first"
+        course.require_period(2.0 * farthest, why)
+    course.require_period(farthest, "The pulse would meet itself")
+    return course.with_ends(ends)
+
+
+def _find_start(course: Course, source: str | int | Sequence[int], sources: Index) -> float:
+    """Return the place, m, on a ``course`` from which distances count: the face if the ``source``
+    is "plane" and the course was given ends, and else the place of the balls ``sources`` (k,).
+    """
+    is_plane = isinstance(source, str) and source == "plane"
+    is_at_face = is_plane and not math.isnan(course.face)
+    return course.face if is_at_face else course.find_place(sources)
 
 
 def _require_apart(course: Course, distance: float, sources: Index, receivers: Index) -> None:
@@ -1381,8 +1448,8 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
     index of a ball or several; "plane", the first plane along the direction; or "ball", the ball of
     lowest index of this plane.
 
-    Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and for another
-    word.
+    Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move,
+    for a ball that is given twice, and for another word.
     """
     moving = course.network.moving
     if not isinstance(source, str):
@@ -1425,7 +1492,7 @@ def _find_fastest(
     shared_pieces = np.intersect1d(piece_of_ball[receivers], piece_of_ball[sources])
     if not shared_pieces.size:
         if has_fallen:
-            raise InstabilityError(_NOTHING_HELD)
+            raise InstabilityError(_FALL_MESSAGE)
         fault = (
             f"no contacts join the source and the {counted(len(receivers), 'ball')} of the"
             f" receiving plane"
@@ -1515,8 +1582,9 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     ``request`` cannot be sent, or cannot be read.
 
     ``network`` is an array of equal balls. It stands for an array of differing balls that is not
-    yet simulated, whose velocities and frequencies may differ by the factor :data:`MARGIN`: only
-    what fails for all such arrays is refused.
+    yet simulated, whose velocities and frequencies may differ by the factor :data:`MARGIN`: with
+    this margin the frequency, the room of a periodic network and the number of products with D are
+    judged.
     """
     route = Route.of(network, request, MARGIN)
     burst = route.burst
@@ -1524,7 +1592,7 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     limit = MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
         raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
-    losses = Losses.of(route.course.network, request.losses)
+    losses = route.course.find_losses(Losses.of(network, request.losses))
     _require_short(operator.top / MARGIN, burst, route.last_time, losses)
 
 
@@ -1544,23 +1612,31 @@ def transmit(
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
-    receivers = route.groups[0]
-    losses = Losses.of(course.network, request.losses)
+    losses = course.find_losses(Losses.of(network, request.losses))
     if find_operator is not None and course.network is network:
         operator = find_operator()
     else:
-        operator = make_operator(course.network, progress)
-        if not course.is_known_stable:
-            require_stable(operator)
+        operator = _make_stable_operator(course, progress)
     _require_short(operator.top, burst, route.last_time, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     _require_reached(operator, burst.frequency)
-    motions = _propagate(route, operator, losses)
-    distances = [course.find_distance(route.start, balls) for balls in route.groups]
     fallen_balls = np.zeros(0, np.intp)
     if request.ends == "free":
         fallen_balls = np.flatnonzero(network.moving & ~course.network.moving)
-    pulse = Pulse(
+    pulse = _make_pulse(route, losses, _propagate(route, operator, losses), fallen_balls.size)
+    remarks = _warn_of_fallen(course, fallen_balls, route.groups[0])
+    return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+def _make_pulse(route: Route, losses: Losses, motions: _HeardMotions, n_left_out: int) -> Pulse:
+    """Return the pulse of a ``route``, without warnings, that made these ``motions`` in a network
+    with ``losses``, from which ``n_left_out`` balls had been left out.
+    """
+    course = route.course
+    burst = route.burst
+    receivers = route.groups[0]
+    distances = [course.find_distance(route.start, balls) for balls in route.groups]
+    return Pulse(
         frequency=burst.frequency,
         cycles=burst.cycles,
         direction=course.direction,
@@ -1582,25 +1658,37 @@ def transmit(
         velocities=motions.velocities,
         echo=course.find_echo(route.start, receivers),
         fastest=route.fastest,
-        left_out=fallen_balls.size,
+        left_out=n_left_out,
     )
-    remarks = _warn_of_fallen(course, fallen_balls, receivers)
-    return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+def _make_stable_operator(course: Course, progress: Progress) -> WaveOperator:
+    """Return the operator of the network of a ``course``, whose work ``progress`` is told of, after
+    a check that the network is stable, unless this is known.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+    """
+    operator = make_operator(course.network, progress)
+    if not course.is_known_stable:
+        require_stable(operator)
+    return operator
 
 
 def count_products(operator: WaveOperator, request: PulseSource) -> float:
     """Return the number of products of D with a vector that the pulse of a ``request`` takes;
     ``operator`` is that of the network before its ends are cut.
 
-    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent. A frequency is
-    refused only if it is above the bound of all modes, as the highest mode is not found.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent, and
+    :class:`~granphon.base.errors.InstabilityError` for an array that does not hold between free
+    ends. A frequency is refused only if it is above the bound of all modes, as the highest mode is
+    not found.
     """
     route = Route.of(operator.network, request)
     limit = operator.top / (2.0 * math.pi)
     if route.burst.frequency > limit:
         raise _explain_unreachable(route.burst.frequency, f"which is below {limit:.4g} Hz")
     _require_frames_memory(len(route.frames), operator.network.n_balls, operator.size)
-    losses = Losses.of(route.course.network, request.losses)
+    losses = route.course.find_losses(Losses.of(operator.network, request.losses))
     _require_short(operator.top, route.burst, route.last_time, losses)
     even_losses = losses.find_even()
     if even_losses is None:
@@ -1655,20 +1743,12 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
     with these ``losses``; progress of the operator is told of the work.
     """
     network = operator.network
-    burst = route.burst
-    axes = list(operator.motions.translations)
-    push = route.push[axes]
+    push = route.push[list(operator.motions.translations)]
     inverse_root = 1.0 / np.sqrt(network.masses)  # from mass-weighted motions to motions
     forces = operator.push(route.sources, route.push, inverse_root[route.sources])
     receivers = np.concatenate(route.groups)
     indices = operator.indices[receivers, : push.size]
-    propagation: Propagation | ViscousPropagation
-    even_losses = losses.find_even()
-    if even_losses is None:
-        propagation = ViscousPropagation(operator, forces, burst, losses)
-    else:
-        _, time, drag = even_losses
-        propagation = Propagation(operator, forces, burst, route.last_time, time, drag)
+    propagation = _make_propagation(route, operator, losses, forces)
 
     def listen(vector: Array) -> Array:
         """Return the velocities (n_r,) of receivers along the push, m/s, from a ``vector`` (size,)
@@ -1677,7 +1757,7 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
         return inverse_root[receivers] * (vector[indices] @ push)
 
     # the first two states are for the energies, at the ends of the burst and of the record
-    energy_times = [burst.duration, route.end_time]
+    energy_times = [route.burst.duration, route.end_time]
     state_times = np.concatenate([energy_times, route.frames])
     signals, state_x, state_v = propagation.follow(listen, route.times, state_times)
     energies = [
@@ -1686,6 +1766,20 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
     velocities = _find_ball_velocities(operator, state_v[2:])
     group_ends = np.cumsum([len(balls) for balls in route.groups[:-1]])
     return _HeardMotions(np.split(signals, group_ends), np.array(energies), velocities)
+
+
+def _make_propagation(
+    route: Route, operator: WaveOperator, losses: Losses, forces: Array
+) -> Propagation | ViscousPropagation:
+    """Return the propagation of the pulse of a ``route`` in the network of the ``operator``, on
+    which the mass-weighted ``forces`` (size,) act as the burst does: one expansion for the whole
+    time if ``losses`` are even, and else steps.
+    """
+    even_losses = losses.find_even()
+    if even_losses is None:
+        return ViscousPropagation(operator, forces, route.burst, losses)
+    _, time, drag = even_losses
+    return Propagation(operator, forces, route.burst, route.last_time, time, drag)
 
 
 def _find_ball_velocities(operator: WaveOperator, vectors: Array) -> Array:
@@ -1728,7 +1822,7 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
     from scipy.sparse.linalg import eigsh
 
     square = (2.0 * np.pi * hertz) ** 2
-    if square <= _SURELY_REACHED * operator.top**2 and not operator.network.prestress:
+    if square <= _SURE_SHARE * operator.top**2 and not operator.network.prestress:
         return
     if operator.size > 2:
         start = np.random.default_rng(0).normal(size=operator.size)
@@ -1778,22 +1872,22 @@ def read_vector(name: str, value: Any, dimension: int) -> Array:
 
 
 def require_moves(
-    name: str, direction: Array, network: ContactNetwork, turns: bool = False
+    name: str, direction: Array, network: ContactNetwork, is_rotation: bool = False
 ) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls of a ``network`` can move in
-    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``turns``, unless balls can
-    turn about the direction. ``name`` is that of the argument.
+    a ``direction`` (3,), or each ball in its own direction (n, 3); with ``is_rotation``, unless
+    balls can turn about the direction. ``name`` is that of the argument. The direction zero passes.
     """
     motions = network.ball_motions
     vectors = np.atleast_2d(direction)
-    axes = motions.rotations if turns else motions.translations
+    axes = motions.rotations if is_rotation else motions.translations
     forbidden = np.abs(np.delete(vectors, list(axes), axis=1))  # components off these axes
     largest_forbidden = forbidden.max(axis=1, initial=0.0)
     rounding = _ZERO_LENGTH * np.abs(vectors).max(initial=0.0)
     if largest_forbidden.max(initial=0.0) <= rounding:
         return
     ball = int(np.argmax(largest_forbidden))
-    verb, preposition = ("turn", "about") if turns else ("move", "along")
+    verb, preposition = ("turn", "about") if is_rotation else ("move", "along")
     vector = _write_direction(vectors[ball])
     is_of_all_balls = direction.ndim == 1
     if is_of_all_balls:
@@ -1811,8 +1905,8 @@ def read_push(network: ContactNetwork, direction: Array, polarisation: Any) -> A
     """Return the unit vector (3,) along which a source with a ``polarisation``, a word or a vector,
     pushes; its waves travel along the ``direction`` (3,), a unit vector.
 
-    Raises :class:`~granphon.base.errors.InputError` for another word, and if balls do not move
-    along the push.
+    Raises :class:`~granphon.base.errors.InputError` for another word, for what is no vector, if
+    balls do not move along the push, and what :func:`_find_transverse` raises.
     """
     if not isinstance(polarisation, str):
         push = read_vector("polarisation", polarisation, network.dimension)
@@ -1868,9 +1962,9 @@ def _require_short(top: float, burst: ToneBurst, duration: float, losses: Losses
     """
     highest = write_quantity(top / (2.0 * math.pi), "Hz", 3)
     damping = float(np.max(losses.times))
-    if top * damping > _MOST_DAMPED:
+    if top * damping > _LARGEST_DAMPING:
         tau = write_quantity(damping, "s", 3)
-        longest_damping = write_quantity(_MOST_DAMPED / top, "s", 3)
+        longest_damping = write_quantity(_LARGEST_DAMPING / top, "s", 3)
         raise InputError(
             f"with a damping of {tau} nothing moves at frequencies up to {highest}",
             mend=f"Give {longest_damping} at most",

@@ -6,10 +6,14 @@ With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z 
     Z(omega) = D(omega) + i omega Gamma - omega^2,
     D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
-with the losses of :mod:`granphon.dynamics.damping`. A wall that is moved pulls at the balls that
-touch it with the same springs and dashpots. A sensor of force hears the elongations e of contacts:
-the forces of the contacts are -k (1 + i eta + i omega tau) e. They include the forces of dashpots,
-but not the drag, which acts on balls. There are two methods to solve Z x = M^-1/2 F.
+with the losses of :mod:`granphon.dynamics.damping`: the loss factors eta, the times tau and the
+matrix of drags Gamma. A maps motions to the deformations of contacts, each times the root of its
+stiffness. Of the static forces those count that have a potential, so that D is symmetric.
+
+A wall that is moved pulls at the balls that touch it with the same springs and dashpots. A sensor
+of force hears the elongations e of contacts: the forces of the contacts are
+-k (1 + i eta + i omega tau) e. They include the forces of dashpots, but not the drag, which acts on
+balls. There are two methods to solve Z x = M^-1/2 F.
 
 Directly: Z is factorised at each frequency, in an order of the motions that is found once. Further
 solutions, of the residual, correct the first solution until it no longer changes. The error is the
@@ -104,14 +108,15 @@ OF_MOVED_WALL = ("transmissibility", "stiffness")
 OF_FORCE = ("force", "stiffness")
 #: names of the methods that solve the equations
 METHODS = ("direct", "krylov")
-#: number of motions up to which Z is factorised at all frequencies, as factors lose no digits
-_ALWAYS_FACTORISED = 2_000
+#: number of motions up to which Z is factorised at all frequencies, unless the method is named, as
+#: factors lose no digits
+_MOST_FACTORISED_MOTIONS = 2_000
 #: bound of the error of a response, over the largest value at its frequency, with which the
 #: response counts as found
 TOLERANCE = 1e-9
 #: root of x.x, in the product without conjugation, over the norm of a vector x, up to which the
 #: vector is nearly orthogonal to itself and the space ends
-_DEGENERATE = 1e-4
+_LEAST_SELF_PRODUCT = 1e-4
 #: most steps of a space
 _MOST_STEPS = 100_000
 #: steps for whose signals and coefficients memory is allocated at first
@@ -134,14 +139,14 @@ _SYMMETRIC_STEPS = 2.0
 _INCOMPLETE_STEPS = 3.0
 #: greatest omega tau plus drag over omega, at the top frequency, up to which the symmetric process
 #: of first order keeps its digits
-_STRONGEST_SYMMETRIC = 0.45
+_STRONGEST_LOSS = 0.45
 #: residual, over the source, at which a solution in the space is first computed
 _FIRST_TRIAL = 1e-3
 #: least residual at which a solution is computed again, over the residual of the last one
 _NEXT_TRIAL = 0.02
 #: norm of the next vector, over the largest entry of the matrix, up to which the space is complete:
 #: it holds all that H makes of the source
-_COMPLETE = 1e-13
+_LEAST_LENGTH = 1e-13
 #: most solutions by the same factors, each of which corrects the one before
 _SOLUTIONS = 4
 #: error above which a response has a warning
@@ -150,8 +155,8 @@ _WARNED_ERROR = 1e-6
 _LARGEST_CHANGE = 1e-2
 #: residual in a space, over the source, up to which the residual is rounding alone
 _ROUNDING = 1e-16
-#: residual in a space, over the source, at which the solution has diverged
-_DIVERGED = 1e100
+#: greatest last entry of a solution in a space, for a start of size one: the solution has diverged
+_LARGEST_ENTRY = 1e100
 #: loss factors that are tried to advise the least sufficient one
 _ADVISED_LOSSES = (0.01, 0.02, 0.05, 0.1)
 #: quantities that are derivatives of the displacement by the time, with the order of the derivative
@@ -174,16 +179,19 @@ class Response(Result, array="values"):
     sources : (n_s,) indices of the balls that are pushed, each with the same force, or of the
         bodies that are moved.
     pushes : (n_s, 3) unit vectors along which sources are pushed or moved.
-    receivers : (n_r,) indices of the balls that are heard; of a contact its first ball.
-    directions : (n_r, 3) unit vectors along which receivers are heard; of a contact its normal.
-    error : (n_f,) error of the values at each frequency, over the largest of them.
+    receivers : (n_r,) indices of the balls that are heard, or of the bodies with sensors; of a
+        contact (i, j) the index i.
+    directions : (n_r, 3) unit vectors along which receivers are heard; of a contact (i, j) the
+        normal from i to j.
+    error : (n_f,) error of the values at each frequency, over the largest of them; of forces that
+        are all zero the error of the elongations, over the largest elongation.
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without a space.
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
         losses; and one if contacts are more viscous than stiff, which suggests that the damping,
         a time, was meant in another unit.
-    partners : (n_r,) indices of the second balls of contacts that are heard, -1 of balls and walls;
-        None if no force is heard.
+    partners : (n_r,) index j of each contact (i, j) that is heard, -1 for sensors in balls and
+        walls; None if no force is heard.
     """
 
     _notebook_fields = ("method",)
@@ -212,7 +220,9 @@ class Response(Result, array="values"):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """(n_r,) name of each receiver, such as "ball 3" or "contact 3-4"."""
+        """(n_r,) name of each receiver, such as "ball 3", also for a wall of the index 3, or
+        "contact 3-4".
+        """
         partners = np.full(len(self.receivers), -1) if self.partners is None else self.partners
         pairs = zip(self.receivers.tolist(), partners.tolist(), strict=True)
         return tuple(f"ball {i}" if j < 0 else f"contact {i}-{j}" for i, j in pairs)
@@ -264,14 +274,19 @@ class Response(Result, array="values"):
         """
         return self.peaks_of_means([[place] for place in range(len(self.receivers))])
 
-    def peaks_of_means(self, groups: Sequence[Any]) -> tuple[Peaks, ...]:
+    def peaks_of_means(self, groups: Any) -> tuple[Peaks, ...]:
         """Return the :attr:`peaks` of means over receivers, such as the balls of a plane.
 
-        ``groups`` has for each mean the positions of its receivers among those of the response, as
-        a list or a slice. Raises :class:`~granphon.base.errors.InputError` for a group that is
-        neither, for one without a receiver, and for receivers that are not there.
+        ``groups`` is a list that has for each mean the positions of its receivers among those of
+        the response, as a list or a slice; without a mean there are no peaks. Raises
+        :class:`~granphon.base.errors.InputError` if ``groups`` is no list, for a group that is
+        neither a list nor a slice, for one without a receiver or with a receiver twice, and for
+        receivers that are not there.
         """
-        if not groups:
+        if not isinstance(groups, Sequence | np.ndarray):
+            mend = "Give a list that has for each mean a list of positions of receivers, or a slice"
+            raise InputError(f"groups is {brief(groups)}", mend=mend)
+        if not len(groups):
             return ()
         positions_of_groups = [self._find_positions(group) for group in groups]
 
@@ -345,12 +360,12 @@ def require_places(
     directions of a source or receiver for a response of this ``quantity``.
 
     ``name`` is "source" or "receiver", ``value`` is that argument of ``Waves.response``, and
-    ``options`` are the further arguments of :class:`Places`.
+    ``options`` are the further arguments of :class:`Places`, whose errors are raised too.
     """
     places = Places(network, **options)
     if name == "source":
-        is_held = places.find_quantity(quantity, value) in OF_MOVED_WALL
-        places.find(name, value, held=is_held)
+        is_moved = places.find_quantity(quantity, value) in OF_MOVED_WALL
+        places.find(name, value, wants_held=is_moved)
     elif quantity in OF_FORCE:
         places.find_sensors(value)
     else:
@@ -364,7 +379,8 @@ class ResponseOptions(NamedTuple):
     ----------
     quantity : one of :data:`QUANTITIES`.
     method : one of :data:`METHODS`, or None for the faster one.
-    tolerance : bound of the error at which a Krylov space ends.
+    tolerance : bound of the error, over the largest value at a frequency, at which a Krylov space
+        ends; above zero and below 1.
     """
 
     quantity: str
@@ -376,10 +392,16 @@ class ResponseOptions(NamedTuple):
         """Return the options of these arguments of ``Waves.response``.
 
         Raises :class:`~granphon.base.errors.InputError` for other words, and a tolerance that is
-        not above zero.
+        not above zero and below 1.
         """
         quantity = one_of("quantity", quantity, QUANTITIES)
-        tolerance = positive("tolerance", tolerance, "")
+        tolerance = positive("tolerance", tolerance)
+        if tolerance >= 1.0:
+            raise InputError(
+                f"tolerance is {tolerance:g}",
+                "With an error as large as the response nothing is known of the response",
+                "Give a number below 1",
+            )
         if method is not None:
             method = one_of("method", method, METHODS)
         return cls(quantity, method, tolerance)
@@ -407,23 +429,12 @@ def find_response(
     places.require_use(source, receiver)
     options = options._replace(quantity=places.find_quantity(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
-    sources, pushes = places.find("source", source, held=is_moved)
-    sensors: list[Sensor] = []  # none where balls are heard
-    partners = None
-    if options.quantity in OF_FORCE:
-        sensors = places.find_sensors(receiver)
-        receivers = np.array([sensor.body for sensor in sensors])
-        directions = np.array([sensor.direction for sensor in sensors])
-        partners = np.array([sensor.partner for sensor in sensors])
-    else:
-        receivers, directions = places.find("receiver", receiver)
+    sources, pushes = places.find("source", source, wants_held=is_moved)
+    receivers = _Receivers.of(places, receiver, options.quantity)
     driven = _DrivenNetwork.of(find_operator(), losses, (sources, pushes), is_moved)
-    if sensors:
-        problem = _Problem.of_sensors(driven, sensors)
-    else:
-        problem = _Problem.of_balls(driven, receivers, directions)
+    problem = receivers.make_problem(driven)
     require_memory(
-        f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
+        f"responses of {len(receivers.bodies):,} receivers at {hertz.size:,} frequencies",
         _RESPONSE_BYTES * hertz.size * (1.0 + len(problem.heard_motions)),
         "Take fewer frequencies",
     )
@@ -438,15 +449,62 @@ def find_response(
         quantity=options.quantity,
         sources=sources,
         pushes=pushes,
-        receivers=receivers,
-        directions=directions,
+        receivers=receivers.bodies,
+        directions=receivers.directions,
         error=solution.error,
         factorisations=solution.factorisations,
         steps=solution.steps,
         warnings=warnings,
-        partners=partners,
+        partners=receivers.partners,
     )
-    if not losses.is_none:  # without losses a peak has no height
+    _attach_functions(response, problem, options)
+    return response
+
+
+class _Receivers(NamedTuple):
+    """The n_r receivers of a response.
+
+    Attributes
+    ----------
+    bodies : (n_r,) indices of the balls that are heard, or of the bodies with sensors.
+    directions : (n_r, 3) unit vectors along which receivers are heard.
+    sensors : the sensors of force; empty if balls are heard.
+    """
+
+    bodies: Index
+    directions: Array
+    sensors: Sequence[Sensor]
+
+    @classmethod
+    def of(cls, places: Places, receiver: Any, quantity: str) -> _Receivers:
+        """Return the receivers that the argument ``receiver`` of ``Waves.response`` means for a
+        response of this ``quantity``; raises what the methods of ``places`` raise.
+        """
+        if quantity not in OF_FORCE:
+            return cls(*places.find("receiver", receiver), sensors=())
+        sensors = places.find_sensors(receiver)
+        bodies = np.array([sensor.body for sensor in sensors])
+        return cls(bodies, np.array([sensor.direction for sensor in sensors]), sensors)
+
+    @property
+    def partners(self) -> Index | None:
+        """(n_r,) indices of the second bodies of contacts, -1 for other sensors; None if balls are
+        heard.
+        """
+        return np.array([sensor.partner for sensor in self.sensors]) if self.sensors else None
+
+    def make_problem(self, driven: _DrivenNetwork) -> _Problem:
+        """Return the equations of the ``driven`` network with these receivers."""
+        if self.sensors:
+            return _Problem.of_sensors(driven, self.sensors)
+        return _Problem.of_balls(driven, self.bodies, self.directions)
+
+
+def _attach_functions(response: Response, problem: _Problem, options: ResponseOptions) -> None:
+    """Give the ``response`` of a ``problem`` with these ``options`` the functions that compute its
+    derivatives and, unless nothing loses energy, its values at other frequencies.
+    """
+    if not problem.losses.is_none:  # without losses a peak has no height
 
         def solve(frequencies: Array) -> Complex:
             """Return the values (n_f, n_r) at other frequencies (n_f,), Hz."""
@@ -456,10 +514,9 @@ def find_response(
 
     def find_slopes() -> ResponseSensitivities:
         """Return the derivatives of the response."""
-        return problem.find_sensitivities(hertz, options.quantity)
+        return problem.find_sensitivities(response.frequencies, options.quantity)
 
     object.__setattr__(response, "_find_slopes", (find_slopes,))
-    return response
 
 
 def _solve_for_quantity(
@@ -509,7 +566,16 @@ class Places:
     are pushed and heard.
 
     ``direction``, ``polarisation`` and ``distance``, m, of planes are arguments of
-    ``Waves.response``, None where they are not given.
+    ``Waves.response``, None where they are not given. The constructor raises
+    :class:`~granphon.base.errors.InputError` for what is no direction, and for a distance that is
+    not above zero; a polarisation is read where a plane has it.
+
+    Attributes
+    ----------
+    network : the network.
+    along : (3,) unit vector across the planes.
+    polarisation : word or vector of the motion of planes.
+    distance : distance of the receiving plane, m, or None.
     """
 
     def __init__(
@@ -547,30 +613,29 @@ class Places:
         """Return the quantity of a response: the given ``quantity``, or "stiffness" in place of
         "force" if all bodies of the ``source`` are held, as these are moved and not pushed.
 
-        Raises :class:`~granphon.base.errors.InputError` for a source of a force that cannot be
-        read.
+        Raises what :meth:`_read_item` raises for the source of a force.
         """
         if quantity != "force":
             return quantity
         moving = self.network.moving
-        balls = [self._read_item("source", item, held=False)[0] for item in _list_items(source)]
-        is_held = bool(balls) and not np.any(moving[np.concatenate(balls)])
+        items = [self._read_item("source", item) for item in _list_items(source)]
+        is_held = bool(items) and not any(np.any(moving[balls]) for balls, _ in items)
         return "stiffness" if is_held else "force"
 
     def find_sensors(self, value: Any) -> list[Sensor]:
         """Return the sensors of force of a receiver or a list of receivers, ``value``: a contact
-        (i, j), the floor, or balls and bodies with a direction.
+        (i, j), the floor, a plane, or balls and bodies with a direction.
 
-        Raises :class:`~granphon.base.errors.InputError` if there is no receiver, for balls that are
-        not there or do not touch, for no floor or several, and if no motion of balls changes the
-        forces.
+        Raises :class:`~granphon.base.errors.InputError` if there is no receiver, for two balls that
+        do not touch or touch more than once, for a body without a contact along its direction, and
+        if no motion of balls changes the forces; and what :meth:`_read_item` raises.
         """
         sensors = list[Sensor]()
         for item in _list_items(value):
             if is_contact(item):
                 sensors.append(self._sensor_places.at_contact(*item))
                 continue
-            bodies, direction = self._read_item("receiver", item, held=False)
+            bodies, direction = self._read_item("receiver", item)
             sensors += [self._sensor_places.in_body(body, direction) for body in bodies.tolist()]
         if not sensors:
             raise InputError(
@@ -585,20 +650,19 @@ class Places:
             )
         return sensors
 
-    def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
+    def find(self, name: str, value: Any, wants_held: bool = False) -> tuple[Index, Array]:
         """Return the balls (n,) and the unit vectors (n, 3) of a source or receiver.
 
-        ``value`` is the argument of ``Waves.response`` with this ``name``, one item or a list; all
-        of its bodies must be ``held``, or all must move. Raises
-        :class:`~granphon.base.errors.InputError` if there is no ball, for balls that are not there,
-        directions in which balls do not move, and bodies that move where all must be held, or the
-        reverse.
+        ``value`` is the argument of ``Waves.response`` with this ``name``, one item or a list. With
+        ``wants_held`` all of its bodies must be held, and else all must move. Raises
+        :class:`~granphon.base.errors.InputError` if there is no ball, and for directions in which
+        balls do not move; and what :meth:`_read_item` and :meth:`_require_mobility` raise.
         """
         items = _list_items(value)
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
         for item in items:
-            item_balls, vector = self._read_item(name, item, held=held)
+            item_balls, vector = self._read_item(name, item, wants_held=wants_held)
             require_moves(name, vector, self.network)
             balls.append(item_balls)
             vectors.append(np.tile(vector, (len(item_balls), 1)))
@@ -607,18 +671,20 @@ class Places:
             raise InputError(
                 f"there is no {name}", mend="Give (ball, direction), or a list of these"
             )
-        self._require_mobility(name, all_balls, held)
+        self._require_mobility(name, all_balls, wants_held)
         return all_balls, np.concatenate(vectors)
 
-    def _read_item(self, name: str, item: Any, *, held: bool) -> tuple[Index, Array]:
+    def _read_item(self, name: str, item: Any, *, wants_held: bool = False) -> tuple[Index, Array]:
         """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver,
-        the argument ``name``: "plane", "floor", or (ball, direction); ``held`` says that a plane is
-        one of held bodies.
+        the argument ``name``: "plane", "floor", or (ball, direction); ``wants_held`` says that a
+        plane is one of held bodies.
 
-        Raises :class:`~granphon.base.errors.InputError` for any other item.
+        Raises :class:`~granphon.base.errors.InputError` for any other item, for balls that are not
+        there, a wrong direction, no floor or several, and a polarisation in which the balls of a
+        plane do not move; and what :meth:`_find_plane` raises.
         """
         if is_plane(item):
-            balls = self._find_plane(name, held)
+            balls = self._find_plane(name, wants_held)
             return balls, read_push(self.network, self.along, self.polarisation)
         if isinstance(item, str) and item == FLOOR:
             floor = self._sensor_places.find_floor()
@@ -636,27 +702,28 @@ class Places:
         mend = "Give (ball, direction), (balls, direction), 'plane', 'floor', or a list of these"
         raise InputError(f"the {name} is {brief(item)}", mend=mend)
 
-    def _require_mobility(self, name: str, balls: Index, held: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless the ``balls`` (n,) move; or, with
-        ``held``, unless they do not move and touch balls that move.
+    def _require_mobility(self, name: str, balls: Index, wants_held: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless all ``balls`` (n,) of the argument
+        ``name`` move; or, with ``wants_held``, unless all are held and one of them touches a ball
+        that moves.
         """
         network = self.network
-        unfit = balls[network.moving[balls] == held]
-        if unfit.size and held:
+        unfit_balls = balls[network.moving[balls] == wants_held]
+        if unfit_balls.size and wants_held:
             raise InputError(
-                f"ball {unfit[0]} of the {name} moves",
+                f"ball {unfit_balls[0]} of the {name} moves",
                 "A wall or floor is moved here, and no ball",
                 "Give a body of infinite mass",
             )
-        if unfit.size:
+        if unfit_balls.size:
             raise InputError(
-                f"ball {unfit[0]} of the {name} does not move",
+                f"ball {unfit_balls[0]} of the {name} does not move",
                 "It is held: its mass is infinite",
                 "Ask for the transmissibility, to move it" if name == "source" else "",
             )
         is_i_touching = np.isin(network.i, balls) & network.moving[network.j]
         is_j_touching = np.isin(network.j, balls) & network.moving[network.i]
-        if held and not np.any(is_i_touching | is_j_touching):
+        if wants_held and not np.any(is_i_touching | is_j_touching):
             fault = f"the {name} touches no ball that moves"
             mend = "Give those balls of the wall that touch others"
             raise InputError(fault, "Nothing moves when it does", mend)
@@ -674,18 +741,19 @@ class Places:
             return np.asarray(np.eye(3)[axis])
         return read_vector("direction", value, self.network.dimension)
 
-    def _find_plane(self, name: str, held: bool) -> Index:
+    def _find_plane(self, name: str, wants_held: bool) -> Index:
         """Return the balls (n,) of a plane across the direction.
 
         The plane of a source (``name`` "source") is the first one. That of a receiver is at the
-        given distance from the first one, or without a distance the last one. If ``held``, the
-        plane is the first one of held bodies.
+        given distance from the first one, or without a distance the last one. With ``wants_held``
+        the plane is the first one of held bodies.
 
         Raises :class:`~granphon.base.errors.InputError` for a receiver without a distance in a
-        network that repeats along the direction, and if there is no such plane or body.
+        network that repeats along the direction, and if there is no such plane or body; and what
+        :meth:`Course.along` raises.
         """
         course = Course.along(self.network, self.along)
-        if held:
+        if wants_held:
             return self._find_held_plane(course)
         places = course.places[self.network.moving]
         first_place = float(np.min(places))
@@ -782,14 +850,16 @@ class ResponseWork:
     @cached_property
     def even_losses(self) -> tuple[float, float, float] | None:
         """The loss factor eta, the time tau, s, and the drag gamma, 1/s, of all contacts and
-        motions; None if they differ, or if static forces act together with losses of contacts.
+        motions; None if they differ, or if contacts lose energy beside static forces or springs to
+        the ground, which lose none.
         """
         return self.losses.find_even()
 
     @cached_property
     def row_losses(self) -> Array:
         """(2, rows) loss factors eta, and times tau, s, of all deformations that resist motions:
-        those of springs, and those of static forces that pull, whose losses are zero.
+        those of contacts; and those of springs to the ground and of static forces that pull, whose
+        losses are zero.
         """
         factors = self.operator.row_weights(self.losses.factors)
         times = self.operator.row_weights(self.losses.times)
@@ -826,7 +896,7 @@ class ResponseWork:
         """
         strongest_dashpot = float(np.max(self.row_losses[1])) * self.operator.top
         strongest = strongest_dashpot + float(np.max(self.drags))
-        return self.is_first_order and strongest > _STRONGEST_SYMMETRIC
+        return self.is_first_order and strongest > _STRONGEST_LOSS
 
     @cached_property
     def why_no_space(self) -> str:
@@ -835,8 +905,8 @@ class ResponseWork:
             return ""
         if self.operator.whole is not None:
             return "Static tangential forces, or levers of slip that exceed arms, have no potential"
-        loses_none = np.sum(self.row_losses, axis=0) == 0.0
-        has_lossless_motions = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
+        is_lossless = np.sum(self.row_losses, axis=0) == 0.0
+        has_lossless_motions = bool(np.any(is_lossless)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
 
     @property
@@ -917,7 +987,7 @@ class ResponseWork:
             raise InputError(
                 "no Krylov space serves all frequencies", self.why_no_space, "Use the direct method"
             )
-        is_small = method is None and self.operator.size <= _ALWAYS_FACTORISED
+        is_small = method is None and self.operator.size <= _MOST_FACTORISED_MOTIONS
         if method == "direct" or self.why_no_space or is_small:
             if not math.isfinite(self.factor_time):
                 raise self._explain_no_factors()
@@ -1001,12 +1071,13 @@ class ResponseWork:
 
         methods = []
         if math.isfinite(steps):
-            methods.append(f"a Krylov space takes about {write_duration(steps * self.step_time)}")
+            duration = write_duration(steps * self.step_time)
+            methods.append(f"a Krylov space takes {duration} by estimate")
         if math.isfinite(self.factor_time):
             count = self.omega.size
             duration = write_duration(self.factor_time * count)
             frequencies = counted(count, "frequency", "frequencies")
-            methods.append(f"factors at {frequencies} take about {duration}")
+            methods.append(f"factors at {frequencies} take {duration} by estimate")
         return methods
 
     def _suggest_damping(self) -> str:
@@ -1025,8 +1096,8 @@ class ResponseWork:
             seconds = steps * damped_work.step_time
             if steps <= _MOST_STEPS and seconds <= _LONGEST_TIME:
                 return (
-                    f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
-                    f" {write_duration(seconds)}"
+                    f"Damp all contacts alike and more: a loss_factor of {eta:g} takes"
+                    f" {write_duration(seconds)} by estimate"
                 )
         return "Leave out the lowest frequencies, or take a smaller network"
 
@@ -1097,7 +1168,7 @@ class _SensorReadings:
     def find_factors(self, omega: Any) -> NDArray[Any]:
         """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over the
         stiffnesses without losses; (n_h,) if ``omega`` is a number. The ratios are complex if a
-        contact loses energy, and else real.
+        contact loses energy at one of these frequencies, and else real.
         """
         losses = self.factors + np.asarray(omega)[..., None] * self.times
         return np.asarray(1.0 + 1j * losses if np.any(losses) else np.ones_like(losses))
@@ -1113,6 +1184,7 @@ class _SensorReadings:
         largest_elongation = np.max(np.abs(solution.values), axis=1)
         force_error = largest_elongation * np.max(np.abs(stiffness) @ self.weights.T, axis=1)
         loudest = np.max(np.abs(forces), axis=1)
+        # forces that are all zero leave nothing to divide by, and keep the error of the elongations
         growth = np.divide(force_error, loudest, out=np.ones_like(loudest), where=loudest > 0.0)
         return solution._replace(values=forces, error=solution.error * growth)
 
@@ -1212,6 +1284,11 @@ class _Problem:
         """The losses of the network."""
         return self.driven.losses
 
+    @property
+    def n_receivers(self) -> int:
+        """Number of receivers of the response: sensors, or balls."""
+        return len(self.heard_motions) if self.sensors is None else len(self.sensors.weights)
+
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, to the
@@ -1235,14 +1312,10 @@ class _Problem:
         has_factors = math.isfinite(work.factor_time)
         may_factorise = method is None and has_factors
         if krylov_rows.size:
-            expected_steps = float(np.max(work.steps[krylov_rows]))
-            # a space that takes twice as many steps as expected leaves the rest to factors
-            most_steps = 2.0 * expected_steps if may_factorise else math.inf
             krylov_work = replace(work, omega=omega[krylov_rows])
-            with self.operator.progress.step("response", expected_steps) as step:
-                values[krylov_rows], error[krylov_rows], steps = self._solve_in_space(
-                    krylov_work, most_steps, step
-                )
+            values[krylov_rows], error[krylov_rows], steps = self._solve_in_space(
+                krylov_work, may_factorise
+            )
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         is_imprecise = np.isfinite(error) & (error > max(_WARNED_ERROR, tolerance))
@@ -1369,12 +1442,12 @@ class _Problem:
         return apply
 
     def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
-        """Return the source (size + rows,) of velocities and deformations; ``spring`` and ``times``
-        are those of :meth:`_make_first_order_product`.
+        """Return the source (size + rows,) of velocities and deformations, that of a wall over its
+        factor i omega; ``spring`` and ``times`` are those of :meth:`_make_first_order_product`.
         """
         if not self.driven.is_moved:
             return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])
-        # (H - i w) (v, y) = i omega (-A^T tau s, spring s), if walls stretch the rows of A by s
+        # if walls stretch the rows of A by s, it is (-A^T tau s, top spring s)
         stretches = self.operator.stretch(self.driven.amplitude)
         ball_source = -self.operator.parts.pull(times * stretches)
         deformation_source = self.operator.top * spring * stretches
@@ -1422,7 +1495,7 @@ class _Problem:
                 x += change
                 previous = signals
                 signals = self._listen(x) + self.shift
-                loudest = np.max(np.abs(signals)) or 1.0
+                loudest = np.max(np.abs(signals)) or 1.0  # signals that are all zero: no quotient
                 error = float(np.max(np.abs(signals - previous)) / loudest)
                 is_corrected = number > 0
                 if is_corrected and error <= TOLERANCE:
@@ -1439,15 +1512,29 @@ class _Problem:
         return signals, error
 
     def _solve_in_space(
-        self, work: ResponseWork, most_steps: float, step: Step
+        self, work: ResponseWork, may_factorise: bool
     ) -> tuple[Complex, Array, int]:
         """Return the signals (n_f, n_r) at the frequencies of the ``work`` and their errors (n_f,),
-        by a Krylov space, and the number of its steps.
+        by a Krylov space, and the number of its steps, of which the progress of the operator is
+        told.
+
+        The space ends at the latest after :data:`_MOST_STEPS`, and if factors ``may_factorise``
+        what it leaves, after twice as many steps as are expected.
+        """
+        expected_steps = float(np.max(work.steps))
+        most_steps = 2.0 * expected_steps if may_factorise else math.inf
+        with self.operator.progress.step("response", expected_steps) as step:
+            return self._build_space(work, min(most_steps, _MOST_STEPS), step)
+
+    def _build_space(
+        self, work: ResponseWork, most_steps: float, step: Step
+    ) -> tuple[Complex, Array, int]:
+        """Return what :meth:`_solve_in_space` returns, by a space of up to ``most_steps``; the
+        progress ``step`` is told of each step.
 
         A frequency is found when its error is within the tolerance, or is rounding alone; errors of
-        frequencies that are not found are infinite. The space ends at the latest after
-        ``most_steps`` or :data:`_MOST_STEPS`; the progress ``step`` is told of each step. If the
-        source is zero, no step is taken, and errors are zero.
+        frequencies that are not found are infinite. If the source is zero, no step is taken, and
+        errors are zero.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
@@ -1460,7 +1547,7 @@ class _Problem:
         # residual, over the source, at which the next solution of each frequency is tried
         trial_residual = np.full(n_frequencies, _FIRST_TRIAL)
         is_sought = np.isfinite(space.bound)
-        while process.steps < min(most_steps, _MOST_STEPS):
+        while process.steps < most_steps:
             process.advance()
             step.advance()
             if process.is_degenerate:
@@ -1473,7 +1560,7 @@ class _Problem:
                 error[number] = trial.rounding + trial.truncation
                 trial_residual[number] = trial.find_next_residual(process, work.tolerance)
                 is_sought[number] = trial_residual[number] > 0.0
-            may_improve = is_sought & (process.last_entry < _DIVERGED)
+            may_improve = is_sought & (process.last_entry < _LARGEST_ENTRY)
             if process.is_complete or not np.any(may_improve):
                 break
         error[is_sought] = np.inf
@@ -1482,43 +1569,58 @@ class _Problem:
     @single_products()
     def find_sensitivities(self, hertz: Array, quantity: str) -> ResponseSensitivities:
         """Return the derivatives of the response in a ``quantity`` at frequencies ``hertz`` (n_f,),
-        Hz, by factors at each frequency and an adjoint solution for each receiver; see
-        :attr:`Response.sensitivities` for what is raised.
+        Hz, by factors at each frequency and an adjoint solution for each receiver.
+
+        Raises :class:`~granphon.base.errors.InputError` if the derivatives do not fit into memory,
+        and at the frequency of a mode that loses no energy;
+        :class:`~granphon.base.errors.ConvergenceError` for a network too large to be factorised.
         """
         omega = 2.0 * math.pi * hertz
-        work = ResponseWork(self.operator, self.losses, omega, TOLERANCE)
+        work = ResponseWork(self.operator, self.losses, omega)
         work.choose("direct")  # raises the error of a network too large for factors
         amplitude = self.driven.amplitude
-        moved = amplitude if self.driven.is_moved else np.zeros_like(amplitude)
-        slopes = ResponseSlopes(self.operator, self.losses, moved)
-        sensors = self.sensors
-        count = len(self.heard_motions) if sensors is None else len(sensors.weights)
-        slopes.require_memory(hertz.size * count)
+        wall_motions = amplitude if self.driven.is_moved else np.zeros_like(amplitude)
+        slopes = ResponseSlopes(self.operator, self.losses, wall_motions)
+        slopes.require_memory(hertz.size * self.n_receivers)
         signal_vectors = self._make_signal_vectors()
         equations = _Equations(self)
-        # for each field its derivatives at each frequency, None for a field without derivatives
-        fields: dict[str, list[Any]] = {}
-        for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
-            receiver_vectors = signal_vectors
-            if sensors is not None:
-                receiver_vectors = signal_vectors @ sensors.find_weights(w)
-            motions = self._solve_adjoint(equations, w, receiver_vectors)
-            x = motions[:, 0]
-            derivatives = slopes.find(x, motions[:, 1:], frequency)
-            if sensors is not None:
-                elongations = self._listen(x) + self.shift
-                # the stiffness of a heard contact also turns its elongation into a force
-                reading_slopes = sensors.find_stiffness_slopes(w, elongations)
-                derivatives["normal_stiffness"][:, sensors.contacts] += reading_slopes
-            rate = (1j * w) ** _DERIVATIVES.get(quantity, 0)
-            for name, values in derivatives.items():
-                fields.setdefault(name, []).append(None if values is None else rate * values)
-        stacked: dict[str, Any] = {
-            name: None if values[0] is None else np.array(values, complex)
-            for name, values in fields.items()
-        }
+        order = _DERIVATIVES.get(quantity, 0)
+        slopes_of_frequencies = []
+        for w in omega.tolist():
+            derivatives = self._differentiate(equations, slopes, signal_vectors, w)
+            rate = (1j * w) ** order  # from displacements to their derivatives by the time
+            slopes_of_frequencies.append(
+                {name: rate * values for name, values in derivatives.items()}
+            )
+        fields: dict[str, Any] = {"normal_force": None}  # as it is without prestress
+        for name in slopes_of_frequencies[0]:
+            values = [of_frequency[name] for of_frequency in slopes_of_frequencies]
+            fields[name] = np.array(values, complex)
         unit = QUANTITIES[quantity]
-        return ResponseSensitivities(**stacked, frequencies=hertz, quantity_unit=unit)
+        return ResponseSensitivities(**fields, frequencies=hertz, quantity_unit=unit)
+
+    def _differentiate(
+        self, equations: _Equations, slopes: ResponseSlopes, signal_vectors: Array, w: float
+    ) -> dict[str, NDArray[Any]]:
+        """Return the derivatives of displacements, or of the forces of sensors, at the angular
+        frequency ``w``, rad/s, by the names of fields, as :meth:`ResponseSlopes.find` does.
+
+        ``signal_vectors`` (size, n) are those of :meth:`_make_signal_vectors`. Raises what
+        :meth:`_solve_adjoint` raises.
+        """
+        sensors = self.sensors
+        if sensors is None:
+            motions = self._solve_adjoint(equations, w, signal_vectors)
+            return slopes.find(motions[:, 0], motions[:, 1:], w)
+        sensor_vectors = signal_vectors @ sensors.find_weights(w)
+        motions = self._solve_adjoint(equations, w, sensor_vectors)
+        x = motions[:, 0]
+        derivatives = slopes.find(x, motions[:, 1:], w)
+        elongations = self._listen(x) + self.shift
+        # the stiffness of a heard contact also turns its elongation into a force
+        reading_slopes = sensors.find_stiffness_slopes(w, elongations)
+        derivatives["normal_stiffness"][:, sensors.contacts] += reading_slopes
+        return derivatives
 
     def _make_signal_vectors(self) -> Array:
         """Return the vectors e (size, n_r) of receivers: the signal of each, without its shift, is
@@ -1555,8 +1657,8 @@ class _Problem:
         return np.asarray(motions + change)
 
     @cached_property
-    def _greatest_signal(self) -> float:
-        """The greatest signal that motions x of norm one can make in any receiver."""
+    def _signal_bound(self) -> float:
+        """A bound of the signals that motions x of norm one make in any receiver."""
         return float(np.max(np.linalg.norm(self.motion_weights, axis=1)))
 
     def _try_solution(self, process: _KrylovProcess, number: int) -> _Trial:
@@ -1574,7 +1676,7 @@ class _Problem:
         )
         signals = space_signals + space.direct_signals[number]
         residual = process.find_residual(number)
-        bound = abs(scale) * self._greatest_signal * residual * space.bound[number]
+        bound = abs(scale) * self._signal_bound * residual * space.bound[number]
         # the first vectors may not reach the receivers: then the bound stands for their signals
         loudest = float(np.max(np.abs(signals))) or bound or 1.0
         rounding_of_vectors = np.finfo(float).eps * math.sqrt(steps) * process.growth
@@ -1695,12 +1797,12 @@ class _KrylovProcess:
         self.steps = 0
         self._listen = listen
         self._add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy  # y + a x, in place of y
-        self._previous = np.zeros_like(space.start)
-        self._current = space.start / self.size
-        self._following = self._current
-        first_signals = listen(self._current)
+        self._previous_vector = np.zeros_like(space.start)
+        self._vector = space.start / self.size
+        self._next_vector = self._vector
+        first_signals = listen(self._vector)
         self.bands = np.zeros((3, _FIRST_ROOM), complex)
-        self.signals = np.zeros((_FIRST_ROOM, first_signals.size), self._current.dtype)
+        self.signals = np.zeros((_FIRST_ROOM, first_signals.size), self._vector.dtype)
         self._pivot = np.ones(space.shifts.size, complex)  # last pivots of the shifted matrices
         self.last_entry = np.ones(space.shifts.size)
         self._below: Any = 1.0  # last entry below the diagonal
@@ -1718,20 +1820,20 @@ class _KrylovProcess:
         ends.
         """
         if self.steps:
-            self._previous = self._current
-            self._current = self._following
-            self._current /= self._below
+            self._previous_vector = self._vector
+            self._vector = self._next_vector
+            self._vector /= self._below
         self._make_room()
         product = self.space.product
-        self.signals[self.steps] = self._listen(self._current)
-        following = self.space.apply(self._current)
-        above = product(self._previous, following)
-        following = self._add(self._previous, following, a=-above)
-        diagonal = product(self._current, following)
-        following = self._add(self._current, following, a=-diagonal)
+        self.signals[self.steps] = self._listen(self._vector)
+        following = self.space.apply(self._vector)
+        above = product(self._previous_vector, following)
+        following = self._add(self._previous_vector, following, a=-above)
+        diagonal = product(self._vector, following)
+        following = self._add(self._vector, following, a=-diagonal)
         self._eliminate(above, diagonal)  # with the entry below the last diagonal one
         self._below = np.sqrt(product(following, following))
-        self._following = following
+        self._next_vector = following
         self.bands[:, self.steps] = (above, diagonal, self._below)
         self.steps += 1
         self._check_end(abs(diagonal))
@@ -1753,18 +1855,18 @@ class _KrylovProcess:
         rounding = max(numbers.eps * max(self.largest, abs(diagonal)), numbers.tiny)
         self._pivot = np.where(pivot == 0.0, rounding, pivot)
         quotient = np.abs(self._below / self._pivot)
-        self.last_entry = np.minimum(self.last_entry * quotient, _DIVERGED)
+        self.last_entry = np.minimum(self.last_entry * quotient, _LARGEST_ENTRY)
 
     def _check_end(self, diagonal_size: float) -> None:
         """Set whether the space is complete or degenerate, and the greatest sizes so far;
         ``diagonal_size`` is the size of the last entry on the diagonal.
         """
-        self.length = math.sqrt(np.vdot(self._following, self._following).real)
+        self.length = math.sqrt(np.vdot(self._next_vector, self._next_vector).real)
         self.largest = max(self.largest, self.length, diagonal_size)
-        self.is_complete = self.length <= _COMPLETE * self.largest
+        self.is_complete = self.length <= _LEAST_LENGTH * self.largest
         if self.is_complete:
             return
-        self.is_degenerate = abs(self._below) <= _DEGENERATE * self.length
+        self.is_degenerate = abs(self._below) <= _LEAST_SELF_PRODUCT * self.length
         if not self.is_degenerate:
             self.growth = max(self.growth, (self.length / abs(self._below)) ** 2)
 

@@ -45,27 +45,27 @@ from granphon.waves.slices import count_slice_bytes, find_slices, require_slices
 
 #: distance, over the diameter, up to which a ball of the strip stands in the place of a ball of a
 #: lead
-_SAME_SITE = 0.1
+_SITE_TOLERANCE = 0.1
 #: imbalance of transmitted and reflected energy, over the energy that comes, up to which the
 #: imbalance is rounding
-_BALANCED = 1e-6
+_LARGEST_IMBALANCE = 1e-6
 #: most entries of the matrices of leads at those frequencies whose waves are found together: 700 MB
 _ENTRIES_AT_ONCE = 6_000_000
-#: most steps of the fit of energies that fall with the length; each changes logarithms by at most
-#: one
+#: most steps of the fit of energies that fall with the length; each changes the level, and the
+#: rate times the span of lengths, by at most one
 _ROUNDS = 60
-#: change of the logarithms with which a fit is settled
-_SETTLED = 1e-9
+#: change of the level, and of the rate times the span, below which a fit is settled
+_LARGEST_CHANGE = 1e-9
 #: determinant of the curvatures of a fit, over the product of those along level and along rate,
 #: below which level and rate are not told apart
-_SINGULAR = 1e-12
+_LEAST_DETERMINANT = 1e-12
 #: largest size of a logarithm of an energy
-_FAR = 300.0
+_LARGEST_LOGARITHM = 300.0
 #: greatest relative difference of the periods of strip and lead along the layers
-_SAME_PERIOD = 0.01
+_PERIOD_TOLERANCE = 0.01
 #: height above the outermost ball that moves, over the diameter, from which a held ball lies beyond
 #: the strip: it is between the heights of a ball of the same layer and one of the next
-_BEYOND = 0.6
+_LEAST_HEIGHT = 0.6
 
 
 @result_class
@@ -150,17 +150,19 @@ def transmission(
     progress : is told how many frequencies are done. ``gp.Waves(middle).estimate("transmission",
         left, right, frequencies, ...)`` says beforehand how long they take.
 
-    A strip may be of any length: beyond 12,000 motions in space, 300,000 in a plane, it is taken
-    slice by slice, in a time that goes as its length and as the cube of the number of motions
-    across. Dense matrices of the motions of a slice, and of a layer of the leads, must fit into
-    memory.
+    A strip may be of any length: beyond 12,000 motions in space, 300,000 in a plane and 1,000,000
+    on a line, it is taken slice by slice, in a time that goes as its length and as the cube of the
+    number of motions across. Dense matrices of the motions of a slice, and of a layer of the leads,
+    must fit into memory.
 
     Raises
     ------
-    InputError : a lead without the axis as a period; leads or a strip that do not fit; a floor or
-        clamped balls between them; leads or a strip too wide for the memory; wrong numbers.
-    PrecisionError : a frequency at the very edge of a band, or where without losses the two parts
-        do not add up, to 1e-6, to what comes.
+    InputError : a lead without the axis as a period; leads or a strip that do not fit, or with
+        other motions of balls; a floor or clamped balls between them; a strip with static
+        tangential forces; leads or a strip too wide for the memory; wrong numbers.
+    PrecisionError : a frequency at the very edge of a band, or so low or high that the waves of the
+        leads cannot be told apart; and one at which without losses the two parts do not add up, to
+        1e-6, to what comes.
     """
     work = TransmissionWork.of(left, middle, right, frequencies, axis, q)
     work.require_memory()
@@ -169,7 +171,18 @@ def transmission(
         operator.network, GivenLosses(damping, loss_factor, drag, dashpot, restitution)
     )
     find_stiffness = _make_stiffness_function(operator, losses, work.first.q)
-    scattered = _scatter_at_all(work, find_stiffness, progress)
+    return _collect(work, losses, _scatter_at_all(work, find_stiffness, progress))
+
+
+def _collect(
+    work: TransmissionWork, losses: Losses, scattered: Sequence[_ScatteredWaves]
+) -> Transmission:
+    """Return the transmission of the ``work``, through a strip with these ``losses``, that is made
+    of the waves ``scattered`` at each frequency.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` if nothing is lost and energy is not
+    conserved.
+    """
     # numbers of waves that run in, and that run out behind the strip
     modes = np.array([waves.passing.shape[::-1] for waves in scattered])
     most_modes = int(modes.max(initial=0))
@@ -183,7 +196,7 @@ def transmission(
         is_running = np.arange(most_modes) < modes[:, :1]
         _require_balance(work.hertz, transmitted + reflected - is_running)
     divisor = np.maximum(modes[:, 0], 1)  # where no wave runs in, the mean is zero
-    n_layers = operator.balls.size / work.first.space.per_layer
+    n_layers = work.operator.balls.size / work.first.space.per_layer
     return Transmission(
         frequencies=work.hertz,
         modes=modes,
@@ -286,13 +299,13 @@ def _stack_matrices(matrices: Sequence[Complex], size: int) -> Complex:
 
 def _require_balance(hertz: Array, excess: Array) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if energy is not conserved, but for
-    rounding, at one of the frequencies ``hertz`` (n_f,), Hz.
+    rounding, at one of the frequencies ``hertz`` (n_f,), Hz, or is not known.
 
     ``excess`` (n_f, m) is, for each wave that runs in, the sum of the parts of its energy that pass
     and that are sent back, less one.
     """
     imbalance = np.max(np.abs(excess), axis=1, initial=0.0)
-    if not np.any(imbalance > _BALANCED):
+    if np.all(imbalance <= _LARGEST_IMBALANCE):  # False for nan
         return
     worst = int(np.argmax(imbalance))
     fault = (
@@ -348,12 +361,7 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     """
     _require_alike(runs)
     first = runs[0]
-    lengths, length_of_run = np.unique([run.length for run in runs], return_inverse=True)
-    n_samples = np.bincount(length_of_run)
-    if len(lengths) < 2 or n_samples.min() < 2:
-        fewest = counted(int(n_samples.min()), "sample")
-        fault = f"the runs have {counted(len(lengths), 'length')}, with {fewest} or more of each"
-        raise InputError(fault, "A fall and its error need two of each", "Give more runs")
+    lengths, runs_of_length = _group_by_length(runs)
     # amplitudes (runs, n_f, m) of a wave that goes on as itself, and total energies (runs, n_f)
     amplitudes = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
     totals = np.array([run.total for run in runs])
@@ -364,7 +372,6 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
-    runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
     amplitudes_of_length = [amplitudes[numbers] for numbers in runs_of_length]
     path, path_error = _fit_paths(lengths, amplitudes_of_length, is_running)
     logs = [np.log(totals[numbers]) for numbers in runs_of_length]
@@ -377,6 +384,23 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
         localisation_length=length,
         localisation_length_error=length_error,
     )
+
+
+def _group_by_length(runs: Sequence[Transmission]) -> tuple[Array, list[Index]]:
+    """Return the lengths (k,), m, of the strips of ``runs``, ascending, and for each length the
+    indices (samples,) of its runs.
+
+    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, and fewer than two
+    samples of a length.
+    """
+    lengths, length_of_run = np.unique([run.length for run in runs], return_inverse=True)
+    runs_of_length = [np.flatnonzero(length_of_run == number) for number in range(len(lengths))]
+    fewest_samples = min(len(numbers) for numbers in runs_of_length)
+    if len(lengths) < 2 or fewest_samples < 2:
+        samples = counted(fewest_samples, "sample")
+        fault = f"the runs have {counted(len(lengths), 'length')}, with {samples} or more of each"
+        raise InputError(fault, "A fall and its error need two of each", "Give more runs")
+    return lengths, runs_of_length
 
 
 def _fit_paths(
@@ -402,8 +426,8 @@ def _require_alike(runs: Any) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless ``runs`` are transmissions with the
     same frequencies and waves.
     """
-    is_list = isinstance(runs, Sequence) and all(isinstance(run, Transmission) for run in runs)
-    if not is_list or len({run.amplitudes.shape for run in runs}) != 1:
+    is_of_runs = isinstance(runs, Sequence) and all(isinstance(run, Transmission) for run in runs)
+    if not is_of_runs or len({run.amplitudes.shape for run in runs}) != 1:
         raise InputError(
             "runs are not transmissions with the same leads", mend="Give results of gp.transmission"
         )
@@ -435,9 +459,9 @@ def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
     ``rate`` (...), 1/m, and its ``error`` (...), 1/m. Length and error are infinite where the rate
     is not above zero.
     """
-    falls = rate > 0.0
-    length = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=falls)
-    relative_error = np.divide(error, rate, out=np.full(rate.shape, np.inf), where=falls)
+    is_falling = rate > 0.0
+    length = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=is_falling)
+    relative_error = np.divide(error, rate, out=np.full(rate.shape, np.inf), where=is_falling)
     return length, length * relative_error
 
 
@@ -464,37 +488,80 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     (quasi-likelihood). If the fit does not settle, or does not tell the level from the rate, the
     signal is above the noise only at the least length, and the error is infinite.
     """
-    counts = np.array([len(samples) for samples in amplitudes], float)
-    means = np.array([samples.mean() for samples in amplitudes])
-    covariances = _find_covariances(amplitudes, means)
-    noise = np.trace(covariances, axis1=1, axis2=2)
-    common_variance = 0.5 * float(np.average(noise, weights=counts - 1.0))
-    squares = np.abs(means) ** 2
-    energies = squares - noise / counts
-    n_pairs = counts * (counts - 1.0)
-    offsets = lengths - np.average(lengths, weights=counts)
+    statistics = _Statistics.of(amplitudes)
+    offsets = lengths - np.average(lengths, weights=statistics.counts)
     # energies are exp(level - rate offset); the fit changes the level, and the rate times the span
-    level, rate = _fit_line(lengths, offsets, squares, counts)
+    level, rate = _fit_line(lengths, offsets, statistics.squares, statistics.counts)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
-        fitted_energies = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
+        logs = np.clip(level - rate * offsets, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM)
+        fitted_energies = np.exp(logs)
         derivatives = np.stack([fitted_energies, -fitted_energies * offsets / span])  # (2, lengths)
-        weights = 1.0 / (fitted_energies / counts + common_variance / n_pairs)
+        weights = statistics.weigh(fitted_energies)
         matrix = derivatives * weights @ derivatives.T
-        if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
+        if np.linalg.det(matrix) <= _LEAST_DETERMINANT * matrix[0, 0] * matrix[1, 1]:
             break
         shares = np.linalg.solve(matrix, derivatives * weights)
-        change = shares @ (energies - fitted_energies)
-        change /= max(1.0, float(np.max(np.abs(change))))  # no logarithm changes by more than one
+        change = shares @ (statistics.energies - fitted_energies)
+        change /= max(1.0, float(np.max(np.abs(change))))  # each by at most one
         level = level + float(change[0])
         rate = rate + float(change[1]) / span
-        if np.max(np.abs(change)) < _SETTLED:
-            variances_along_mean = covariances[:, 0, 0]
-            covariance_squares = np.sum(covariances**2, axis=(1, 2))
-            variances = 4.0 * variances_along_mean * fitted_energies / counts
-            variances += 2.0 * covariance_squares / n_pairs
+        if np.max(np.abs(change)) < _LARGEST_CHANGE:
+            variances = statistics.find_variances(fitted_energies)
             return rate, math.sqrt(float(shares[1] ** 2 @ variances)) / span
     return rate, math.inf
+
+
+class _Statistics(NamedTuple):
+    """What the amplitudes of a wave are at each of k lengths.
+
+    Attributes
+    ----------
+    counts : (k,) numbers n of samples.
+    squares : (k,) squared sizes of the mean amplitudes.
+    covariances : (k, 2, 2) covariances C of the parts of amplitudes along and across the mean.
+    """
+
+    counts: Array
+    squares: Array
+    covariances: Array
+
+    @classmethod
+    def of(cls, amplitudes: Sequence[Complex]) -> Self:
+        """Return the statistics of ``amplitudes``, an array (samples,) for each length."""
+        counts = np.array([len(samples) for samples in amplitudes], float)
+        means = np.array([samples.mean() for samples in amplitudes])
+        return cls(counts, np.abs(means) ** 2, _find_covariances(amplitudes, means))
+
+    @property
+    def n_pairs(self) -> Array:
+        """(k,) numbers n (n - 1) of pairs of samples, each pair counted twice."""
+        return self.counts * (self.counts - 1.0)
+
+    @property
+    def noise(self) -> Array:
+        """(k,) variances of the complex amplitudes."""
+        return np.asarray(np.trace(self.covariances, axis1=1, axis2=2))
+
+    @property
+    def energies(self) -> Array:
+        """(k,) squared sizes of the means less the variances of the means."""
+        return self.squares - self.noise / self.counts
+
+    def weigh(self, energies: Array) -> Array:
+        """Return weights (k,) for the fit of the :attr:`energies`: one over their variances about
+        ``energies`` (k,), but for a common factor, with the noise of all lengths together, the same
+        in all directions.
+        """
+        common_variance = 0.5 * float(np.average(self.noise, weights=self.counts - 1.0))
+        return 1.0 / (energies / self.counts + common_variance / self.n_pairs)
+
+    def find_variances(self, energies: Array) -> Array:
+        """Return the variances (k,) of the :attr:`energies` about ``energies`` (k,)."""
+        variances_along_mean = self.covariances[:, 0, 0]
+        covariance_squares = np.sum(self.covariances**2, axis=(1, 2))
+        variances = 4.0 * variances_along_mean * energies / self.counts
+        return np.asarray(variances + 2.0 * covariance_squares / self.n_pairs)
 
 
 def _find_covariances(amplitudes: Sequence[Complex], means: Complex) -> Array:
@@ -507,8 +574,8 @@ def _find_covariances(amplitudes: Sequence[Complex], means: Complex) -> Array:
     covariances = []
     for samples, mean in zip(amplitudes, means, strict=True):
         divisor = abs(mean) or 1.0
-        rotated = samples * np.conj(mean) / divisor  # the mean is turned to the real axis
-        covariances.append(np.cov(rotated.real, rotated.imag))
+        along_mean = samples * np.conj(mean) / divisor  # with the mean on the real axis
+        covariances.append(np.cov(along_mean.real, along_mean.imag))
     return np.array(covariances)
 
 
@@ -519,16 +586,16 @@ def _fit_line(lengths: Array, offsets: Array, squares: Array, counts: Array) -> 
 
     ``lengths``, m, have the ``offsets``, m, from their mean; ``squares`` are the squared mean
     amplitudes at each length, and ``counts`` the numbers of samples, all (k,). The rate is zero if
-    fewer than two squares are above zero, and the level is -:data:`_FAR` if none is.
+    fewer than two squares are above zero, and the level is -:data:`_LARGEST_LOGARITHM` if none is.
     """
     rate = 0.0
-    level = -_FAR
+    level = -_LARGEST_LOGARITHM
     is_above = squares > 0.0
     if np.count_nonzero(is_above) > 1:
         shares = _find_slope_shares(lengths[is_above], (counts * squares)[is_above])
         rate = -float(shares @ np.log(squares[is_above]))
     if is_above.any():
-        weights = counts * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
+        weights = counts * np.exp(-np.clip(rate * offsets, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM))
         level = math.log(np.average(squares, weights=weights))
     return level, rate
 
@@ -554,6 +621,9 @@ class _Lead(NamedTuple):
     def of(cls, source: Any, axis: Any, q: ArrayLike) -> _Lead:
         """Return the lead of a state or network; the arguments are those of
         :func:`transmission`.
+
+        Raises :class:`~granphon.base.errors.InputError` for what has no network, for an axis that
+        is no period, and for a wave vector of another shape or not finite.
         """
         space = HalfSpace(given_network(source), axis)
         wavevector = space.read_wavevector(q)
@@ -606,7 +676,7 @@ class _Lead(NamedTuple):
         unless the ``periods`` (p, d), m, of a strip are those of the lead along its layers.
         """
         cell = self.space.layers.cell
-        tolerance = _SAME_PERIOD * np.max(np.abs(cell), initial=0.0)
+        tolerance = _PERIOD_TOLERANCE * np.max(np.abs(cell), initial=0.0)
         is_of_shape = periods.shape == cell.shape
         if not is_of_shape or np.any(np.abs(periods - cell) > tolerance):
             why = "It must repeat along the layers as the lead does, and not across them"
@@ -649,7 +719,7 @@ class _Lead(NamedTuple):
         # several first balls may match, as when two kinds of balls alternate: that one is taken
         # with which the sites of strip and lead are one lattice
         frame_shifts = self._find_frame_shifts(positions - sites[0], periods)
-        tolerance = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
+        tolerance = _SITE_TOLERANCE * float(2.0 * np.mean(cut.radii[block]))
         first = int(np.argmin(np.where(largest_distances <= tolerance, frame_shifts, np.inf)))
         if largest_distances[first] > tolerance:
             return None
@@ -710,8 +780,8 @@ class _Lead(NamedTuple):
         heights = strip.positions[:, p] * outwards
         heights_above = heights - heights[balls].max()
         # a floor, whose radius is infinite, is never of the same layer as balls
-        least = np.where(np.isinf(strip.radii), 0.0, _BEYOND * diameter)
-        is_blocking = ~strip.moving & (heights_above > least)
+        least_heights = np.where(np.isinf(strip.radii), 0.0, _LEAST_HEIGHT * diameter)
+        is_blocking = ~strip.moving & (heights_above > least_heights)
         if np.all(self.space.network.moving) and np.any(is_blocking):
             raise InputError(
                 misfit,
@@ -737,8 +807,8 @@ def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, 
 
 
 def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
-    """Return Green's function (size, size), s^2, of the outer block of a lead at ``square`` =
-    omega^2, (rad/s)^2: the inverse of omega^2 - inner - beyond.
+    """Return Green's function (size, size), s^2, of the outer block of a lead, without the strip,
+    at ``square`` = omega^2, (rad/s)^2: the inverse of omega^2 - inner - beyond.
 
     ``inner`` is the stiffness of the block, and ``beyond`` what the layers behind the block add to
     it, both (size, size), (rad/s)^2.
@@ -746,11 +816,38 @@ def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
     return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
 
 
+def _solve_strip(work: TransmissionWork, equations: Any, drive: Any) -> tuple[Complex, Complex]:
+    """Return the motions of the blocks at the lower and at the upper end of the strip of the
+    ``work``, (size of the block, m), that solve ``equations`` (size, size), sparse, with the right
+    sides ``drive`` (size, m).
+    """
+    lower, upper = work.ends
+    if work.is_sliced:
+        return solve_by_slices(equations.tocsr(), drive, lower, upper)
+    strip_motions = factorise(equations, symmetric=False).solve(np.asarray(drive, complex))
+    return lower @ strip_motions, upper @ strip_motions
+
+
+def _find_self_energies(work: TransmissionWork, first_green: Complex, last_green: Complex) -> Any:
+    """Return what the leads of the ``work`` add to the stiffness of the strip at its ends, the
+    self-energies: a sparse matrix (size, size), (rad/s)^2. ``first_green`` and ``last_green``, s^2,
+    are Green's functions of the outer blocks of the leads.
+    """
+    from scipy.sparse import csc_array
+
+    lower, upper = work.ends
+    first = work.first.blocks
+    last = work.last.blocks
+    at_lower = csc_array(first.head + first.down @ first_green @ first.up)
+    at_upper = csc_array(last.tail + last.up @ last_green @ last.down)
+    return lower.conj().T @ at_lower @ lower + upper.conj().T @ at_upper @ upper
+
+
 class TransmissionWork:
     """The leads and the strip of a transmission, and the memory that its search takes.
 
     The constructor raises :class:`~granphon.base.errors.InputError` for leads and a strip that do
-    not fit.
+    not fit, and for a strip whose forces have no potential.
 
     Attributes
     ----------
@@ -777,8 +874,8 @@ class TransmissionWork:
     ) -> Self:
         """Return the work of a :func:`transmission` with these arguments.
 
-        Raises :class:`~granphon.base.errors.InputError` for leads and a strip that do not fit, and
-        for wrong numbers.
+        Raises :class:`~granphon.base.errors.InputError` for what has no network, for a lead without
+        the axis as a period, for wrong numbers, and as the constructor does.
         """
         hertz = frequency_array("frequencies", frequencies, "above zero")
         first = _Lead.of(left, axis, q)
@@ -804,7 +901,7 @@ class TransmissionWork:
         return max(min(self.hertz.size, _ENTRIES_AT_ONCE // entries), 1)
 
     @property
-    def by_slices(self) -> bool:
+    def is_sliced(self) -> bool:
         """Whether the strip is too large for factors, so that it is solved slice by slice."""
         operator = self.operator
         return operator.size > LARGEST_UNSYMMETRIC[operator.network.dimension]
@@ -823,7 +920,7 @@ class TransmissionWork:
     def memory(self) -> float:
         """Memory of the waves of the leads, and of the slices of the strip, bytes."""
         memory = count_bloch_bytes(self.n_at_once, self.lead_size)
-        if self.by_slices:
+        if self.is_sliced:
             memory += count_slice_bytes(int(self.widths.max()))
         return memory
 
@@ -832,7 +929,7 @@ class TransmissionWork:
         memory.
         """
         require_bloch_memory(self.n_at_once, self.lead_size)
-        if self.by_slices:
+        if self.is_sliced:
             require_slices(int(self.widths.max()))
 
 
@@ -849,39 +946,26 @@ def _scatter(
     ``matrix`` (size, size) is the stiffness of the strip, (rad/s)^2. ``waves`` are, for the first
     and for the last lead, the waves towards higher and those towards lower layers.
     """
-    from scipy.sparse import csc_array, eye_array
+    from scipy.sparse import eye_array
 
-    first = work.first
-    last = work.last
-    lower, upper = work.ends
+    lower, _ = work.ends
     (incoming, outgoing_back), (outgoing_through, _) = waves
-    first_blocks = first.blocks
-    last_blocks = last.blocks
-    first_reach = first.space.reach
-    # Green's functions of the outer block of each lead, without the strip; beyond the block only
-    # outgoing waves run
+    first_blocks = work.first.blocks
+    last_blocks = work.last.blocks
+    first_reach = work.first.space.reach
+    # beyond the outer block of a lead only outgoing waves run
     beyond_first = first_blocks.down @ outgoing_back.continue_by(-first_reach)
-    beyond_last = last_blocks.up @ outgoing_through.continue_by(last.space.reach)
+    beyond_last = last_blocks.up @ outgoing_through.continue_by(work.last.space.reach)
     first_green = _find_green(square, first_blocks.inner, beyond_first)
     last_green = _find_green(square, last_blocks.inner, beyond_last)
-    # what the leads add to the stiffness of the strip at its ends (self-energies)
-    lower_addition = first_blocks.head + first_blocks.down @ first_green @ first_blocks.up
-    upper_addition = last_blocks.tail + last_blocks.up @ last_green @ last_blocks.down
-    for end, addition in ((lower, lower_addition), (upper, upper_addition)):
-        matrix = matrix + end.conj().T @ csc_array(addition) @ end
     # incoming waves push the outer block of the first lead, and by it the strip
     shapes = incoming.vectors[:, : incoming.running]
     phases = incoming.factors[: incoming.running] ** first_reach
     push = first_blocks.up @ shapes * phases
     drive = lower.conj().T @ (first_blocks.down @ (shapes - first_green @ push))
-    equations = square * eye_array(matrix.shape[0]) - matrix
-    if work.by_slices:
-        at_lower, at_upper = solve_by_slices(equations.tocsr(), drive, lower, upper)
-    else:
-        factors = factorise(equations, symmetric=False)
-        strip_motions = factors.solve(np.asarray(drive, complex))
-        at_lower = lower @ strip_motions
-        at_upper = upper @ strip_motions
+    stiffness = matrix + _find_self_energies(work, first_green, last_green)
+    equations = square * eye_array(stiffness.shape[0]) - stiffness
+    at_lower, at_upper = _solve_strip(work, equations, drive)
     back_motions = first_green @ (first_blocks.up @ at_lower - push)
     through_motions = last_green @ (last_blocks.down @ at_upper)
     back_amplitudes = outgoing_back.find_parts(back_motions)

@@ -8,10 +8,10 @@ all contacts and balls.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Complex
 from granphon.base.memory import require_memory
@@ -38,9 +38,10 @@ class ResponseSensitivities(Result):
     normal_stiffness, shear_stiffness, torsion, bending, normal_force : (n_f, n_r, n_c) derivatives
         with respect to parameters of each contact, as in :class:`~granphon.Sensitivities`;
         ``normal_force`` is None for a network without ``prestress``.
-    mass, inertia : (n_f, n_r, n) derivatives with respect to those of each ball.
+    mass, inertia : (n_f, n_r, n) derivatives with respect to those of each ball; zero for bodies
+        that are held.
     on_site : (n_f, n_r, n, motions) derivatives with respect to the stiffness of a spring that ties
-        each motion of each ball to the ground.
+        each motion of each ball to the ground; zero for bodies that are held.
     frequencies : (n_f,) Hz.
     quantity_unit : the unit of the response.
     """
@@ -95,22 +96,20 @@ class ResponseSlopes:
             "Take fewer frequencies or receivers",
         )
 
-    def find(self, x: Complex, y: Complex, hertz: float) -> dict[str, Any]:
-        """Return the derivatives of the signals at the frequency ``hertz``, Hz, by the names of the
-        fields of :class:`ResponseSensitivities`, without the axis of frequencies: (n_r, n_c) for
-        contacts, (n_r, n) for masses and inertias, (n_r, n, motions) for springs to the ground.
-        That of ``normal_force`` is None without prestress.
+    def find(self, x: Complex, y: Complex, omega: float) -> dict[str, NDArray[Any]]:
+        """Return the derivatives of the signals at ``omega``, rad/s, by the names of the fields of
+        :class:`ResponseSensitivities`, without the axis of frequencies: (n_r, n_c) for contacts,
+        (n_r, n) for masses and inertias, (n_r, n, motions) for springs to the ground. Without
+        prestress there is none for ``normal_force``.
 
         ``x`` (size,) are the mass-weighted motions that the source makes, and ``y`` (size, n_r) the
         mass-weighted adjoint motions of each receiver.
         """
-        omega = 2.0 * math.pi * hertz
         return {**self._find_of_contacts(x, y, omega), **self._find_of_balls(x, y, omega)}
 
-    def _find_of_contacts(self, x: Complex, y: Complex, omega: float) -> dict[str, Any]:
+    def _find_of_contacts(self, x: Complex, y: Complex, omega: float) -> dict[str, NDArray[Any]]:
         """Return the derivatives (n_r, n_c) with respect to parameters of contacts at ``omega``,
-        rad/s, by the names of fields; that of ``normal_force`` is None without prestress. ``x`` and
-        ``y`` are those of :meth:`find`.
+        rad/s, by the names of fields. ``x`` and ``y`` are those of :meth:`find`.
         """
         network = self.operator.network
         deformations = self._deform @ x + self._source_deformations
@@ -122,7 +121,7 @@ class ResponseSlopes:
         zeros = np.zeros((network.n_contacts, y.shape[1]))  # of kinds that no motion makes
         # complex stiffness over the stiffness, (n_c,), in normal motion and in all other motion
         normal_factor, other_factor = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
-        fields: dict[str, Any] = {"normal_force": None}
+        fields: dict[str, NDArray[Any]] = {}
         for name, factor in (
             ("normal_stiffness", normal_factor),
             ("shear_stiffness", other_factor),
@@ -139,7 +138,7 @@ class ResponseSlopes:
             add_static(fields, network, by_growth, by_excess)
         return fields
 
-    def _find_of_balls(self, x: Complex, y: Complex, omega: float) -> dict[str, Any]:
+    def _find_of_balls(self, x: Complex, y: Complex, omega: float) -> dict[str, NDArray[Any]]:
         """Return the derivatives with respect to masses and inertias (n_r, n) and to springs to the
         ground (n_r, n, motions) at ``omega``, rad/s, by the names of fields; zero for balls that do
         not move. ``x`` and ``y`` are those of :meth:`find`.

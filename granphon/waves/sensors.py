@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError
+from granphon.base.validation import is_whole
 from granphon.networks.network import ContactNetwork
 
 #: word by which users name the one flat wall of a network
@@ -28,8 +29,9 @@ FLOOR = "floor"
 PLANE = "plane"
 #: polarisation of the planes of a response for which none is given
 DEFAULT_POLARISATION = "longitudinal"
-#: greatest component of a normal along the axis of a sensor that is zero but for rounding
-_ACROSS = 1e-9
+#: component of a normal along the axis of a sensor up to which the component is zero but for
+#: rounding
+_LEAST_COSINE = 1e-9
 
 
 class Sensor(NamedTuple):
@@ -81,8 +83,8 @@ class SensorPlaces:
 
         Raises :class:`~granphon.base.errors.InputError` if they have no contact, or several.
         """
-        joins = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
-        contacts = np.flatnonzero(joins)
+        is_joining = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
+        contacts = np.flatnonzero(is_joining)
         if not contacts.size:
             raise InputError(f"balls {i} and {j} have no contact", mend="Give two balls that touch")
         if contacts.size > 1:
@@ -96,8 +98,8 @@ class SensorPlaces:
 
     def in_body(self, body: int, direction: Array) -> Sensor:
         """Return the sensor in a ``body``, an index of the network, whose axis is the unit vector
-        ``direction`` (3,). Weights have the factor 1/2 if the body moves, as it is then a ball; a
-        body that is held, ball or wall, reads the whole sum.
+        ``direction`` (3,). Weights have the factor 1/2 if the body moves, as it is then a ball; the
+        sensor in a body that is held, ball or wall, reads the whole sum.
 
         Raises :class:`~granphon.base.errors.InputError` for a body without a contact along this
         axis.
@@ -105,7 +107,7 @@ class SensorPlaces:
         n_ends = (self.i == body).astype(float) + (self.j == body)  # ends of contacts at the body
         contacts = np.flatnonzero(n_ends)
         cosines = np.abs(self.normal[contacts] @ direction)
-        is_along = cosines > _ACROSS
+        is_along = cosines > _LEAST_COSINE
         if not np.any(is_along):
             raise InputError(
                 f"body {body} has no contact along the direction of the sensor",
@@ -143,7 +145,7 @@ def is_contact(value: Any) -> bool:
     """
     if not isinstance(value, tuple) or len(value) != 2:
         return False
-    return all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in value)
+    return all(map(is_whole, value))
 
 
 def is_plane(value: Any) -> bool:
@@ -163,9 +165,12 @@ def find_unused(sources: Sequence[Any], receivers: Sequence[Any], given: Mapping
     has_plane = is_heard or any(map(is_plane, sources))
     for name, value in given.items():
         has_use = is_heard if name == "distance" else has_plane
-        # a vector may be given too, which is compared with no word
-        is_default = value is None or (isinstance(value, str) and value == DEFAULT_POLARISATION)
-        if not is_default and not has_use:
+        # a polarisation may also be a vector, which is compared with no word
+        is_default_word = (
+            name == "polarisation" and isinstance(value, str) and value == DEFAULT_POLARISATION
+        )
+        is_given = value is not None and not is_default_word
+        if is_given and not has_use:
             return name
     return ""
 

@@ -36,7 +36,7 @@ _WHOLE_ROUNDING = 1e-6
 _MOST_PHASE = 1e15
 #: length of the component of a direction across q, over that of the direction, below which the
 #: component is zero
-_ACROSS = 1e-9
+_LEAST_LENGTH = 1e-9
 #: largest number that is tried as a common denominator of the sites of a lattice, in fractions of
 #: the lattice vectors
 _MOST_PARTS = 24
@@ -46,13 +46,13 @@ _MOST_PARTS = 24
 #: Gaussian, and the formula holds to 3e-3 with this l
 _LORENTZ_SHARE = 0.465
 #: width of a line over that of the kernel, from which it counts as resolved
-_RESOLVED = 0.2
+_LEAST_WIDTH = 0.2
 #: memory of a spectrum, bytes for each moment
 _MOMENT_BYTES = 40.0
 #: greatest relative difference of the wave vectors of spectral functions that are averaged
-_SAME_WAVEVECTOR = 1e-9
+_WAVEVECTOR_TOLERANCE = 1e-9
 #: greatest relative difference of the resolutions of spectral functions that are averaged
-_SAME_RESOLUTION = 0.02
+_RESOLUTION_TOLERANCE = 0.02
 
 
 class PeriodicCell(NamedTuple):
@@ -77,8 +77,8 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     """Return the wave vectors (n, d), 1/m, that ``q`` (d,) or (n, d) gives, without its rounding:
     along periods they are exactly those that the cell of the ``network`` has.
 
-    Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell
-    does not have by more than rounding; and what :func:`_as_wavevectors` raises.
+    Raises :class:`~granphon.base.errors.InputError` for a q that differs from all that the cell
+    has by more than rounding; and what :func:`_as_wavevectors` raises.
     """
     requested = _as_wavevectors(network, q)
     nearest = _find_nearest_of_cell(network, requested)
@@ -164,8 +164,8 @@ def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]
     """
     p = steps.shape[1]
     all_vectors = np.indices((denominator + 1,) * p).reshape(p, -1).T
-    keeps_phases = np.all((all_vectors @ steps.T) % denominator == 0, axis=1)
-    vectors = all_vectors[keeps_phases]
+    has_same_phases = np.all((all_vectors @ steps.T) % denominator == 0, axis=1)
+    vectors = all_vectors[has_same_phases]
     repeats = np.zeros((p, p), np.intp)
     for axis in range(p):
         # zero along the axes before, and as short as can be along this one
@@ -176,9 +176,11 @@ def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    """Return the wave vectors (n, d), 1/m, that ``q`` (d,) or (n, d), 1/m, gives.
+    """Return the wave vectors (n, d), 1/m, that ``q`` (d,) or (n, d), 1/m, gives; on a line ``q``
+    may also be a number.
 
-    Raises :class:`~granphon.base.errors.InputError` for another shape, and
+    Raises :class:`~granphon.base.errors.InputError` for another shape, for no wave vector, and for
+    what is not finite; and
     :class:`~granphon.base.errors.PrecisionError` if phases across the ``network`` are so large that
     they have no digits within a turn.
     """
@@ -259,11 +261,10 @@ def find_polarisations(
 
     ``polarisation`` and ``direction`` are the arguments of ``Waves.spectral_function``. Raises
     :class:`~granphon.base.errors.InputError` for another word or other numbers, if the balls do not
-    move in that polarisation, and if a direction that the polarisation needs is missing, or is
-    given beside numbers.
+    move or turn in that polarisation, and if a direction that the polarisation needs is missing, is
+    given beside numbers, or is no vector; and what :func:`_choose_directions` raises.
     """
     motions = operator.motions
-    letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
         if direction is not None:
             finite_array("polarisation", polarisation)  # raises if it is not numbers
@@ -279,18 +280,9 @@ def find_polarisations(
     # (a, 3) directions in which balls move, or about which they turn
     free_axes = np.eye(3)[list(axes)]
     directions = np.atleast_2d(_choose_directions(operator.network, q, name, free_axes, direction))
-    held_components = np.abs(np.delete(directions, axes, axis=1))
-    may_move = len(directions) > 0 and len(axes) > 0
-    if not may_move or np.max(held_components, initial=0.0) > _ACROSS:
-        alternatives = {"longitudinal": "transverse", "transverse": "longitudinal"}
-        mend = ""
-        if name in alternatives and motions.translations:
-            mend = f"Take the polarisation {alternatives[name]}"
-        raise InputError(
-            f"no {name} wave of this direction runs here", f"Balls move in {letters} alone", mend
-        )
+    _require_free_directions(operator, name, directions, axes)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    if np.any(lengths < _ACROSS):
+    if np.any(lengths < _LEAST_LENGTH):
         # these are rotations: a direction in which balls do not move is refused above
         turns = ", ".join("xyz"[axis] for axis in motions.rotations)
         raise InputError(
@@ -302,6 +294,26 @@ def find_polarisations(
     rows = np.zeros((len(directions), motions.count))
     rows[:, columns] = unit_vectors[:, list(axes)]
     return rows
+
+
+def _require_free_directions(
+    operator: WaveOperator, name: str, directions: Array, axes: Sequence[int]
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless balls move along, or turn about, the
+    ``directions`` (b, 3) of a wave with the polarisation ``name``. ``axes``, 0 to 2 for x to z, are
+    those along which balls can move, or about which balls can turn.
+    """
+    motions = operator.motions
+    held_components = np.abs(np.delete(directions, list(axes), axis=1))
+    is_free = np.max(held_components, initial=0.0) <= _LEAST_LENGTH
+    if len(directions) and len(axes) and is_free:
+        return
+    alternatives = {"longitudinal": "transverse", "transverse": "longitudinal"}
+    mend = ""
+    if name in alternatives and motions.translations:
+        mend = f"Take the polarisation {alternatives[name]}"
+    why = f"Balls move in {', '.join(motions.letters)} alone"
+    raise InputError(f"no {name} wave of this direction runs here", why, mend)
 
 
 def _choose_directions(
@@ -327,7 +339,7 @@ def _choose_directions(
             raise _explain_no_direction(network, name)
         return requested
     directions = _find_directions(network, q, name, free_axes, requested)
-    if requested is not None and np.linalg.norm(directions) < _ACROSS:
+    if requested is not None and np.linalg.norm(directions) < _LEAST_LENGTH:
         raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
     return directions
 
@@ -391,7 +403,8 @@ def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array
 
 def _find_transverse(free_axes: Array, along: Array) -> Array:
     """Return orthonormal directions (b, 3) that span the part of the space of the orthonormal
-    directions ``free_axes`` (a, 3) that is perpendicular to the unit vector ``along`` (3,).
+    directions ``free_axes`` (a, 3) that is perpendicular to the unit vector ``along`` (3,), which
+    lies in this space or is perpendicular to all of it.
     """
     if not len(free_axes):
         return free_axes
@@ -405,10 +418,10 @@ def _find_transverse(free_axes: Array, along: Array) -> Array:
 # -- vectors ---------------------------------------------------------------------------------------
 
 
-def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine: bool) -> Array:
+def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, is_sine: bool) -> Array:
     """Return the mass-weighted vector (size,) of a plane wave, in which a ball at r moves by
-    cos(q . r), or with ``sine`` by sin(q . r), times ``polarisation`` (motions,); ``q`` (d,) is in
-    1/m.
+    cos(q . r), or with ``is_sine`` by sin(q . r), times ``polarisation`` (motions,); ``q`` (d,) is
+    in 1/m.
 
     Displacements, and rotations that are given with them, are weighted by the root of the mass, so
     that q = 0 is the motion of all balls together. In a wave of rotations alone, rotations are
@@ -424,7 +437,7 @@ def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine:
     masses = network.masses if has_translations else network.inertias
     weights = np.sqrt(masses[balls])
     phases = network.positions[balls, : q.size] @ q
-    amplitudes = np.sin(phases) if sine else np.cos(phases)
+    amplitudes = np.sin(phases) if is_sine else np.cos(phases)
     wave = np.where(is_touching[balls], weights * amplitudes, 0.0)
     return np.asarray(operator.vector(wave[:, None] * polarisation))
 
@@ -538,15 +551,17 @@ def find_ioffe_regel(
 
     See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`, which says how the
     frequency is interpolated and what is raised. If the last line with a larger product has the
-    width zero, nothing can be interpolated, and the frequency is that of the next peak.
+    width zero, nothing can be interpolated, and the frequency is that of the next peak. A line at
+    the frequency zero has the product zero, whatever its width.
     """
     log_product = math.log(positive("product", product))
     ascending = np.argsort(wavenumber, kind="stable")
     peaks = peak[ascending]
     widths = width[ascending]
     # wavenumber times mean free path is peak over width
+    divisors = np.where(peaks > 0.0, widths, 1.0)
     with np.errstate(divide="ignore"):  # a line without width is infinitely far above
-        log_excess = np.log(peaks) - np.log(widths) - log_product
+        log_excess = np.log(peaks) - np.log(divisors) - log_product
     if log_excess[0] < 0.0:
         fault = (
             f"the wave of the least q, at {peaks[0]:.4g} Hz, is already beyond the Ioffe-Regel"
@@ -650,7 +665,7 @@ class SpectralFunction(Refinable):
         """(n,) whether the width of each line is at least a fifth of that of the kernel; a smaller
         width is not to be relied on.
         """
-        return np.asarray(self.width >= _RESOLVED * self._kernel_width)
+        return np.asarray(self.width >= _LEAST_WIDTH * self._kernel_width)
 
     @property
     def wavenumber(self) -> Array:
@@ -664,17 +679,17 @@ class SpectralFunction(Refinable):
     def phase_velocity(self) -> Array:
         """(n,) 2 pi peak over the :attr:`wavenumber`, m/s.
 
-        Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls
-        move as at q = 0.
+        Raises :class:`~granphon.base.errors.InputError` for q = 0, and, if :attr:`shortest` is
+        known, for a q at which all balls move as at q = 0.
         """
         self._require_travelling("velocity")
         return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
 
     def _require_travelling(self, quantity: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if in one of the waves all balls move
-        together, so that this wave has no such ``quantity``, a word for the message.
+        """Raise :class:`~granphon.base.errors.InputError` if the :attr:`wavenumber` of one of the
+        waves is zero, so that this wave has no such ``quantity``, a word for the message.
         """
-        rounding = _SAME_WAVEVECTOR * np.linalg.norm(self.q, axis=1)
+        rounding = _WAVEVECTOR_TOLERANCE * np.linalg.norm(self.q, axis=1)
         if np.any(self.wavenumber <= rounding):
             why = (
                 "Where exp(i q . r) is the same at all sites of a lattice, all balls move"
@@ -725,10 +740,12 @@ class SpectralFunction(Refinable):
         The others are interpolated to these frequencies by cubic splines, to about 1e-3 of their
         peaks. More moments cannot be computed of the mean.
 
-        Raises :class:`~granphon.base.errors.InputError` if there is none, for what is no spectral
-        function, if wave vectors or polarisations differ, or if resolutions differ by more than
-        2 %: give all of them the same ``resolution``.
+        Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, if there is
+        no spectral function, for what is none, if wave vectors or polarisations differ, or if
+        resolutions differ by more than 2 %: give all of them the same ``resolution``.
         """
+        if not isinstance(found, Sequence):
+            raise InputError(f"{brief(found)} is no list of spectral functions", mend="Give a list")
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
         for spectrum in found:
@@ -747,9 +764,9 @@ class SpectralFunction(Refinable):
         """Raise :class:`~granphon.base.errors.InputError` unless wave vectors, polarisation and
         resolution are those of the ``reference``.
         """
-        rounding = _SAME_WAVEVECTOR * np.max(np.abs(reference.q), initial=0.0)
+        rounding = _WAVEVECTOR_TOLERANCE * np.max(np.abs(reference.q), initial=0.0)
         has_same_q = self.q.shape == reference.q.shape and np.allclose(
-            self.q, reference.q, rtol=_SAME_WAVEVECTOR, atol=rounding
+            self.q, reference.q, rtol=_WAVEVECTOR_TOLERANCE, atol=rounding
         )
         has_same_word = self.polarisation == reference.polarisation
         has_same_direction = self.direction == reference.direction
@@ -758,7 +775,7 @@ class SpectralFunction(Refinable):
                 "spectral functions of other wave vectors or polarisations have no mean"
             )
         difference = abs(self.resolution - reference.resolution)
-        if difference > _SAME_RESOLUTION * reference.resolution:
+        if difference > _RESOLUTION_TOLERANCE * reference.resolution:
             fault = (
                 f"the spectral functions have resolutions of {self.resolution:.6g} and"
                 f" {reference.resolution:.6g} Hz"
@@ -816,10 +833,10 @@ class PlaneWaves:
         for number, wavevector in enumerate(wavevectors):
             rows = find_polarisations(operator, wavevector, polarisation, direction)
             # the sine of a wave of q = 0 is zero
-            sines = (False, True) if np.any(wavevector) else (False,)
-            for row, sine in itertools.product(rows, sines):
+            sine_flags = (False, True) if np.any(wavevector) else (False,)
+            for row, is_sine in itertools.product(rows, sine_flags):
                 self._wavevector_of_wave.append(number)
-                starts.append(partial(make_plane_wave, operator, wavevector, row, sine=sine))
+                starts.append(partial(make_plane_wave, operator, wavevector, row, is_sine=is_sine))
         self._waves = Moments(operator, starts, keep=keeps_vectors(operator, len(starts)))
 
     @property

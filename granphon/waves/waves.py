@@ -63,9 +63,9 @@ class Waves:
     source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; a state,
         whose network is one cell, so that these are waves at Gamma; or ``ase.Atoms`` with a
         :class:`~granphon.phonons.calculator.HertzMindlin`.
-    progress : is told how far densities, spectral functions, modes, responses and pulses have come:
+    progress : is told how far the work for a result has come, where the work takes many steps:
         ``granphon.base.progress.Terminal()`` draws a bar on stderr. :meth:`estimate` says
-        beforehand how long they take.
+        beforehand how long a result takes.
 
     Raises :class:`~granphon.base.errors.InputError` for any other source, and for balls that are
     not at rest under the static forces that act
@@ -92,7 +92,8 @@ class Waves:
         :func:`gp.validity`; and one if static forces act and leave more than 1e-3 of their mean on
         a ball.
 
-        Every result has these warnings too.
+        Densities and spectral functions of all balls, :meth:`modes`, :meth:`whole_modes` and pulses
+        have these warnings too.
         """
         return network_warnings(self.network)
 
@@ -112,17 +113,16 @@ class Waves:
 
     @cached_property
     def _stable_operator(self) -> WaveOperator:
-        """D of the network, after a check that it is stable, which is made once.
+        """D of the network. When D is first asked for, the network is checked to be stable.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero,
+        and what :attr:`operator` raises.
         """
         require_stable(self.operator)
         return self.operator
 
     def _require_stable(self) -> None:
-        """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
-        zero; the network is examined once.
-        """
+        """Raise what :attr:`_stable_operator` raises, for a result that has D already."""
         _ = self._stable_operator
 
     def estimate(self, name: str, *arguments: Any, **options: Any) -> Cost:
@@ -141,12 +141,17 @@ class Waves:
 
         :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
         bytes, and ``seconds`` is the processor's time, within a factor of about three. For the
-        estimate D is made, and one product with it is timed. For modes that are filtered out of
-        random vectors the density of states is computed too, a small part of the search.
+        estimate D is made, and if the result takes products with D, one product is timed. For modes
+        that are filtered out of random vectors the density of states is computed too, a small part
+        of the search.
 
         Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
         method does not have or that are missing, and for values that the method refuses; but the
-        source and the receiver of a response are not looked at.
+        source and the receiver of a response are not looked at. Raises
+        :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much, as
+        :meth:`response` does, and :class:`~granphon.base.errors.InstabilityError` for an array that
+        does not hold between the free ends of a pulse. Whether the network itself is stable is not
+        examined.
         """
         from granphon.waves.estimates import WaveEstimate
 
@@ -175,14 +180,15 @@ class Waves:
         ----------
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
-        vectors : number of random vectors; the error falls as the root of this number, and as the
-            root of the number of balls. With one vector the error is nan.
-        seed : number from which the random vectors are drawn.
+        vectors : number of random vectors, for a network of more than 600 motions; the error falls
+            as the root of this number, and as the root of the number of balls. With one vector the
+            error is nan.
+        seed : number from which the random vectors are drawn, zero or above.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        The memory is that of D, of about six vectors, of vectors that are kept for more moments, up
-        to 256 MiB, and of the densities of all random vectors, about 400 bytes for each moment of
-        each vector.
+        The memory for a larger network is that of D, of about six vectors, of vectors that are kept
+        for more moments, up to 256 MiB, and of the densities of all random vectors, about 400 bytes
+        for each moment of each vector.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range, for a resolution
         together with moments, and for more than 2^26 moments of all random vectors;
@@ -219,7 +225,8 @@ class Waves:
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not
-        move, for numbers out of range, and for a resolution together with moments;
+        move, for numbers out of range, for a resolution together with moments, and for more
+        frequencies than memory holds;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         return find_local_density(self._stable_operator, ball, frequencies, resolution, moments)
@@ -238,8 +245,9 @@ class Waves:
 
         Parameters
         ----------
-        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Their waves must repeat with the periodic
-            cell; :meth:`nearest_wavevectors` finds such wave vectors near any q.
+        q : (d,) or (n, d) wave vectors, Cartesian, 1/m; on a line also a number. Their waves must
+            repeat with the periodic cell; :meth:`nearest_wavevectors` finds such wave vectors near
+            any q.
         polarisation : "longitudinal": balls move along q. "transverse": balls move across q.
             "rotational": balls turn. Or numbers, one for each displacement, or one for each motion
             of a ball. If several directions are across q, or several axes of rotation are free, the
@@ -247,15 +255,16 @@ class Waves:
             can.
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
-        direction : (2,) or (3,) vector. A transverse wave moves along its part across q, a
+        direction : (1,) to (3,) vector. A transverse wave moves along its part across q, a
             rotational wave turns about it, and a wave with q = 0, which has no direction of its
             own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
         message names the nearest one), for a polarisation in which balls do not move, for a
-        direction that is missing or has no use, for a resolution together with moments, and for
-        numbers out of range;
+        direction that is missing or has no use, for a resolution together with moments, for numbers
+        out of range, for more moments and wave vectors than memory holds, and for a wave in which
+        no ball with contacts moves;
         :class:`~granphon.base.errors.PrecisionError` for a q so long that its phases have no
         digits; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
         zero.
@@ -311,8 +320,8 @@ class Waves:
         :meth:`modes` returns the modes of the symmetric part of the matrix. The antisymmetric part
         changes frequencies in second order of T/(k r) and of the overlap. Two frequencies that are
         next to each other may become a pair of complex ones, so that one mode grows and the other
-        decays, as in the program from which the law is. Without such forces the modes are those of
-        :meth:`modes`.
+        decays; the motion in a program with such forces does the same. Without such forces the
+        modes are those of :meth:`modes`.
 
         Parameters
         ----------
@@ -320,9 +329,9 @@ class Waves:
             nearest; None for the lowest.
 
         Frequencies are complex, Hz; those of modes that grow have an imaginary part below zero. Up
-        to 600 motions all modes are found by a dense matrix. Larger networks, up to 300,000 motions
-        in the plane and 12,000 in space, are factorised, and nothing proves that no mode is
-        missing.
+        to 600 motions all modes are found by a dense matrix. Larger networks, up to 1,000,000
+        motions on a line, 300,000 in the plane and 12,000 in space, are factorised, and nothing
+        proves that no mode is missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for a frequency below zero or above the top, for more motions than the limit above,
@@ -348,8 +357,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, for wave
         vectors of another shape or not finite, for a count that is no whole number above zero, for
-        more branches than there are, and for more than about a third
-        of them in a network of more than 600 motions;
+        more branches than there are, and for more than about a third of them in a network of more
+        than 600 motions;
         :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, unless
         static tangential forces act;
@@ -371,11 +380,13 @@ class Waves:
         frequencies : (...) or a number, Hz, above zero. For frequencies at or below 1e-6 of the top
             frequency, only the modes that cost no energy are counted.
 
-        Each frequency takes one factorisation: of 1e4 balls in space, with rotations, 10 s of a
-        processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the number of balls in
-        space, and as its power 3/2 in the plane. Raises
-        :class:`~granphon.base.errors.InputError` for frequencies that are not above zero, and for
-        more motions than are factorised, 300,000 in the plane and 120,000 in space;
+        Each frequency up to the top frequency takes one factorisation: of 1e4 balls in space, with
+        rotations, 10 s of a processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the
+        number of balls in space, and as its power 3/2 in the plane.
+
+        Raises :class:`~granphon.base.errors.InputError` for no frequency, for frequencies that are
+        not above zero or not finite, and for more motions than are factorised, 1,000,000 on a line,
+        300,000 in the plane and 120,000 in space;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         hertz = finite_array("frequencies", frequencies, "Hz", "above zero")
@@ -404,7 +415,8 @@ class Waves:
         """Return the complex amplitudes of balls, or of forces of contacts, in the steady motion
         that a source makes at given frequencies.
 
-        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. The
+        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. Of
+        static tangential forces those count that have a potential, as for :meth:`modes`. The
         frequencies of small networks are solved one by one. Those of large networks are solved by
         one Krylov space if that is less work; :attr:`Response.method` says which method was taken,
         and :attr:`Response.error` how large the error is.
@@ -421,9 +433,9 @@ class Waves:
         receiver : balls in the same form, each of which is a receiver; "plane" is the last plane of
             balls, or that at the ``distance``. For a force, a receiver is the contact (i, j) of two
             balls, the "floor", or (ball, direction), a sensor in the ball. A sensor reads half of
-            the sum of the normal forces of the contacts of its ball, each times the cosine between
-            its normal and the direction; in a chain this is the mean of two contacts. A sensor in a
-            body that is held reads the whole sum.
+            the sum of the normal forces of the contacts of its ball, each times the magnitude of
+            the cosine between its normal and the direction; in a chain this is the mean of two
+            contacts. A sensor in a body that is held reads the whole sum.
         damping : viscosity c of each contact over its stiffness k, s, as in :meth:`transmit`: a
             number or (n_c,), or a tuple of that in normal motion and of that in all other.
         loss_factor : eta of the complex stiffness k (1 + i eta): a number or (n_c,), or a tuple of
@@ -441,7 +453,7 @@ class Waves:
             together, over that of the source, above zero where contacts are pressed more;
             "transmissibility", the displacement of the balls over that of the source; or
             "stiffness", the force over the displacement of the source, N/m, which is also taken for
-            "force" if the source is held.
+            "force" if all bodies of the source are held.
         direction : (1,) to (3,) vector across the planes; by default the first axis along which the
             network does not repeat, or x.
         polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`; by
@@ -449,23 +461,30 @@ class Waves:
         distance : distance of the receiving plane from the first one, m; in a network that repeats
             along the direction, whole periods count as zero.
         method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
-            for the faster of both.
+            for factors in a network of up to 2000 motions, and for the faster of both at each
+            frequency in a larger one.
         tolerance : bound of the error, over the largest response at a frequency, at which a Krylov
-            space ends.
+            space ends; above zero and below 1.
 
         Raises
         ------
-        InputError : frequencies below zero, not real, not ascending or given twice; a ball that is
-            not there; a ball of the source that is held, unless a wall is displaced; a direction
-            along which balls do not move; no receiver; a sensor without a contact; a plane without
-            a distance in a network that repeats along the direction; a direction, or a polarisation
-            other than "longitudinal", where no plane is driven or heard; a distance where no plane
-            is heard; a loss below zero, a restitution below 1e-6 or above 1; another word for the
-            quantity or the method; a tolerance that is not above zero; a mode without losses at one
-            of the frequencies.
-        ConvergenceError : a network that is too large to be factorised, and damped too little or
-            unevenly; or, unless a ``method`` is given, a response that would take more than an
-            hour.
+        InputError : no frequency, or frequencies below zero, not real, not ascending or given
+            twice; a ball or contact that is not there; a ball of the source that is held, unless a
+            wall is displaced; a wall that is displaced and touches no ball that moves; a receiver
+            of motion that is held; a "floor" where there is none, or several; a direction along
+            which balls do not move; no source, or no receiver; a sensor without a contact, or at
+            one of several contacts of two balls; a plane without a distance in a network that
+            repeats along the direction; a direction, or a polarisation other than "longitudinal",
+            where no plane is driven or heard; a distance where no plane is heard; a loss below
+            zero, a restitution below 1e-6 or above 1; another word for the quantity or the method;
+            a tolerance that is not above zero and below 1; the ``method`` "krylov" where some
+            motions lose no energy and others do, or where static tangential forces act beside other
+            losses than an even drag; more receivers and frequencies than memory holds; a mode
+            without losses at one of the frequencies.
+        ConvergenceError : losses that are too small or uneven for a Krylov space, in a network that
+            is too large to be factorised or with the ``method`` "krylov"; the ``method`` "direct"
+            in a network that is too large to be factorised; or, unless a ``method`` is given, a
+            response that would take more than an hour.
         InstabilityError : a squared frequency is below zero.
         """
         hertz = frequency_array("frequencies", frequencies)
@@ -504,10 +523,10 @@ class Waves:
         If all contacts and motions have the same losses, the modes are those of :meth:`modes`: they
         are chosen by their frequencies without losses, and then damped. If losses differ, and
         contacts resist up to 300 motions (up to 600 if many modes are requested), all modes are
-        computed, and chosen by their real parts. Larger networks, up to 300,000 such motions in the
-        plane and 120,000 in space, are factorised, and modes are chosen among those nearest in the
-        complex plane. Modes that creep fast are far away there, though their real part is zero, and
-        may then be missing.
+        computed, and chosen by their real parts. Larger networks, up to 1,000,000 such motions on a
+        line, 300,000 in the plane and 120,000 in space, are factorised, and modes are chosen among
+        those nearest in the complex plane. Modes that creep fast are far away there, though their
+        real part is zero, and may then be missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for losses that :meth:`response` refuses, for a frequency below zero or above the top,
@@ -524,9 +543,12 @@ class Waves:
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
         """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, whose waves repeat with the
-        periodic cell, in the same shape.
+        periodic cell, in the same shape; on a line ``q`` may also be a number.
 
-        Along an axis without a period any component is allowed.
+        Along an axis without a period any component is allowed. Raises
+        :class:`~granphon.base.errors.InputError` for a ``q`` of another shape, empty or not finite,
+        and :class:`~granphon.base.errors.PrecisionError` for a ``q`` so long that its phases have
+        no digits.
         """
         return nearest_wavevectors(self.network, q)
 
@@ -562,8 +584,9 @@ class Waves:
         direction : (1,) to (3,) direction in which the pulse travels, Cartesian.
         distance : distance of the receiving plane, m. The plane of the balls nearest to this
             distance is taken, and the result has its distance. Distances count from the source; if
-            the source is a plane at an end, from that end, which is the plane halfway between the
-            first balls and those that were before them, or the balls of the wall.
+            ``source`` is "plane" and a period was cut for ``ends``, from that end, which is the
+            plane halfway between the first balls and those that were before them, or the balls of
+            the wall.
         cycles : number of periods of the burst, 1 or more.
         polarisation : direction in which the source pushes, and of the velocities that are
             received: "longitudinal"; "transverse", which in the plane of balls is across the
@@ -575,18 +598,19 @@ class Waves:
             static forces then push over are left out (``left_out`` of the result). "walls": the
             balls before that plane are held. "periodic": the network stays as it is, and the pulse
             runs both ways. A network without a period along the direction, such as one between
-            walls of its own, is left as it is.
+            walls of its own, is left as it is; "walls" are refused there.
         damping : viscosity of each contact over its stiffness, s, as in :meth:`response`: a mode of
-            the angular frequency omega decays as exp(-damping omega^2 t/2).
+            the angular frequency omega decays as exp(-damping omega^2 t/2). Numbers of each contact
+            are those of all contacts of the network, also of those that ``ends`` cut.
         tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
             normal motion, as the second of a pair ``damping=(normal, tangential)`` is.
         drag, dashpot, restitution : further losses, as in :meth:`response`. If losses differ
             between contacts or motions, or act beside static forces, modes exchange energy, and the
             propagation takes several times as long.
         duration : length of the record, s. The default is that of the burst and three times the
-            flight of the fastest long wave. In a periodic network the record ends before that wave
-            comes round the other way, and must hold the burst and its flight. With another duration
-            the signals are right too, but may not be of one pulse.
+            flight of the fastest long wave to the farthest plane. In a periodic network the record
+            ends before that wave comes round the other way, and must hold the burst and its flight.
+            With another duration the signals are right too, but may not be of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
         frames : (n_f,) times at which the velocities of all balls are kept, s.
 
@@ -594,11 +618,15 @@ class Waves:
         ------
         InputError : planes across the direction meet themselves in the periodic network before
             twice the distance (with ends, before the distance); there are no balls at the distance,
-            or they are those of the source, or no contacts join them with the source; nothing
-            resists the polarisation; a number is out of range; ``tangential_damping`` is given
-            beside a pair of ``damping``; the record takes more than 2^20 products with D; in a
-            periodic network the pulse that runs the other way round ends the record before the
-            burst and its flight are over.
+            or they are those of the source, or no contacts join them with the source; balls do not
+            move along the direction of the polarisation, or nothing resists it; a ball of the
+            source is not there or does not move; the direction leaves the line or plane of the
+            balls; another word is given for the polarisation, the source or the ends; "walls" have
+            no place; a number is out of range, or losses are so strong that nothing moves;
+            ``tangential_damping`` is given beside a pair of ``damping``; the record takes more than
+            2^20 products with D or 2^24 readings; frames do not fit into memory; in a periodic
+            network the pulse that runs the other way round ends the record before the burst and
+            its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative, or leaves no array
             between free ends.

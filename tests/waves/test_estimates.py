@@ -13,7 +13,7 @@ import granphon as gp
 from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.errors import InputError
 from granphon.dynamics.iterative_relaxation import IterativeRelaxation
-from granphon.waves.estimates import WaveEstimate
+from granphon.waves.estimates import FINDERS, WaveEstimate
 from tests import packings
 
 
@@ -100,13 +100,12 @@ def test_steps_of_a_response_are_counted(network):
 
 def test_an_estimate_takes_the_names_of_arguments(network):
     """What the method takes by name its estimate takes by the same name, and in the same order."""
-    finders = WaveEstimate(None).finders
-    methods = set(finders) - {"moduli", "transmission"}
+    methods = set(FINDERS) - {"moduli", "transmission"}
     assert len(methods) == 7
     for name in methods:
         _, *of_method = signature(getattr(gp.Waves, name)).parameters.values()
         names = [(parameter.name, parameter.kind) for parameter in of_method]
-        of_estimate = signature(finders[name]).parameters.values()
+        _, *of_estimate = signature(FINDERS[name]).parameters.values()
         assert [(parameter.name, parameter.kind) for parameter in of_estimate] == names
     by_name = gp.Waves(network).estimate(
         "response", [1e3], source=(0, "x"), receiver=[(5, "x")], method="direct"
@@ -262,4 +261,4 @@ def test_arguments_that_a_result_does_not_have_are_refused(arguments, options, w
     with pytest.raises(InputError, match=words):
         waves.estimate(*arguments, **options)
     with pytest.raises(TypeError, match=words):  # of a wrong call inside the package
-        WaveEstimate(waves.operator).find(*arguments, **options)
+        WaveEstimate(waves.operator).bind(*arguments, **options)

@@ -329,6 +329,28 @@ def test_static_forces_have_no_dashpots(disordered):
     )
 
 
+@pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
+@pytest.mark.parametrize("kind", ["damping", "dashpot", "restitution"])
+def test_losses_of_each_contact_are_those_of_the_network_before_its_ends_are_cut(ends, kind):
+    """Where the contacts that ends cut have losses of their own, these do not count."""
+    network = chain(24)
+    value = {"damping": 0.02 / OMEGA, "dashpot": 0.02 * UNITS.mass * OMEGA, "restitution": 0.9}
+    losses = np.full(network.n_contacts, value[kind])
+    is_cut = Course.along(network, np.array([1.0, 0.0, 0.0])).crossings != 0
+    if ends == "free":
+        losses[is_cut] *= 1.1
+    pulse = (0.5 * HERTZ, (1,), 5.0 * D, 1)
+    options = {"ends": ends, "duration": 20.0 / OMEGA}
+    waves = gp.Waves(network)
+    of_each = waves.transmit(*pulse, **options, **{kind: losses})
+    of_all = waves.transmit(*pulse, **options, **{kind: value[kind]})
+    np.testing.assert_array_equal(of_each.signals, of_all.signals)
+    cost = waves.estimate("transmit", *pulse, **options, **{kind: losses})
+    assert cost.text == waves.estimate("transmit", *pulse, **options, **{kind: value[kind]}).text
+    with pytest.raises(InputError, match=r"24"):
+        waves.transmit(*pulse, **options, **{kind: losses[:-1]})
+
+
 def test_source_and_receiver_may_be_exchanged(disordered):
     waves = gp.Waves(disordered)
     there = waves.transmit(
@@ -413,6 +435,9 @@ def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus
 
 def test_ideal_array_has_no_speckle_and_a_disordered_one_has(disordered):
     even = gp.Waves(ideal("triangular", (5, 12))).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2)
+    silent = replace(even, signals=0.0 * even.signals, energies=np.zeros(2))
+    assert silent.loss == 0.0
+    assert silent.coherent_fraction == 0.0
     assert np.max(np.abs(even.speckle)) < 1e-13 * np.max(np.abs(even.signals))
     assert even.coherent_fraction == pytest.approx(1.0)
     other = gp.Waves(disordered).transmit(
@@ -582,6 +607,12 @@ def test_balls_that_a_free_end_leaves_hanging_are_left_out(force, seed):
     np.testing.assert_array_equal(
         held.i, cut.i[~(np.isin(cut.i, dropped) | np.isin(cut.j, dropped))]
     )
+    losses = course.with_ends("free").find_losses(
+        Losses.of(network, GivenLosses(np.arange(float(network.n_contacts))))
+    )
+    kept = losses.damping[0].astype(int)
+    np.testing.assert_array_equal(network.i[kept], held.i)
+    np.testing.assert_array_equal(network.normal[kept], held.normal)
     # the front and the rear of the sample alone are touched
     away = np.minimum(course.places[dropped], course.period - course.places[dropped])
     assert np.max(away) < 2.5 * D

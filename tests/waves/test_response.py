@@ -991,6 +991,8 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"loss_factor": -0.1}, "loss_factor: found -0.1"),
         ({"quantity": "forces"}, "force, transmissibility"),
         ({"method": "fast"}, "allowed: direct, krylov"),
+        ({"tolerance": 0.0}, "tolerance: found 0"),
+        ({"tolerance": 1.0}, "tolerance is 1"),
         ({"method": "krylov", "loss_factor": [0.1, 0.1, 0.1, 0.1, 0.0]}, "others lose none"),
         ({"frequencies": [2.0 * math.sin(0.5 * math.pi / 11) * HERTZ]}, "has no bound"),
     ],
@@ -1043,13 +1045,15 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "groups", [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]], [0], ["a"], [slice("a")]]
+    "groups",
+    [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]], [0], ["a"], [slice("a")], 3, None, {0: [0]}],
 )
 def test_means_over_receivers_that_are_not_there_have_no_peaks(groups):
     network = ideal("chain").repeat((9,))
     response = gp.Waves(network).response([HERTZ], (0, "x"), [(2, "x"), (3, "x")], 0.0, 0.1)
     assert response.peaks_of_means([]) == ()
     assert len(response.peaks_of_means([slice(0, 2)])) == 1
+    assert len(response.peaks_of_means(np.array([[0, 1], [1, 0]]))) == 2
     with pytest.raises(InputError, match="groups"):
         response.peaks_of_means(groups)
 

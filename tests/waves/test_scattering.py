@@ -15,6 +15,7 @@ import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
 from granphon.dynamics.bloch_waves import BlochWaves
 from granphon.dynamics.half_space import HalfSpace
+from granphon.waves.scattering import _require_balance
 from tests.networks.test_cuts import D, bulk, chain
 from tests.waves.test_estimates import Counter
 
@@ -618,3 +619,12 @@ def test_a_strip_that_does_not_fit_is_refused_before_waves_of_leads_are_found(mo
         gp.transmission(lead, strip, lead, [100.0])
     with pytest.raises(InputError, match="does not fit"):
         gp.Waves(strip).estimate("transmission", lead, lead, [100.0])
+
+
+@pytest.mark.parametrize("excess", [1e-5, -1e-5, np.nan, np.inf])
+def test_energy_that_is_not_conserved_or_not_known_is_refused(excess):
+    hertz = np.array([1.0, 2.0])
+    _require_balance(hertz, np.array([[1e-7, 0.0], [0.0, 0.0]]))
+    _require_balance(hertz, np.zeros((2, 0)))  # no wave runs in
+    with pytest.raises(PrecisionError, match="2 Hz"):
+        _require_balance(hertz, np.array([[1e-7, 0.0], [0.0, excess]]))

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.waves.sensors import SensorPlaces
+from granphon.waves.sensors import SensorPlaces, is_contact
 from tests.waves.test_losses import find_viscosity
 from tests.waves.test_nonlinear import STEEL, line, push
 from tests.waves.test_response import HERTZ, OMEGA, UNITS, D, chain, ideal, springs
@@ -224,6 +224,9 @@ def test_what_is_no_sensor():
         respond(chain(6, ("floor", "floor")), "floor", quantity="force")
     with pytest.raises(InputError, match="moves"):
         respond(held_chain(), (0, 1), source=[(0, "x"), "floor"], quantity="stiffness")
+    for pair in ((np.timedelta64(0, "s"), 1), (True, 1), (0.0, 1), [0, 1]):
+        assert not is_contact(pair)
+    assert is_contact((np.int64(0), 1))
     motion = gp.NonlinearWaves(line(10.0, 4)).run(1e-6, frames=2)
     for receiver, text in (((0, 2), "no contact"), (9, "0 to 3"), ("floor", "no floor")):
         with pytest.raises(InputError, match=text):

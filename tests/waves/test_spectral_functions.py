@@ -23,6 +23,7 @@ from granphon.waves.spectral_functions import (
     PeriodicCell,
     SpectralFunction,
     _find_shortest,
+    find_ioffe_regel,
     find_lines,
     find_true_width,
     fold_wavevectors,
@@ -849,6 +850,9 @@ def test_average_over_arrays():
         SpectralFunction.average([])
     with pytest.raises(InputError, match="no spectral function"):
         SpectralFunction.average([found[0], None])
+    for what in (found[0], 5, None, iter(found)):
+        with pytest.raises(InputError, match="no list of spectral functions"):
+            SpectralFunction.average(what)
 
 
 # -- a second engine -------------------------------------------------------------------------------
@@ -956,6 +960,18 @@ def test_waves_of_zero_wave_vector_have_no_ioffe_regel_frequency():
     found = gp.Waves(network).spectral_function(wavevectors, (1.0, 0.0), moments=64)
     with pytest.raises(InputError, match="q = 0"):
         found.ioffe_regel()
+
+
+def test_a_line_at_zero_is_beyond_the_ioffe_regel_frequency():
+    """As that of a reciprocal vector is, at which all balls move together, in a network that does
+    not know its lattice.
+    """
+    wavenumber = np.array([1.0, 2.0])
+    for width in (0.0, 1.0):
+        limit = find_ioffe_regel(wavenumber, np.array([2.0, 0.0]), np.array([1.0, width]))
+        assert limit == 2.0
+        with pytest.raises(InputError, match="already beyond"):
+            find_ioffe_regel(wavenumber, np.array([0.0, 2.0]), np.array([width, 1.0]))
 
 
 def square_array(shape):
