@@ -194,32 +194,44 @@ class PlannedCase:
 
     @cached_property
     def quick_states(self) -> list[tuple[ServingMedium, ContactState]]:
-        """Those of the :meth:`states` that are quick to find. They are solved once, after the case
-        was checked (:attr:`is_possible`).
+        """Those of the :meth:`states` that are quick to find. They are solved once, after
+        :meth:`require`, whose errors are raised.
         """
-        _ = self.is_possible
+        self.require()
         return list(self.states(quick=True))
 
-    @cached_property
-    def is_possible(self) -> bool:
-        """True; raises GranphonError if the packing is not rigid, has no such medium, or cannot
-        carry the least or greatest of the loads.
+    def require(self) -> None:
+        """Raise GranphonError if the packing has no such medium, if no medium can be chosen, or if
+        the balls are found not to carry the least or the greatest of the loads.
 
-        The property is cached, so that a case is checked once. No simulation and no effective
-        medium of a long list of diameters is solved for the check.
+        States that are quick to find are solved at these two loads, and of a packing that repeats
+        the lattice of contacts is made, which must have contacts and be at rest. Media whose states
+        are not quick to find, such as simulations, refuse what they know without solving,
+        :meth:`granphon.media.medium.Medium.require`. A case that was not refused is not checked
+        again.
         """
-        index_of_least = int(np.argmin(self.case.load.array))
-        index_of_greatest = int(np.argmax(self.case.load.array))
-        for index in dict.fromkeys((index_of_least, index_of_greatest)):
+        _ = self._states_at_ends
+
+    @cached_property
+    def _states_at_ends(self) -> list[ContactState]:
+        """The states that :meth:`require` solves, at most one under the least and one under the
+        greatest load; errors are those of the method.
+        """
+        case = self.case
+        ends = (int(np.argmin(case.load.array)), int(np.argmax(case.load.array)))
+        states = list[ContactState]()
+        for index in dict.fromkeys(ends):  # one index where all loads are equal
             serving = next(serving for serving in self.serving_media if index in serving.loads)
-            with self.at_load(index, f"{self.case.label}: "):
-                serving.medium.of(self.case.packing).require(self.case.load[index])
-                if serving.is_quick:
-                    # the case keeps its state under the first load
-                    state = self.case.solve(index) if index else self.case.state
-                    if self.case.packing.repeats:
-                        state.contact_lattice()  # raises for a lattice that is not rigid
-        return True
+            with self.at_load(index, f"{case.label}: "):
+                serving.medium.of(case.packing).require(case.load[index])
+                if not serving.is_quick:
+                    continue
+                # the case keeps its state under the first load
+                state = case.solve(index) if index else case.state
+                if case.packing.repeats:
+                    state.contact_lattice()
+                states.append(state)
+        return states
 
     def require_start(self, most: float) -> float:
         """Raise GranphonError if a load is below the start of a loading with friction.
@@ -447,7 +459,7 @@ class Plan:
         if not is_solved_later:
             with self.places.at_medium(case.medium.label, allowed_medium):
                 medium.prepare()
-            _ = planned.is_possible
+            planned.require()
             is_quick = all(serving.is_quick for serving in planned.serving_media)
             if has_velocities and is_quick:
                 with self.places.at(*path, prefix=refusal):
@@ -556,7 +568,7 @@ class Plan:
         whose states are quick to find.
         """
         for planned in cases:
-            _ = planned.is_possible
+            planned.require()
             for serving, state in planned.states(quick):
                 yield planned.case.name(serving), state
 

@@ -229,7 +229,7 @@ def sweep(
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)
-    require_arrays(choices, parameters, names_of_arrays)
+    require_arrays(choices, lattice, parameters, names_of_arrays)
     return Plan(grid).sweep(
         progress,
         executor,

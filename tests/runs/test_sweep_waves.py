@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.lattices import find_lattice
+from granphon.media.array_options import DEFAULT_SHAPES
+from granphon.media.choice import MediumChoice
 from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.finished_tasks import read_entries
+from granphon.runs.tasks import require_arrays
 from granphon.scene.outputs import expected_files
 from granphon.scene.redraw import redraw
 from granphon.scene.scene import WORK_FILE
@@ -314,6 +318,16 @@ def test_spectra_that_cannot_be_are_refused_before_a_simulation(text, said):
     with pytest.raises(gp.GranphonError, match=said) as caught:
         gp.Scene.from_text(text)
     assert "<scene>:" in str(caught.value)
+
+
+def test_spectra_of_a_shape_that_is_named_once_and_the_default_once_fit_into_one_array():
+    lattice = find_lattice("triangular")
+    default = MediumChoice("simulation")
+    named = MediumChoice("simulation", (("shape", DEFAULT_SHAPES[2]), ("samples", 2)))
+    require_arrays([default, named], lattice, [], ["spectrum"])
+    other = MediumChoice("simulation", (("shape", (8, 8)),))
+    with pytest.raises(gp.GranphonError, match="shape"):
+        require_arrays([default, other], lattice, [], ["spectrum"])
 
 
 #: the echo from the far end comes before it is at its height
