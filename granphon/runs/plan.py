@@ -133,10 +133,11 @@ def list_parameters_of_branches(
     packing: Balls, parameters: Iterable[tuple[str, Sequence[Any]]]
 ) -> list[str]:
     """Return the names of the swept parameters on which the number of branches or the Brillouin
-    zone depends. Bands are not swept over these.
+    zone may depend. Bands are not swept over these.
 
     ``parameters`` are pairs of the name and the values of a swept parameter, and ``packing`` is the
-    packing before any of them is changed.
+    packing before any of them is changed. Friction and lattices count whatever their values are;
+    motions, torsion and bending count if the motions of the balls differ between their values.
     """
     names = []
     for name, values in parameters:
@@ -159,13 +160,13 @@ class PlannedCase:
     Attributes
     ----------
     case : the case.
-    written : the kind of load that the user gives. It is the kind of the load of the ``case``, or a
-        side force, from which the force of the contacts follows.
+    load_kind : the kind of load that the user gives. It is the kind of the load of the ``case``, or
+        a side force, from which the force of the contacts follows.
     places : where errors stand in what the user wrote.
     """
 
     case: Case
-    written: str
+    load_kind: str
     places: Places
 
     @property
@@ -258,7 +259,7 @@ class PlannedCase:
         """Place errors of the with-block at the load number ``index``, with ``prefix`` before their
         text; see :class:`Places`.
         """
-        return self.places.at_index("load", self.written, index, prefix)
+        return self.places.at_index("load", self.load_kind, index, prefix)
 
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
@@ -284,17 +285,17 @@ class Plan:
     ----------
     grid : the cases, and what is requested of their states.
     places : where errors stand in what the user wrote.
-    written : the kind of load that the user gives; by default that of the grid.
+    load_kind : the kind of load that the user gives; by default that of the grid.
     """
 
     grid: Grid
     places: Places = NOWHERE
-    written: str = ""
+    load_kind: str = ""
 
     def __post_init__(self) -> None:
         """Set the kind of load if it is not given."""
-        if not self.written:
-            object.__setattr__(self, "written", self.grid.load.kind)
+        if not self.load_kind:
+            object.__setattr__(self, "load_kind", self.grid.load.kind)
 
     @cached_property
     def observe(self) -> tuple[str, ...]:
@@ -315,12 +316,12 @@ class Plan:
             yield
         except GranphonError as error:
             if error.option is not None or error.block is not None:
-                # such an error knows its own place, which goes before the medium
+                # such an error is placed at its own option or block, whatever path is given here
                 placing: AbstractContextManager[None] = self.places.at("medium")
             elif error.load_index is None:
                 raise
             else:
-                placing = self.places.at_index("load", self.written, error.load_index)
+                placing = self.places.at_index("load", self.load_kind, error.load_index)
             with placing:
                 raise
 
@@ -346,7 +347,7 @@ class Plan:
 
     def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
         """Return the cases of a ``grid`` with the places of their errors."""
-        return tuple(PlannedCase(case, self.written, self.places) for case in grid.cases)
+        return tuple(PlannedCase(case, self.load_kind, self.places) for case in grid.cases)
 
     @property
     def case(self) -> PlannedCase:
@@ -405,9 +406,9 @@ class Plan:
         self.require_waves(QUICK_BALLS)
 
     def _require_parameters(self) -> None:
-        """Raise InputError, placed in the file, for the first value of a parameter that the packing
-        or its losses cannot have. If the ends of an axis are possible, its other values are taken
-        to be.
+        """Raise GranphonError, placed in the file, for the first value of a parameter that the
+        packing, its walls or its losses cannot have. If the ends of an axis are possible, its other
+        values are taken to be.
         """
         for axis in self.axes:
             try:
@@ -436,20 +437,15 @@ class Plan:
         At most ``most_balls`` are looked at for a start; the number that remains is returned, see
         :meth:`PlannedCase.require_start`.
         """
-        path = self._path_of_lattice
         case = planned.case
-        lattice = case.packing.structure.name
         # sensitivities are those of velocities, and of the frequencies that are observed with them
         is_of_sound = not {"velocities", "sensitivities"}.isdisjoint(self.observe)
         has_velocities = is_of_sound and self.grid.request.sound
-        refusal = f"found {lattice!r}; allowed: a lattice that is rigid; "
-        if case.where:
-            refusal += f"{case.where}: "
-        allowed_medium = f"a medium for the {lattice} lattice"
+        allowed_medium = f"a medium for the {case.packing.structure.name} lattice"
         with self.places.at_medium(case.medium.label, allowed_medium):
             medium = case.medium.of(case.packing)
         if has_velocities:
-            with self.places.at(*path, prefix=refusal):
+            with self._at_lattice(case):
                 try:
                     medium.require_sound()
                 except MechanismError as error:
@@ -462,9 +458,18 @@ class Plan:
             planned.require()
             is_quick = all(serving.is_quick for serving in planned.serving_media)
             if has_velocities and is_quick:
-                with self.places.at(*path, prefix=refusal):
+                with self._at_lattice(case):
                     case.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
+
+    def _at_lattice(self, case: Case) -> AbstractContextManager[None]:
+        """Place errors of the with-block at the key of the lattice of a ``case``, with words before
+        their text that say what is allowed there.
+        """
+        refusal = f"found {case.packing.structure.name!r}; allowed: a lattice that is rigid; "
+        if case.where:
+            refusal += f"{case.where}: "
+        return self.places.at(*self._path_of_lattice, prefix=refusal)
 
     def _mend_mechanism(self) -> str:
         """Return a sentence on how a scene is mended whose lattice has no velocities."""
@@ -527,8 +532,9 @@ class Plan:
     def state(self) -> ContactState:
         """Return the state of the contacts under the load.
 
-        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
-        scene is a sweep.
+        :class:`~granphon.base.errors.GranphonError` if the balls cannot carry the load, or the
+        medium cannot be solved there; :class:`~granphon.base.errors.InputError` if the scene is a
+        sweep.
         """
         planned = self.case
         # first, so that an error in choosing the medium is not placed at the load
@@ -544,7 +550,7 @@ class Plan:
     @property
     def records(self) -> list[Mapping[str, Any]]:
         """What is kept of the waves of the only state, arrays by name: one mapping for each sample,
-        or one for the network of a state without samples.
+        or one for the network of a state without samples. Only for a plan that requests waves.
         """
         case = self.case.case
         (task,) = case.media
@@ -557,7 +563,8 @@ class Plan:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
         and effective media of long lists are left out.
-        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        :class:`~granphon.base.errors.GranphonError` at the first medium that cannot carry the
+        loads.
         """
         return self._solve(self.cases, quick)
 
@@ -565,7 +572,7 @@ class Plan:
         self, cases: Iterable[PlannedCase], quick: bool
     ) -> Iterator[tuple[str, ContactState]]:
         """Yield label and state of each medium of the ``cases``, or with ``quick`` of those alone
-        whose states are quick to find.
+        whose states are quick to find. Each case is checked first (:meth:`PlannedCase.require`).
         """
         for planned in cases:
             planned.require()
@@ -581,18 +588,19 @@ class Plan:
     def surveyed_cases(self) -> tuple[PlannedCase, ...]:
         """The cases of a survey: all, or, of more than :data:`MOST_CASES` cases or
         :data:`MOST_STATES` states, those at the least and the greatest load and value of each
-        numeric parameter.
+        numeric parameter, and at every value of another parameter.
         """
         if self.is_surveyed_whole:
             return self.cases
         loads = self.grid.load
         ends = [*dict.fromkeys((int(np.argmin(loads.array)), int(np.argmax(loads.array))))]
         written = self.grid.written
+        load_as_given = None if written.load is None else written.load[ends]
         grid = replace(
             self.grid,
             axes=[axis.ends for axis in self.axes],
             load=loads[ends],
-            written=replace(written, load=None if written.load is None else written.load[ends]),
+            written=replace(written, load=load_as_given),
         )
         return self._plan_cases(grid)
 
@@ -950,7 +958,7 @@ class Plan:
         """
         if not self.grid.swept:
             return []
-        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.written)
+        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.load_kind)
         mend = "Take fewer loads or values"
         n_points = self.n_path_points
         if n_points:
@@ -1253,7 +1261,8 @@ def _require_path(path: str | os.PathLike[str] | None, resume: bool) -> None:
 
 def _load_finished_sweep(run: SweepRun, path: Path) -> Dataset | None:
     """Return the sweep that the file ``path`` holds, if its files are whole and its inputs and
-    versions are those of ``run``; None otherwise.
+    versions are those of ``run``; None otherwise. Raises what :func:`load_sweep` raises for a file
+    that is damaged.
     """
     if not is_whole(path.parent, file_names(path)):
         return None
