@@ -1028,8 +1028,10 @@ class SampleTask(MediumTask):
         sample, numbers = self._find_sample(loads, order[n_done], start)
         result = numbers
         if earlier:
+            # loads may have unequal numbers of peaks
             result = {
-                name: np.concatenate([earlier[name], value]) for name, value in numbers.items()
+                name: np.concatenate(pad_columns([earlier[name], value]))
+                for name, value in numbers.items()
             }
         if n_done + 1 == len(order):
             return {name: value[np.argsort(order)] for name, value in result.items()}
@@ -1166,14 +1168,16 @@ class SampleRecord(SimpleNamespace):
     @classmethod
     def to_result(cls, records: Sequence[Self]) -> TaskResult:
         """Return the result of a task, arrays (loads, ...) by name, from its records, one at each
-        load.
+        load. Where loads have unequal numbers of values, as of peaks, nan fills the last axis.
         """
         rows = list[dict[str, Any]]()
         for record in records:
             row = dict(vars(record))
             waves = row.pop("of_waves")
             rows.append(row | {_WAVES + name: value for name, value in waves.items()})
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return {
+            name: np.array(pad_columns([np.asarray(row[name]) for row in rows])) for name in rows[0]
+        }
 
     def contact_fraction(self) -> float:
         """Return the fraction of the contacts that carry load: on the triangular lattice N_c / 6,
