@@ -62,8 +62,9 @@ def encode(name: str, result: TaskResult) -> bytes:
     """Return the entry of the result of the task ``name``: the SHA-256 of all that follows, a line
     with the name, a line with the layout, which is JSON, and the bytes of the arrays.
 
-    Equal results give equal bytes. TypeError if an array holds Python objects, or has named fields,
-    whose names the layout would lose; ValueError if the name has a line break.
+    Results with equal arrays in the same order give equal bytes. TypeError if an array holds Python
+    objects, or has named fields, whose names the layout would lose; ValueError if the name has a
+    line break.
     """
     if "\n" in name:
         raise ValueError(f"the name {name!r} of a task has a line break")
