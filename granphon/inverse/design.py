@@ -112,9 +112,13 @@ def design(
 
     Raises
     ------
-    InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints or
-        ``per="kind"`` with a function, an object that is no goal, a goal that depends on none of
-        the variables, and a ``progress`` without ``step``.
+    InputError : unknown names, names that vary the same numbers, no bounds, bounds that exclude the
+        network or a sum, constraints or ``per="kind"`` with a function, a function that cannot be
+        called with the names, an object that is no goal, a goal that the network does not have or
+        that gives no finite numbers, a goal that depends on none of the variables, ``restarts``, a
+        ``seed`` or ``steps`` that are no whole numbers or too small, and a ``progress`` without
+        ``step``.
+    GranphonError : the goal has no value for the given network, as one that is not stable.
     """
     require_progress(progress)
     space: Numbers | Parameters
@@ -150,7 +154,7 @@ def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
         raise InputError(f"vary is {brief(vary)}", mend=mend)
     try:
         signature(make).bind(**dict.fromkeys(names))
-    except TypeError as error:
+    except (TypeError, ValueError) as error:  # ValueError: a builtin that tells no signature
         problem = f"the function cannot be called with {', '.join(names)}: {error}"
         raise InputError(problem, mend="Name its keywords in vary") from None
     pairs = np.array([read_bounds(name, bounds, names) for name in names])
@@ -203,8 +207,7 @@ def choose_best(
     if hasattr(problem.goals[0], "certify"):
         choice = _choose_certified(problem, searches, order, start)
     else:
-        # a search from a network without the sums has begun at another one
-        begins_at_start = problem.keeps_sums(space.start)
+        begins_at_start = problem.begins_at_start
         start_value = float(searches[0].history[0]) if begins_at_start else problem.start_value
         best = searches[order[0]].best
         choice = _Choice(order[0], best, best_values[order[0]], start_value, [])
