@@ -220,10 +220,10 @@ class WidestGap:
         weights = np.concatenate([-weights_below, weights_above], axis=1)
         is_counted = np.abs(weights) > _LEAST_WEIGHT
         slopes: dict[str, Any] = {}
-        for number in np.flatnonzero(np.any(is_counted, axis=1)).tolist():
-            branches = np.flatnonzero(is_counted[number])
-            sensitivities = phonons.sensitivities(points[number : number + 1], branches)
-            _add_slopes(slopes, sensitivities, weights[number, branches])
+        for index in np.flatnonzero(np.any(is_counted, axis=1)).tolist():
+            branches = np.flatnonzero(is_counted[index])
+            sensitivities = phonons.sensitivities(points[[index]], branches)
+            _add_slopes(slopes, sensitivities, weights[index, branches])
         return width, slopes
 
     def certify(self, network: ContactNetwork) -> float:
@@ -499,7 +499,8 @@ class LowestVelocity:
         """Return the velocity, m/s, and its derivatives by name: (n_c,) for contacts, (n,) for
         balls, and (n, motions) for springs to the ground.
 
-        Raises InputError for several directions or loads, and for a ``wave`` that is not there.
+        Raises InputError for several directions or loads, and for a ``wave`` that is not there; and
+        what :func:`granphon.sound_velocities` raises.
         """
         sensitivities = sound_velocities(network, self.direction).sensitivities
         shape = sensitivities.velocities.shape
@@ -563,7 +564,7 @@ class ResponseAt:
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the magnitude, in ``unit``, and its derivatives by name: (n_c,) for contacts, (n,)
         for balls, and (n, motions) for springs to the ground. There are no derivatives where the
-        response is zero.
+        response is zero. Raises what :meth:`granphon.Waves.response` raises.
         """
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)
@@ -574,7 +575,8 @@ class ResponseAt:
         for name in NAMES:
             derivatives = getattr(sensitivities, name)
             if derivatives is not None and magnitude > 0.0:
-                # d|z| = Re(z* dz)/|z| of the mean z over the receivers
+                # d|z| = Re(z* dz)/|z| of the mean z over the receivers, the axis after that of the
+                # one frequency
                 mean_derivatives = np.mean(derivatives[0], axis=0)
                 slopes[name] = (np.conj(mean) * mean_derivatives).real / magnitude
         return magnitude, slopes

@@ -1231,7 +1231,8 @@ def _require_openable(path: str | os.PathLike[str], data: bytes) -> None:
         raise _explain_unreadable(path, why) from None
     if trial.returncode != 0 or trial.stdout.strip() != b"good":
         lines = trial.stderr.decode("utf-8", "replace").strip().splitlines()
-        has_raised = trial.returncode > 0 and lines  # the code of a crash by a signal is negative
+        # the code of a crash by a signal is negative
+        has_raised = trial.returncode > 0 and bool(lines)
         reason = lines[-1] if has_raised else "it crashes"
         raise _explain_unreadable(path, f"HDF5 fails on it: {reason}")
 

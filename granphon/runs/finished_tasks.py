@@ -379,11 +379,11 @@ class Store:
             mend = "Run the same command again: it starts from the beginning"
             return OutputError(problem, "The parts that were finished are not there", mend)
         is_full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-        number = errno.ENOSPC if is_full else getattr(error, "errno", None)
-        reason = os.strerror(number) if number else str(error)
+        error_number = errno.ENOSPC if is_full else getattr(error, "errno", None)
+        reason = os.strerror(error_number) if error_number else str(error)
         problem = f"{self.path} cannot be {use}: {reason}"
         why = "What was finished before is kept"
-        if number == errno.ENOSPC:
+        if error_number == errno.ENOSPC:
             return OutputError(problem, why, "Free some space, and run the same command again")
         return OutputError(problem, why, f"Run the same command again when it can be {use}")
 
@@ -501,10 +501,10 @@ def _explain_difference(kept: Any, claimed: Any) -> str:
     if not kept:
         return "The file does not say which work it belongs to"
     differences = list(_find_differences(kept, claimed, ""))
-    named = differences[:_MOST_NAMED]
+    clauses = differences[:_MOST_NAMED]
     if len(differences) > _MOST_NAMED:
-        named.append(f"and {len(differences) - _MOST_NAMED} more")
-    return f"They differ: {'; '.join(named)}"
+        clauses.append(f"and {len(differences) - _MOST_NAMED} more")
+    return f"They differ: {'; '.join(clauses)}"
 
 
 def _find_differences(kept: Any, claimed: Any, where: str) -> Iterator[str]:

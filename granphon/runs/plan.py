@@ -553,7 +553,7 @@ class Plan:
         or one for the network of a state without samples. Only for a plan that requests waves.
         """
         case = self.case.case
-        (task,) = case.media
+        (task,) = case.media  # one load has one medium, in one geometry
         return [record.of_waves for record in task.list_records(case.state)]
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
@@ -593,6 +593,7 @@ class Plan:
         if self.is_surveyed_whole:
             return self.cases
         loads = self.grid.load
+        # indices of the least and the greatest load, which may be one
         ends = [*dict.fromkeys((int(np.argmin(loads.array)), int(np.argmax(loads.array))))]
         written = self.grid.written
         load_as_given = None if written.load is None else written.load[ends]

@@ -369,12 +369,13 @@ class Case:
         for result in of_media:
             examples |= result
         del examples["warnings"]
-        for name, example in examples.items():
+        names = list(examples)
+        if media[0].serving.chosen_automatically:
             # media that differ are compared in what all of them have; arrays of one medium in two
             # geometries have the same variables, of which some may be known in one alone
-            is_in_all = all(name in result for result in of_media)
-            if not is_in_all and media[0].serving.chosen_automatically:
-                continue
+            names = [name for name in names if all(name in result for result in of_media)]
+        for name in names:
+            example = examples[name]
             blocks = list[Array]()
             for result, medium in zip(of_media, media, strict=True):
                 unknown = np.full((medium.load.size, *example.shape[1:]), np.nan)
@@ -546,7 +547,7 @@ class MediumTask(Task):
     @property
     def tasks(self) -> list[MediumTask]:
         """The tasks that can run side by side: one for each sample of a simulation; for another
-        medium this task alone.
+        medium, and where the state is known, this task alone.
         """
         samples = self.serving.samples if self.known_state is None else []
         # what is left out here is found in join, from the mean over samples

@@ -24,7 +24,6 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -46,7 +45,7 @@ from granphon.base.errors import (
     StoppedEarlyWarning,
 )
 from granphon.base.results import Result
-from granphon.base.standard_errors import standard_error
+from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import counted
 from granphon.base.validation import index_array
@@ -182,7 +181,7 @@ def _require_packing_spectra(
         if isinstance(state, NetworkState):  # a packing in files
             points = find_packing_points(state.network, path, spectrum.points)
             operator = WaveOperator(state.network)
-            for polarisation in spectrum.polarisation:
+            for polarisation in spectrum.polarisation:  # for the errors alone
                 find_polarisations(operator, points.q[0], polarisation, None)
 
 
@@ -216,6 +215,7 @@ def _require_spectrum(
     # The bound of frequencies of equal balls is below that of differing balls, or little above, so
     # that a kernel of equal balls takes no more moments.
     top_frequency = operator.top / (2.0 * math.pi * MARGIN)  # Hz
+    # both for their errors alone
     Kernel.of(top_frequency, spectrum.resolution)
     for polarisation in spectrum.polarisation:
         find_polarisations(operator, points.q[0], polarisation, None)
@@ -459,7 +459,8 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
         **settings.losses,
         **_choose_plane(settings),
     )
-    # a receiver that is a ball has one column of the response, and a plane one for each ball
+    # a receiver has one column of the response, but a plane, of which there is one at most, has one
+    # for each of its balls
     n_plane = len(response.receivers) - len(receivers) + 1
     counts = [n_plane if receiver == "plane" else 1 for receiver in receivers]
     starts = np.cumsum([0, *counts])
@@ -722,7 +723,9 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
-        """Return the passage of the wave that comes from the balls ``source``, by their numbers."""
+        """Return the passage of the wave that comes from the balls and walls ``source``, given by
+        their numbers.
+        """
         distances = _find_distances(motion, source)
         peak_times, heights = motion.peaks()
         front_passages = motion.passages("front")
@@ -1099,7 +1102,7 @@ def _average_spectra(
             continue
         observables[f"ioffe_regel_{name}"] = np.array(crossing)
         if has_errors:
-            crossing_error = _jackknife(q, lines[:, index])
+            crossing_error = _find_crossing_error(q, lines[:, index])
             observables[f"ioffe_regel_{name}_error"] = np.array(crossing_error)
     return observables, notes
 
@@ -1171,26 +1174,25 @@ def _average_pulses(
     return means, notes
 
 
-def _jackknife(q: Array, lines: Array) -> float:
-    """Return the standard error of the Ioffe-Regel frequency, Hz, by the jackknife: each sample is
-    left out in turn, and the frequency of the mean over the other samples is found; the error
-    follows from the scatter of these frequencies. The error is nan if one of these means has no
-    such frequency.
+def _find_crossing_error(q: Array, lines: Array) -> float:
+    """Return the standard error of the Ioffe-Regel frequency, Hz, of the mean lines of two samples
+    or more, by the jackknife; nan if there is no such frequency without one of the samples.
 
     ``q`` (n,) are wave numbers, 1/m. ``lines`` (samples, 3, n) are the peak, Hz, and the width, Hz,
-    of each sample, and whether the line is resolved. There are two samples or more.
+    of each sample, and whether the line is resolved.
     """
-    n_samples = len(lines)
-    frequencies = []
-    for sample in range(n_samples):
-        peak, width, _resolved = np.mean(np.delete(lines, sample, axis=0), axis=0)
-        with suppress(InputError):
-            frequencies.append(find_ioffe_regel(q, peak, width))
-    if len(frequencies) < n_samples or None in frequencies:
-        return math.nan
-    # each of these means leaves out one sample alone: they scatter less than means over n_samples
-    # samples would, by the root of n_samples - 1
-    return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))
+
+    def find_frequencies(rows: Array) -> Array:
+        """Return the Ioffe-Regel frequency of each of the mean lines, ``rows`` (samples, 3 n), Hz,
+        nan where there is none.
+        """
+        frequencies = list[float | None]()
+        for row in rows:
+            peak, width, _resolved = row.reshape(3, -1)
+            frequencies.append(_find_crossing(q, peak, width)[0])
+        return np.array(frequencies, float)
+
+    return float(jackknife(find_frequencies, lines.reshape(len(lines), -1)))
 
 
 #: for each result of the waves in samples, the function that records a sample, and the function
