@@ -245,16 +245,18 @@ def _choose_certified(
     """Return the network that is kept for a gap, whose width, Hz, is that on the finer mesh.
 
     The ``searches`` are tried in the ``order`` of their starts: the first one whose gap is open on
-    the finer mesh, and no narrower than that of ``start``, the given network, is kept. If there is
-    none, the given network is kept, if its gap is open and it has the sums that are to be kept.
-    Otherwise no gap is open, and the first start of the order is kept with the width 0.
+    the finer mesh is kept, unless ``start``, the given network, has the sums that are to be kept,
+    and a wider gap. Then that network is kept. If no gap is open, the first start of the order is
+    kept with the width 0.
     """
     space = problem.space
     start_value = float(problem.goals[0].certify(start))
+    # a network without the sums may not be kept, however wide its gap
+    least_width = start_value if problem.keeps_sums(space.start) else 0.0
     for number in order:
         variables = searches[number].best
         value = float(problem.find_goal(number).certify(space.make_network(variables)))
-        if value > 0.0 and value >= start_value:
+        if value > 0.0 and value >= least_width:
             sentences = []
             if number != order[0]:
                 sentences.append(
@@ -262,7 +264,7 @@ def _choose_certified(
                     " of the given network"
                 )
             return _Choice(number, variables, value, start_value, sentences)
-    if start_value > 0.0 and problem.keeps_sums(space.start):
+    if least_width > 0.0:
         sentence = "no start widens the gap of the given network, which is kept"
         return _Choice(0, space.start, start_value, start_value, [sentence])
     return _Choice(order[0], searches[order[0]].best, 0.0, start_value, [])

@@ -1017,7 +1017,7 @@ def write_edge_waves(dataset: Dataset, file: Path) -> None:
         path[f"q{number + 1}"] = (distances.dims, qpoints)
     waves = [name for name, data in dataset.data_vars.items() if wave_dims[-1] in data.dims]
     dims = (*dataset["valid"].dims, *wave_dims)
-    _write_rows(dataset.assign(path), file, dims, [*path, *waves], known="surface_frequency")
+    _write_rows(dataset.assign(path), file, dims, [*path, *waves], row_variable="surface_frequency")
 
 
 def _write_rows(
@@ -1025,11 +1025,12 @@ def _write_rows(
     path: Path,
     dims: Sequence[Any],
     columns: Sequence[Any],
-    known: str | None = None,
+    row_variable: str | None = None,
 ) -> None:
     """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``, of
-    which the last runs fastest: load, medium and parameters, then the variables or coordinates
-    ``columns``, with all digits. Points at which the variable ``known`` is nan have no row.
+    which the last runs fastest. A row has the load, the medium and the parameters, and then the
+    variables or coordinates ``columns``, with all digits. Points at which the ``row_variable``, one
+    of the columns, is nan have no row.
     """
     load = find_load(dataset)
     state_dims = dataset["valid"].dims
@@ -1041,9 +1042,9 @@ def _write_rows(
         variable = dataset[name].broadcast_like(grid).transpose(*dims)
         values.append(variable.values.ravel().tolist())
     rows: Iterable[tuple[Any, ...]] = zip(*values, strict=True)
-    if known is not None:
-        place = names.index(known)
-        rows = (row for row in rows if not math.isnan(row[place]))
+    if row_variable is not None:
+        index = names.index(row_variable)
+        rows = (row for row in rows if not math.isnan(row[index]))
     with path.open("w", encoding="utf-8", newline="") as stream:
         write_table(stream, headings, rows)
 

@@ -1085,8 +1085,8 @@ def _estimate_packing(
     serving: ServingMedium, settings: WaveSettings | None, has_sound: bool
 ) -> Cost:
     """Return the estimated memory and time of what a scene observes in the packing in files that a
-    medium serves: with ``has_sound`` the moduli and sound velocities, and the density of states,
-    spectral functions and pulse of the ``settings``; None for none of these.
+    medium serves: with ``has_sound`` the moduli and sound velocities, and with ``settings`` their
+    density of states, spectral functions and pulse.
     """
     # imported here: other scenes do not need it
     from granphon.runs.wave_records import find_typical_state

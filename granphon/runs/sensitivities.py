@@ -442,9 +442,9 @@ def estimate_derivatives(
     n_networks = serving.load.size * (1 + N_VALUES * n_parameters)
     measure = partial(_measure_long_waves, structure.dimension, structure.n_balls, balls.friction)
     description = f"derivatives by {counted(n_parameters, 'parameter')}"
-    memory = costs.relaxation_memory(
-        structure.n_balls, balls.ball_motions.count, structure.dimension
-    )
+    n_motions = balls.ball_motions.count
+    n_branches = n_motions * structure.n_balls  # also the number of motions in a layer at an edge
+    memory = costs.relaxation_memory(structure.n_balls, n_motions, structure.dimension)
     cost = costs.Cost(
         memory,
         units=(costs.Units(n_networks, measure),),
@@ -452,16 +452,14 @@ def estimate_derivatives(
         libraries=costs.NUMBA_BYTES,
     )
     if has_cutoffs:
-        n_branches = balls.ball_motions.count * structure.n_balls
         frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)
         cost += replace(frequencies.times(n_networks), kept=0.0)  # no frequency is kept
     if surface is not None:
-        n_motions = balls.ball_motions.count * structure.n_balls
         measure_edge = partial(
             measure_corners, structure.dimension, structure.n_balls, balls.friction
         )
         cost += costs.Cost(
-            estimate_corners_memory(structure.dimension, n_motions),
+            estimate_corners_memory(structure.dimension, n_branches),
             units=(costs.Units(n_networks, measure_edge),),
         )
     return replace(cost, parts=(description,))

@@ -412,6 +412,21 @@ def test_a_given_network_without_the_sums_is_not_kept():
     assert_allclose(best.network.shear_stiffness, 0.0, atol=1e-9 * k)
 
 
+def test_a_given_network_without_the_sum_does_not_outdo_the_gaps_with_it(chain):
+    """Its gap is wider than any with the sum: (2k/m)^1/2 of both masses, of which it has less."""
+    mass = chain.masses[0]
+    wide = replace(chain, masses=mass * np.array([0.3, 1.8]))
+    bounds = (0.3 * mass, 2.0 * mass)
+    best = gp.design(
+        wide, gp.WidestGap(), bounds=bounds, constraints={"mass": 3.0 * mass}, restarts=0
+    )
+    assert_allclose(np.sort(best.variables), [mass, 2.0 * mass], rtol=1e-9)
+    k = chain.normal_stiffness[0]
+    edges = np.sqrt(2.0 * k / (mass * np.array([[1.0, 2.0], [0.3, 1.8]]))) / (2.0 * math.pi)
+    assert_allclose([best.value, best.start_value], edges[:, 0] - edges[:, 1], rtol=1e-9)
+    assert best.warnings == ()
+
+
 def test_variables_without_effect_are_named(chain):
     mass = chain.masses[0]
     bounds = {"mass": (0.5 * mass, 2.0 * mass), "shear_stiffness": (0.0, 1e6)}
