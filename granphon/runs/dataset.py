@@ -1012,12 +1012,15 @@ def write_edge_waves(dataset: Dataset, file: Path) -> None:
     """
     wave_dims = ("surface_point", "surface_wave")
     distances = dataset["surface_distance"]
-    path: dict[str, Any] = {"distance": (distances.dims, distances.values, {"units": "1/d"})}
-    for number, qpoints in enumerate(np.moveaxis(dataset["surface_qpoint"].values, -1, 0)):
-        path[f"q{number + 1}"] = (distances.dims, qpoints)
+    # the columns of the path along the edge: distance, and components of the wave vector
+    columns: dict[str, Any] = {"distance": (distances.dims, distances.values, {"units": "1/d"})}
+    components = np.moveaxis(dataset["surface_qpoint"].values, -1, 0)
+    for number, component in enumerate(components, 1):
+        columns[f"q{number}"] = (distances.dims, component)
     waves = [name for name, data in dataset.data_vars.items() if wave_dims[-1] in data.dims]
     dims = (*dataset["valid"].dims, *wave_dims)
-    _write_rows(dataset.assign(path), file, dims, [*path, *waves], row_variable="surface_frequency")
+    names = [*columns, *waves]
+    _write_rows(dataset.assign(columns), file, dims, names, row_variable="surface_frequency")
 
 
 def _write_rows(
@@ -1279,10 +1282,10 @@ class SweepAccessor:
         the shape of the variable.
 
         The exponent is the slope of a parabola through three points, on logarithmic scales, so that
-        its error goes as the square of their distance: of each load and its two neighbours, of the
-        first and the last load and the two next to it. It is nan where the variable is nan or
-        infinite at one of the three. The variable ``exponent`` of a sweep has that of the
-        velocities at each load alone.
+        its error goes as the square of their distance. The points are those of a load and its two
+        neighbours; at the first and the last load, those of the load and the two next to it. The
+        exponent is nan where the variable is nan or infinite at one of the three. The variable
+        ``exponent`` of a sweep has that of the velocities at each load alone.
 
         Parameters
         ----------

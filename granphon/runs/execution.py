@@ -276,7 +276,7 @@ class _Work:
 
     def _keep_finished(self) -> None:
         """Keep the results of calls that come within ``_LAST_SECONDS``, after an error or an
-        interruption, and cancel the other calls.
+        interruption, and cancel the calls that have not begun by then. Other calls are left alone.
         """
         wait(self.running, _LAST_SECONDS)
         for future, indices in self.running.items():

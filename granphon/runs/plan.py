@@ -484,11 +484,11 @@ class Plan:
         )
 
     def require_waves(self, most: float = math.inf) -> None:
-        """Raise GranphonError, placed in the file, if arrays are known not to have the waves that
-        are observed.
+        """Raise GranphonError, placed in the file, if arrays or networks are known not to have the
+        waves that are observed.
 
-        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
-        simulated; arrays of more than a hundred thousand balls take seconds.
+        Arrays and networks of up to ``most`` balls, a number without a unit, are looked at, and
+        nothing is simulated; arrays of more than a hundred thousand balls take seconds.
         """
         waves = self.waves
         if waves is None:
@@ -500,14 +500,14 @@ class Plan:
         from granphon.runs.wave_records import require_friction, require_network, require_waves
 
         for planned in self.checked_cases:
-            named = partial(self._name_case, planned.case)
+            naming_case = partial(self._name_case, planned.case)
             for settings in waves.of_networks:
                 for key in settings.of_network:
-                    with self.places.at(settings.block, key), named():
+                    with self.places.at(settings.block, key), naming_case():
                         require_network(planned.serving_media, settings, key, most)
-            with self.places.at("spectrum"), named():
+            with self.places.at("spectrum"), naming_case():
                 require_waves(planned.serving_media, replace(waves, pulse=None), most)
-            with self.places.at("pulse"), named():
+            with self.places.at("pulse"), naming_case():
                 require_waves(planned.serving_media, replace(waves, spectrum=None), most)
         cases = [planned.serving_media for planned in self.checked_cases]
         for settings in waves.of_networks:
