@@ -380,9 +380,9 @@ class Plan:
     def checked_cases(self) -> tuple[PlannedCase, ...]:
         """All cases, or the cases at the ends of the axes if all are more than :data:`MOST_CASES`.
 
-        The ends suffice for checks: a packing that is possible at two values of a parameter is
-        possible between them. Of a parameter without numbers, as the lattice, every value is an
-        end.
+        The ends are taken to suffice for checks: a packing that is possible at two values of a
+        parameter is nearly always possible between them. Of a parameter without numbers, as the
+        lattice, every value is an end.
         """
         if self.n_cases <= MOST_CASES:
             return self.cases
