@@ -112,9 +112,13 @@ def design(
 
     Raises
     ------
-    InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints or
-        ``per="kind"`` with a function, an object that is no goal, a goal that depends on none of
-        the variables, and a ``progress`` without ``step``.
+    InputError : unknown names, names that vary the same numbers, no bounds, bounds that exclude the
+        network or a sum, constraints or ``per="kind"`` with a function, a function that cannot be
+        called with the names, an object that is no goal, a goal that the network does not have or
+        that gives no finite numbers, a goal that depends on none of the variables, ``restarts``, a
+        ``seed`` or ``steps`` that are no whole numbers or too small, and a ``progress`` without
+        ``step``.
+    GranphonError : the goal has no value for the given network, as one that is not stable.
     """
     require_progress(progress)
     space: Numbers | Parameters
@@ -150,7 +154,7 @@ def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
         raise InputError(f"vary is {brief(vary)}", mend=mend)
     try:
         signature(make).bind(**dict.fromkeys(names))
-    except TypeError as error:
+    except (TypeError, ValueError) as error:  # ValueError: a builtin that tells no signature
         problem = f"the function cannot be called with {', '.join(names)}: {error}"
         raise InputError(problem, mend="Name its keywords in vary") from None
     pairs = np.array([read_bounds(name, bounds, names) for name in names])
@@ -203,8 +207,7 @@ def choose_best(
     if hasattr(problem.goals[0], "certify"):
         choice = _choose_certified(problem, searches, order, start)
     else:
-        # a search from a network without the sums has begun at another one
-        begins_at_start = problem.keeps_sums(space.start)
+        begins_at_start = problem.begins_at_start
         start_value = float(searches[0].history[0]) if begins_at_start else problem.start_value
         best = searches[order[0]].best
         choice = _Choice(order[0], best, best_values[order[0]], start_value, [])
@@ -242,16 +245,18 @@ def _choose_certified(
     """Return the network that is kept for a gap, whose width, Hz, is that on the finer mesh.
 
     The ``searches`` are tried in the ``order`` of their starts: the first one whose gap is open on
-    the finer mesh, and no narrower than that of ``start``, the given network, is kept. If there is
-    none, the given network is kept, if its gap is open and it has the sums that are to be kept.
-    Otherwise no gap is open, and the first start of the order is kept with the width 0.
+    the finer mesh is kept, unless ``start``, the given network, has the sums that are to be kept,
+    and a wider gap. Then that network is kept. If no gap is open, the first start of the order is
+    kept with the width 0.
     """
     space = problem.space
     start_value = float(problem.goals[0].certify(start))
+    # a network without the sums may not be kept, however wide its gap
+    least_width = start_value if problem.keeps_sums(space.start) else 0.0
     for number in order:
         variables = searches[number].best
         value = float(problem.find_goal(number).certify(space.make_network(variables)))
-        if value > 0.0 and value >= start_value:
+        if value > 0.0 and value >= least_width:
             sentences = []
             if number != order[0]:
                 sentences.append(
@@ -259,7 +264,7 @@ def _choose_certified(
                     " of the given network"
                 )
             return _Choice(number, variables, value, start_value, sentences)
-    if start_value > 0.0 and problem.keeps_sums(space.start):
+    if least_width > 0.0:
         sentence = "no start widens the gap of the given network, which is kept"
         return _Choice(0, space.start, start_value, start_value, [sentence])
     return _Choice(order[0], searches[order[0]].best, 0.0, start_value, [])

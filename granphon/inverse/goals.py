@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.text import counted
 from granphon.base.validation import (
     finite_array,
     grid_numbers,
@@ -56,18 +57,19 @@ _MESHES = (48, 12, 6)
 #: most points of a mesh along each period
 _MOST_POINTS = 1000
 #: how much finer the mesh is on which a gap is certified
-FINER = 4
-#: smoothing t of a gap, over the top frequency
-_SMOOTH = 2e-3
-#: smooth width of a gap, over the smoothing, up to which it is put down to the smoothing: of two
-#: branches that touch at one wave vector others lie so far apart that they hardly count
-_CLOSED = 1e-3
+REFINEMENT = 4
+#: smoothing t of a gap by default, over the top frequency
+_DEFAULT_SMOOTHING = 2e-3
+#: smooth width of a gap, over the smoothing, up to which two branches touch: the smoothing alone
+#: may make such a width, as at all other wave vectors these branches lie so far apart that they
+#: hardly count
+_TOUCHING_WIDTH = 1e-3
 #: weight of a frequency in a smooth edge from which its derivatives count
 _LEAST_WEIGHT = 1e-9
-#: misfit above which a frequency is not matched: in standard errors, and, where these are not
+#: greatest misfit of a frequency that is matched: in standard errors, and, where these are not
 #: given, over the frequency
-_FAR = 3.0
-_FAR_RELATIVE = 1e-3
+_MOST_MISFIT = 3.0
+_MOST_RELATIVE_MISFIT = 1e-3
 #: least overlap of a measured shape with that of a mode at which the two are taken for the same
 _LEAST_OVERLAP = 0.5
 
@@ -131,37 +133,52 @@ class WidestGap:
         With ``branches`` or ``near`` there is one goal: that number of branches, or the number of
         branches whose mean frequency over the zone is below ``near``. Otherwise the goals are those
         of the widest gaps of the network, or, where none is open, of the least overlaps of
-        branches. Raises InputError for a network with one branch, for more branches than it has,
-        and for a ``near`` below or above all branches.
+        branches. Raises InputError for a network with one branch, for ``branches`` of which none is
+        above the gap, and for a ``near`` below or above the mean frequencies of all branches.
         """
         _points, frequencies = self._find_frequencies(Phonons(network))
         tops = frequencies.max(axis=0)
-        smoothing = self.smoothing or _SMOOTH * float(tops[-1])
+        smoothing = self.smoothing or _DEFAULT_SMOOTHING * float(tops[-1])
         goal = replace(self, near=None, smoothing=smoothing)
         n_gaps = len(tops) - 1
+        self._require_branches(n_gaps)
+        if self.branches is not None:
+            return [goal]
+        if self.near is not None:
+            return [replace(goal, branches=self._count_below(self.near, frequencies))]
+        # of the gap above each branch, below zero where none is
+        widths = frequencies.min(axis=0)[1:] - tops[:-1]
+        widest = np.argsort(-widths, kind="stable")[:count]
+        return [replace(goal, branches=1 + int(number)) for number in widest]
+
+    def _require_branches(self, n_gaps: int) -> None:
+        """Raise InputError for a network whose ``n_gaps``, the number of branches less one, is
+        zero, or less than the ``branches`` below the gap.
+        """
         if not n_gaps:
             raise InputError("the network has one branch alone, and no gap between branches")
         if self.branches is not None:
             whole_number("branches", self.branches, 1, n_gaps)
-            return [goal]
-        bottoms = frequencies.min(axis=0)
-        if self.near is not None:
-            means = np.mean(frequencies, axis=0)
-            n_below = int(np.count_nonzero(means < self.near))
-            if n_below in (0, len(tops)):
-                number = int(np.argmax(bottoms[1:] - tops[:-1]))
-                low, high = sorted((float(tops[number]), float(bottoms[number + 1])))
-                raise InputError(
-                    f"no gap can be near {self.near:g} Hz",
-                    f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
-                    " Hz, and gaps between branches",
-                    f"Give a frequency between two of them, as {0.5 * (low + high):.4g} Hz, or"
-                    " leave near out",
-                )
-            return [replace(goal, branches=n_below)]
-        widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is
-        widest = np.argsort(-widths, kind="stable")[:count]
-        return [replace(goal, branches=1 + int(number)) for number in widest]
+
+    @staticmethod
+    def _count_below(near: float, frequencies: Array) -> int:
+        """Return the number of branches whose mean of the ``frequencies`` (n_q, n_b), Hz, over the
+        zone is below the frequency ``near``, Hz; InputError if these are none or all.
+        """
+        means = np.mean(frequencies, axis=0)
+        n_below = int(np.count_nonzero(means < near))
+        if n_below in (0, len(means)):
+            tops = frequencies.max(axis=0)[:-1]
+            bottoms = frequencies.min(axis=0)[1:]
+            widest = int(np.argmax(bottoms - tops))
+            middle = 0.5 * float(tops[widest] + bottoms[widest])  # Hz
+            raise InputError(
+                f"no gap can be near {near:g} Hz",
+                f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
+                " Hz, and gaps between branches",
+                f"Give a frequency between two of them, as {middle:.4g} Hz, or leave near out",
+            )
+        return n_below
 
     def _list_numbers(self, periods: int) -> tuple[int, ...]:
         """Return the numbers of wave vectors along each of the reciprocal vectors, as many as the
@@ -185,11 +202,13 @@ class WidestGap:
         derivatives by name: (n_c,) for contacts, (n,) for balls, and (n, motions) for springs to
         the ground. Frequencies that hardly count in an edge are left out of the derivatives.
 
-        Of ``branches`` and ``smoothing``, one that is not given is chosen at this network.
+        Of ``branches`` and ``smoothing``, one that is not given is chosen at this network. Raises
+        InputError for a ``mesh`` of another number of periods, and as :meth:`choose` does.
         """
         if self.branches is None or self.smoothing is None:
             return self.choose(network, 1)[0].evaluate(network)
         phonons = Phonons(network)
+        self._require_branches(phonons.lattice.n_branches - 1)
         points, frequencies = self._find_frequencies(phonons)
         frequencies_below = frequencies[:, : self.branches]
         frequencies_above = frequencies[:, self.branches :]
@@ -201,30 +220,32 @@ class WidestGap:
         weights = np.concatenate([-weights_below, weights_above], axis=1)
         is_counted = np.abs(weights) > _LEAST_WEIGHT
         slopes: dict[str, Any] = {}
-        for number in np.flatnonzero(np.any(is_counted, axis=1)).tolist():
-            branches = np.flatnonzero(is_counted[number])
-            sensitivities = phonons.sensitivities(points[number : number + 1], branches)
-            _add_slopes(slopes, sensitivities, weights[number, branches])
+        for index in np.flatnonzero(np.any(is_counted, axis=1)).tolist():
+            branches = np.flatnonzero(is_counted[index])
+            sensitivities = phonons.sensitivities(points[[index]], branches)
+            _add_slopes(slopes, sensitivities, weights[index, branches])
         return width, slopes
 
     def certify(self, network: ContactNetwork) -> float:
         """Return the exact width of the gap, Hz, on a mesh four times finer than that of the
-        search, without smoothing; zero if the gap is closed.
+        search, without smoothing; zero if the gap is closed. ``branches`` that are not given are
+        chosen at this network. Raises InputError as :meth:`evaluate` does.
         """
         if self.branches is None:
             return self.choose(network, 1)[0].certify(network)
         phonons = Phonons(network)
+        self._require_branches(phonons.lattice.n_branches - 1)
         numbers = self._list_numbers(phonons.lattice.periods)
-        numbers_below, gaps = phonons.find_gaps([FINER * number for number in numbers])
+        numbers_below, gaps = phonons.find_gaps([REFINEMENT * number for number in numbers])
         is_gap = numbers_below == self.branches  # of one gap, or of none if the gap is closed
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
     def tell_closed(self, width: float) -> str:
-        """Return words for a gap of the smooth ``width``, Hz, that is closed: its branches touch if
-        the width is so small that the smoothing alone makes it, or else overlap. The words are ""
-        for a gap that is open.
+        """Return words for a gap of the smooth ``width``, Hz, that is closed. Its branches touch if
+        the width is zero, or, above or below zero, so small that the smoothing alone may make it;
+        they overlap if it is farther below zero. The words are "" for a gap that is open.
         """
-        if self.smoothing is not None and abs(width) < _CLOSED * self.smoothing:
+        if abs(width) <= _TOUCHING_WIDTH * (self.smoothing or 0.0):
             return "zero, the branches touch"
         return "closed, the branches overlap" if width < 0.0 else ""
 
@@ -240,12 +261,13 @@ class WidestGap:
         """Return the cost of :meth:`certify`, in time and memory."""
         lattice = Phonons(network).lattice
         numbers = self._list_numbers(lattice.periods)
-        n_points = math.prod(FINER * number for number in numbers)
+        n_points = math.prod(REFINEMENT * number for number in numbers)
         return costs.band_edges(1, n_points, lattice.n_branches, of_all=False, of_network=True)
 
     def judge_history(self, history: Array, value: float) -> str:
         """Return a sentence if the gap that a search has found is closed where it is certified, if
-        none opens, or if the gap, once open, closes again on the way; "" otherwise.
+        none opens, or if the gap, once open, closes again on the way; "" otherwise. Only for a goal
+        with a number of ``branches``, as :meth:`choose` returns.
 
         ``history`` (h,) is the smooth width at each evaluation, Hz, and ``value`` that of the
         certificate, Hz.
@@ -254,7 +276,7 @@ class WidestGap:
         if value <= 0.0:
             branches = f"branches {self.branches} and {self.branches + 1}"  # type: ignore[operator]
             if np.any(is_open):
-                return f"on the mesh {FINER} times finer the gap between {branches} closes"
+                return f"on the mesh {REFINEMENT} times finer the gap between {branches} closes"
             return f"no gap opens between {branches}"
         count = int(np.count_nonzero(np.maximum.accumulate(is_open) & ~is_open))
         if not count:
@@ -354,7 +376,8 @@ class MatchFrequencies:
         ground.
 
         Without ``sigma`` the errors are the measured frequencies. Raises InputError if ``shapes``
-        are of other balls or motions, or if there are not as many frequencies as are measured.
+        are of other balls or motions or move no ball, if there are not as many frequencies as are
+        measured, and for wave vectors or branches that the network does not have.
         """
         measured = np.asarray(self.measured, float)
         sigma = measured if self.sigma is None else self.sigma
@@ -373,8 +396,9 @@ class MatchFrequencies:
             sensitivities = Phonons(network).sensitivities(points, branches)
         frequencies = sensitivities.frequencies.ravel()[order]
         if frequencies.size != measured.size:
+            n_measured = counted(measured.size, "frequency is", "frequencies are")
             raise InputError(
-                f"{measured.size} frequencies are measured, and the goal has {frequencies.size}",
+                f"{n_measured} measured, and the goal has {frequencies.size}",
                 mend="Give a frequency for each branch at each wave vector",
             )
         residuals = (frequencies - measured.ravel()) / errors
@@ -394,7 +418,7 @@ class MatchFrequencies:
         its overlap (m,) with the shape of that mode: the square of the cosine between the two,
         weighted by masses and moments of inertia. The sum of the overlaps is the greatest one.
 
-        InputError for shapes of other balls or motions.
+        InputError for shapes of other balls or motions, and for a shape of balls that are held.
         """
         from scipy.optimize import linear_sum_assignment
 
@@ -405,11 +429,14 @@ class MatchFrequencies:
             raise InputError(fault, f"Modes of the network have {modes.vectors.shape}")
         inertias = np.where(network.moving[:, None], list_inertias(network), 0.0)
         rows = (np.sqrt(inertias) * shapes).reshape(len(shapes), -1)
+        if not np.all(np.any(rows, axis=1)):
+            fault = "a shape moves no ball of the network that can move"
+            raise InputError(fault, mend="Give the motions of its balls")
         columns = modes.vectors.reshape(len(shapes), -1)
-        cosines = (rows @ columns.T) ** 2
-        overlaps = cosines / np.outer(np.sum(rows**2, axis=1), np.sum(columns**2, axis=1))
-        places, numbers = linear_sum_assignment(overlaps, maximize=True)
-        return numbers, overlaps[places, numbers]
+        products = (rows @ columns.T) ** 2
+        overlaps = products / np.outer(np.sum(rows**2, axis=1), np.sum(columns**2, axis=1))
+        shape_indices, numbers = linear_sum_assignment(overlaps, maximize=True)
+        return numbers, overlaps[shape_indices, numbers]
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
@@ -440,7 +467,7 @@ class MatchFrequencies:
                     f" {least_overlap:.2g}"
                 )
         largest_misfit = float(np.max(np.abs(residuals)))
-        tolerance = _FAR_RELATIVE if self.sigma is None else _FAR
+        tolerance = _MOST_RELATIVE_MISFIT if self.sigma is None else _MOST_MISFIT
         if largest_misfit <= tolerance:
             return ""
         unit = "of its value" if self.sigma is None else "standard errors"
@@ -472,7 +499,8 @@ class LowestVelocity:
         """Return the velocity, m/s, and its derivatives by name: (n_c,) for contacts, (n,) for
         balls, and (n, motions) for springs to the ground.
 
-        Raises InputError for several directions or loads, and for a ``wave`` that is not there.
+        Raises InputError for several directions or loads, and for a ``wave`` that is not there; and
+        what :func:`granphon.sound_velocities` raises.
         """
         sensitivities = sound_velocities(network, self.direction).sensitivities
         shape = sensitivities.velocities.shape
@@ -536,7 +564,7 @@ class ResponseAt:
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the magnitude, in ``unit``, and its derivatives by name: (n_c,) for contacts, (n,)
         for balls, and (n, motions) for springs to the ground. There are no derivatives where the
-        response is zero.
+        response is zero. Raises what :meth:`granphon.Waves.response` raises.
         """
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)
@@ -547,7 +575,8 @@ class ResponseAt:
         for name in NAMES:
             derivatives = getattr(sensitivities, name)
             if derivatives is not None and magnitude > 0.0:
-                # d|z| = Re(z* dz)/|z| of the mean z over the receivers
+                # d|z| = Re(z* dz)/|z| of the mean z over the receivers, the axis after that of the
+                # one frequency
                 mean_derivatives = np.mean(derivatives[0], axis=0)
                 slopes[name] = (np.conj(mean) * mean_derivatives).real / magnitude
         return magnitude, slopes

@@ -31,20 +31,21 @@ _TOLERANCE = 1e-12
 #: derivative by a variable, times its range, over the largest, up to which the goal does not depend
 #: on it
 _NO_EFFECT = 1e-12
-#: step of differences by a parameter of a function, over the value of the parameter
+#: step of differences by a parameter of a function, over the value of the parameter, or over its
+#: range if that is smaller
 _STEP = 1e-5
 #: least value by which such a step is measured, over the range of the parameter: with a smaller
 #: step, as of a parameter that is zero, differences would be rounding
 _LEAST_VALUE = 1e-4
 #: distance of a start from its bounds, over their range, for least squares: SciPy begins only at a
 #: place strictly inside of the bounds
-_INSIDE = 1e-6
+_MARGIN = 1e-6
 #: names of the derivatives that a goal may return
 _DERIVATIVES = tuple(field.name for field in fields(Sensitivities))
 #: distance of a sum from its total, over the greatest sum within the bounds, that is rounding
 _ROUNDING = 1e-9
 #: most variables that a message names
-_NAMED = 6
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,12 @@ class Numbers(Variables):
         or (m,), and its exact derivatives by the variables, (n,) or (m, n).
 
         ``find(network)`` returns the value and its derivatives, as ``evaluate`` of a
-        :class:`~granphon.inverse.goals.Goal`; InputError if it returns anything else.
+        :class:`~granphon.inverse.goals.Goal`; InputError if it returns anything else, or
+        derivatives of another shape.
         """
         network = self.make_network(values)
         value, slopes = _read_goal(find(network))
-        return value, self.chain(network, slopes)
+        return value, self.chain(network, slopes, np.shape(value))
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,13 @@ def _require_one_number(value: Array) -> float:
     return float(value)
 
 
+def _is_match(goal: Any, sums: Sequence[tuple[Array, float]]) -> bool:
+    """Whether the search for a ``goal`` is a match by least squares: the goal has residuals, and no
+    ``sums`` are kept, which least squares cannot keep.
+    """
+    return hasattr(goal, "find_residuals") and not sums
+
+
 #: networks by the values of variables
 Space = Numbers | Parameters
 
@@ -197,8 +206,9 @@ class Problem:
         """Return a problem with ``restarts`` random starts after the given network.
 
         A goal that has to be chosen, as a gap, is replaced by several with fixed numbers of
-        branches, at most one for each start. InputError for an object that is no goal, and where
-        the network has no such gap.
+        branches, at most one for each start. InputError for an object that is no goal, where the
+        network has no such gap, and for ``restarts``, a ``seed`` or ``steps`` that are no whole
+        numbers or too small.
         """
         count = 1 + whole_number("restarts", restarts, 0)
         most_steps = whole_number("steps", steps, 1)
@@ -219,9 +229,22 @@ class Problem:
         """The value of the first goal at the given network, which for a gap is its smooth width;
         InputError unless it is one number.
         """
-        network = self.space.make_network(self.space.start)
-        value, _slopes = _read_goal(self.goals[0].evaluate(network))
-        return _require_one_number(value)
+        value, _slopes = self._evaluate(self.space.make_network(self.space.start))
+        return value
+
+    def _evaluate(self, network: ContactNetwork) -> tuple[float, Mapping[str, Any]]:
+        """Return the value of the first goal at a ``network``, and its derivatives by name;
+        InputError unless the value is one number.
+        """
+        value, slopes = _read_goal(self.goals[0].evaluate(network))
+        return _require_one_number(value), slopes
+
+    @property
+    def begins_at_start(self) -> bool:
+        """Whether the search from start 0 begins with the value of the given network itself: the
+        network has the sums, and the search is no match, which moves off the bounds.
+        """
+        return self.keeps_sums(self.space.start) and not _is_match(self.goals[0], self.sums)
 
     def judge_effects(self) -> list[str]:
         """Return a list with one sentence, which names the variables on which the goal does not
@@ -232,27 +255,25 @@ class Problem:
         vanish at one place only; if the random network has no value, it does not count.
         """
         space = self.space
-        goal = self.goals[0]
         with about("goal"):
-            value, slope = space.differentiate(goal.evaluate, space.start)
-            _require_one_number(value)
+            _value, slope = space.differentiate(self._evaluate, space.start)
         sizes = np.abs(slope)
         with suppress(GranphonError):
-            _value, slope = space.differentiate(goal.evaluate, self._draw_start(0))
+            _value, slope = space.differentiate(self._evaluate, self._draw_start(0))
             sizes = np.maximum(sizes, np.abs(slope))
         sizes = sizes * (space.high - space.low)
         largest_size = float(np.max(sizes))
-        if not largest_size > 0.0:
-            names = ", ".join(space.labels[:_NAMED])
-            fault = f"the goal depends on none of the variables: {names}"
-            with about("vary"):
-                raise InputError(fault, mend="Vary others")
         numbers = np.flatnonzero(sizes <= _NO_EFFECT * largest_size)
         if not numbers.size:
             return []
-        names = ", ".join(space.labels[number] for number in numbers[:_NAMED].tolist())
-        ending = f" and {numbers.size - _NAMED} more" if numbers.size > _NAMED else ""
-        return [f"the goal does not depend on {counted(numbers.size, 'variable')}: {names}{ending}"]
+        names = ", ".join(space.labels[number] for number in numbers[:_MOST_NAMED].tolist())
+        if numbers.size > _MOST_NAMED:
+            names += f" and {numbers.size - _MOST_NAMED} more"
+        if not largest_size > 0.0:
+            fault = f"the goal depends on none of the variables: {names}"
+            with about("vary"):
+                raise InputError(fault, mend="Vary others")
+        return [f"the goal does not depend on {counted(numbers.size, 'variable')}: {names}"]
 
     def _draw_start(self, number: int) -> Array:
         """Return random values (n,) of the variables within their bounds, SI, those at which start
@@ -348,13 +369,13 @@ class _Search:
         """Search from a ``start`` (n,), SI, in at most so many ``steps``; set ``history``, ``best``
         and ``stopped``.
 
-        A goal with residuals is matched by least squares, which cannot keep sums: with sums it is
+        A goal with residuals is matched by least squares (:func:`_is_match`); with sums it is
         minimised as others are. The search ends early where the goal has no value, for example at a
         network that is not stable. If that is so at the first network and the search
         ``must_start``, the error is raised.
         """
         try:
-            if hasattr(self.goal, "find_residuals") and not self.sums:
+            if _is_match(self.goal, self.sums):
                 self._match(start, steps)
             else:
                 self._descend(start, steps)
@@ -427,7 +448,7 @@ class _Search:
         """
         from scipy.optimize import least_squares
 
-        margin = _INSIDE * (self._high - self._low)
+        margin = _MARGIN * (self._high - self._low)
         # SciPy asks for the residuals and their derivatives at u one after the other, and both come
         # from one evaluation
         derivatives: dict[bytes, Array] = {}

@@ -144,8 +144,9 @@ class Variables:
     def of(cls, network: ContactNetwork, vary: Any, bounds: Any, per: str) -> Self:
         """Return the variables from the arguments of :func:`granphon.design`.
 
-        InputError for unknown names, for names that vary the same numbers, for bounds that are no
-        two ascending numbers, and for a start outside of its bounds.
+        InputError for a word that ``per`` does not know, for no names and unknown ones, for names
+        that vary the same numbers, for a network without balls or contacts to vary, for bounds that
+        :meth:`_Group.read_bounds` refuses, and for a start outside of its bounds.
         """
         one_of("per", per, PER)
         names = texts("vary", vary)
@@ -223,38 +224,34 @@ class Variables:
                 fields[name] = array
         return replace(self.network, lattice=None, shape=None, **fields)
 
-    def chain(self, network: ContactNetwork, slopes: Mapping[str, Any]) -> Array:
-        """Return the derivatives by the variables, (..., n) for n variables, from those by the
-        numbers of a ``network`` that :meth:`make_network` has made.
+    def chain(
+        self, network: ContactNetwork, slopes: Mapping[str, Any], shape: tuple[int, ...] = ()
+    ) -> Array:
+        """Return the derivatives of a goal by the variables, (..., n) for n variables, from those
+        by the numbers of a ``network`` that :meth:`make_network` has made.
 
         ``slopes`` has the latter by the names of derivatives: (..., n_c) for contacts, (..., n_b)
-        for balls, and (..., n_b, motions) for springs to the ground. By the chain rule the
-        derivatives by the fields that change in proportion with a variable are added, and then
-        those of all members that have the variable. InputError for derivatives of another shape.
+        for balls, and (..., n_b, motions) for springs to the ground, where ``shape`` (...) is that
+        of the goal's value. Those that are left out are zero. By the chain rule the derivatives by
+        the fields that change in proportion with a variable are added, and then those of all
+        members that have the variable. InputError for derivatives of another shape.
         """
         columns = []
         for group in self.groups:
             values = _read_values(network, group.main_field, group.members)
-            total: Any = 0.0  # of the derivatives by each member, (..., m)
+            # of the derivatives by each member, (..., m)
+            total = np.zeros((*shape, len(group.members)))
             for field, name in group.fields.items():
                 slope = slopes.get(name)
                 if slope is None:
                     continue
-                derivatives = finite_array(f"the derivatives by {name}", slope)
-                if name == "on_site":  # the same spring resists each of the displacements
-                    derivatives = derivatives[..., network.ball_motions.translating].sum(axis=-1)
-                size = network.n_balls if name == "on_site" else len(getattr(network, field))
-                if derivatives.shape[-1:] != (size,):
-                    fault = f"the derivatives by {name} have the shape {derivatives.shape}"
-                    raise InputError(fault, f"There are {size} of each value of the goal")
+                derivatives = _read_slopes(network, field, name, slope, shape)
                 member_slopes = derivatives[..., group.members]
                 if field != group.main_field:  # a field y in proportion with x has dy/dx = y/x
                     member_slopes = member_slopes * getattr(network, field)[group.members] / values
-                total = total + member_slopes
-            # zeros where the goal depends on none of the fields
-            all_slopes = np.zeros(len(group.members)) + total
-            sums = np.zeros((group.count, *all_slopes.shape[:-1]))
-            np.add.at(sums, group.numbers, np.moveaxis(all_slopes, -1, 0))
+                total += member_slopes
+            sums = np.zeros((group.count, *shape))
+            np.add.at(sums, group.numbers, np.moveaxis(total, -1, 0))
             columns.append(np.moveaxis(sums, 0, -1))
         return np.concatenate(columns, axis=-1)
 
@@ -310,6 +307,27 @@ def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
     return np.asarray(values[members][:, network.ball_motions.translating].mean(axis=1))
 
 
+def _read_slopes(
+    network: ContactNetwork, field: str, name: str, slope: Any, shape: tuple[int, ...]
+) -> Array:
+    """Return the derivatives (..., n) of a goal by the n values of a ``field`` of a network, in
+    which the spring to the ground of a ball is one value. ``slope`` holds the derivatives of the
+    ``name`` that the goal gives, and ``shape`` (...) is that of the value of the goal. InputError
+    for derivatives of another shape, and for such as are no finite numbers.
+    """
+    derivatives = finite_array(f"the derivatives by {name}", slope)
+    is_on_site = field == "on_site"
+    sizes: tuple[int, ...] = (network.n_balls, network.ball_motions.count)
+    if not is_on_site:
+        sizes = (len(getattr(network, field)),)
+    if derivatives.shape != (*shape, *sizes):
+        fault = f"the derivatives by {name} have the shape {derivatives.shape}"
+        raise InputError(fault, mend=f"Give an array {(*shape, *sizes)}")
+    if is_on_site:  # the same spring resists each of the displacements
+        return np.asarray(derivatives[..., network.ball_motions.translating].sum(axis=-1))
+    return derivatives
+
+
 def _put_springs(network: ContactNetwork, members: Index, values: Array) -> Array:
     """Return the springs to the ground (n, motions) of a network in which those of some balls,
     ``members`` (m,), resist each displacement of a ball with the stiffness in ``values`` (m,), N/m.
@@ -348,8 +366,8 @@ def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
     "kind" or all contacts of a pair of kinds, as ``per`` says. Balls that do not move have none.
     """
     kinds: list[tuple[str, ...]] | None = None
-    of_balls = not {"masses", "inertias", "on_site"}.isdisjoint(VARIED[name])
-    if of_balls:
+    is_of_balls = not {"masses", "inertias", "on_site"}.isdisjoint(VARIED[name])
+    if is_of_balls:
         members = np.flatnonzero(network.moving)
         noun = "ball"
         if network.kinds is not None:
@@ -374,7 +392,8 @@ def read_bounds(name: str, bounds: Any, names: Sequence[str]) -> tuple[float, fl
     """Return the least and the greatest value, SI, of the variables of a ``name``.
 
     ``bounds`` are a pair (low, high), or a mapping of names to such pairs, which is needed if
-    several ``names`` vary. InputError for other bounds, or unless 0 <= low < high.
+    several ``names`` vary. InputError for a mapping without the ``name``, for other bounds, and
+    unless 0 <= low < high.
     """
     limits = bounds
     if isinstance(bounds, Mapping):

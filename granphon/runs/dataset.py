@@ -83,7 +83,7 @@ Array = NDArray[Any]
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
-_UNEVEN = ("surface_wave", "gap", "branch", "response_peak")
+_UNEVEN_DIMS = ("surface_wave", "gap", "branch", "response_peak")
 #: name of the attribute that says of each medium, by its label, whether its states have finite
 #: overlap, null if some have it and others have not; a JSON text
 OVERLAP_OF_MEDIA = "finite_overlap_of_media"
@@ -110,11 +110,12 @@ _TRAILER_BYTES = len(_TRAILER) + 64
 #: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may
 #: hold many bands
 _MOST_BYTES = 2_000_000_000
+#: variables above zero in data sets of packings; those of crystals may have any sign, as balls may
+#: adhere, or bear gravity alone
+_COMPRESSIVE = {"force", "pressure"}
 #: variables above zero, and those that may also be zero; all are finite, but for
 #: :data:`_MAY_BE_INFINITE`
 _ABOVE_ZERO = {
-    "force",
-    "pressure",
     "normal_stiffness",
     "effective_density",
     "stiffness_ratio",
@@ -156,7 +157,7 @@ _MAY_BE_INFINITE = {
     "damped_quality",
 }
 #: attributes that hold a JSON text, and its type
-_JSON = {
+_JSON_TYPES = {
     "packing": dict,
     "media": list,
     "observe": list,
@@ -164,7 +165,7 @@ _JSON = {
     "warnings": list,
     OVERLAP_OF_MEDIA: dict,
 }
-_WORDS = {dict: "mapping", list: "list"}
+_TYPE_WORDS = {dict: "mapping", list: "list"}
 
 
 # -- the work --------------------------------------------------------------------------------------
@@ -259,8 +260,9 @@ def make_frame(grid: Grid) -> Dataset:
     and ``labels`` (s + 1,) the names of the corners. Data sets get their accessor, see
     :func:`register_accessor`.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no such path, or if the bands of
-    the packings do not fit into one array.
+    Raises :class:`~granphon.base.errors.InputError` for an impossible packing, for a packing that
+    has no medium at a load, if there is no such path, and if the bands of the packings do not fit
+    into one array. Raises :class:`~granphon.base.errors.MissingPackageError` without xarray.
     """
     with needing("A data set"):
         from xarray import Dataset
@@ -304,9 +306,9 @@ def _find_finite_overlaps(grid: Grid) -> Array:
 
 
 def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
-    """Return the attributes that every data set has, by name; ``direction`` is that of a data set
-    for which no direction is requested. ``finite_overlaps`` (media, combinations, loads) is that of
-    :func:`_find_finite_overlaps`.
+    """Return the attributes that every data set has, by name. The attribute ``direction`` says that
+    no direction is requested; where one is, :func:`make_frame` replaces it. ``finite_overlaps``
+    (media, combinations, loads) is that of :func:`_find_finite_overlaps`.
     """
     structure = grid.cases[0].packing.structure
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
@@ -366,15 +368,17 @@ def _frame_bands(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
     """Return the variables of the path of the bands, ``qpoints`` (s, p, 3), ``distances`` (s, p)
     and ``labels`` (s + 1,) as in :func:`make_frame`; empty without bands.
 
-    ``finite_overlaps`` says of each state whether it has finite overlap. InputError for cases with
-    different lattices, or different motions of balls.
+    ``finite_overlaps`` says of each state whether it has finite overlap. InputError for a path that
+    the lattice does not have, and for cases with different lattices, or different motions of balls.
     """
     structure = grid.cases[0].packing.structure
     path = grid.request.find_path(structure)
     if path is None:
         return {}
-    lattices = {(case.packing.structure, case.packing.ball_motions) for case in grid.cases}
-    if len(lattices) > 1:
+    lattices_with_motions = {
+        (case.packing.structure, case.packing.ball_motions) for case in grid.cases
+    }
+    if len(lattices_with_motions) > 1:
         why = (
             "The number of branches, or the Brillouin zone, differs, so that they do not fit into"
             " one array"
@@ -440,11 +444,11 @@ def _frame_direction(direction: tuple[Any, ...]) -> tuple[tuple[Any, ...], str]:
     """Return the coordinate of the direction of sound, as dimensions, names and attributes, and the
     attribute ``direction`` of the data set.
 
-    ``direction`` holds the Cartesian components of a direction, or a tuple of them for each of
-    several; only several have the dimension ``direction``.
+    ``direction`` holds the Cartesian components of a direction, or is a list of directions, a tuple
+    of one or more such tuples; only a list has the dimension ``direction``.
     """
-    has_several = isinstance(direction[0], tuple)
-    directions: Any = direction if has_several else (direction,)
+    is_list = isinstance(direction[0], tuple)
+    directions: Any = direction if is_list else (direction,)
     # Six digits are easier to read, and serve unless two directions would have the same name.
     short_names = [
         f"({', '.join(f'{component:g}' for component in components)})" for components in directions
@@ -457,7 +461,7 @@ def _frame_direction(direction: tuple[Any, ...]) -> tuple[tuple[Any, ...], str]:
         "values": to_json(direction),
     }
     words = f"{', '.join(names.tolist())}, Cartesian"
-    if has_several:
+    if is_list:
         return ("direction", names, attributes), words
     return ((), names[0], attributes), words
 
@@ -577,7 +581,7 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     # other packages, such as those that write files, change no number
     identity["versions"] = {name: all_versions[name] for name in packages()}
     parameters = {*LOAD_KINDS, *SWEPT, "direction"}
-    # a name with a point is a parameter of a medium
+    # a name with a point is a parameter of a kind of ball, or of a wall
     swept_names = [name for name in frame.coords if name in parameters or "." in str(name)]
     path_names = [name for name in ("labels", "qpoints") if name in frame]
     for name in swept_names + path_names:
@@ -612,13 +616,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     if any(notes):
         warnings = tell_notes(list(map(CaseNotes.of, grid.cases, notes)))
     _fill_choices(grid, results)
-    # the array of a variable has room for no case without the variable
-    shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}
-    variables: dict[str, Any] = {}
-    names = [name for name in results[0] if name in shared_names]
-    for name in names:
-        dims, values = _stack(name, frame, grid, results)
-        variables[name] = (dims, values, _list_attributes(name, values, packing))
+    variables = _stack_shared(frame, grid, results)
     if "tensor" in variables:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
@@ -635,6 +633,21 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
         .assign(along_path)
         .assign_attrs(warnings=to_json(warnings))
     )
+
+
+def _stack_shared(frame: Dataset, grid: Grid, results: Sequence[TaskResult]) -> dict[str, Any]:
+    """Return the variables that all ``results`` have, by name, each as its dimensions, values and
+    attributes. The load, a coordinate, is not among them, nor are the notes.
+    """
+    packing = grid.cases[0].packing
+    # the array of a variable has room for no case without the variable
+    shared_names = set(results[0]).intersection(*results) - {grid.load.kind, "warnings"}
+    variables: dict[str, Any] = {}
+    for name in results[0]:
+        if name in shared_names:
+            dims, values = _stack(name, frame, grid, results)
+            variables[name] = (dims, values, _list_attributes(name, values, packing))
+    return variables
 
 
 def _join_edge_waves(grid: Grid, results: Sequence[TaskResult]) -> list[str]:
@@ -718,7 +731,7 @@ def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
     for case, result in zip(grid.cases, results, strict=True):
         errors = np.zeros(n_loads)
         for serving in case.serving_media:
-            is_sampled = serving.arrays and serving.packing.width
+            is_sampled = bool(serving.arrays) and serving.packing.width > 0.0
             errors[serving.loads] = np.nan if is_sampled else 0.0
         for name, shape in shapes.items():
             if name not in result:
@@ -730,13 +743,11 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
     """Pad the variables of which some states have fewer values than others with nan, so that the
     values of all cases have the same shape. The ``results`` are changed in place.
     """
-    if len(results) == 1:
-        return
     uneven_names = {
         name
         for result in results
         for name in result
-        if (entry := CATALOGUE.get(name)) and entry.dims and entry.dims[-1] in _UNEVEN
+        if (entry := CATALOGUE.get(name)) and entry.dims and entry.dims[-1] in _UNEVEN_DIMS
     }
     for name in uneven_names:
         results_with_name = [result for result in results if name in result]
@@ -863,7 +874,8 @@ def file_names(path: Path) -> list[str]:
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
     """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not
-    survive a full disk.
+    survive a full disk. Raises :class:`~granphon.base.errors.MissingPackageError` without h5netcdf
+    or xarray.
     """
     with needing("A netCDF file"):
         from h5netcdf import File  # type: ignore[import-untyped]
@@ -880,8 +892,9 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
 def open_bytes(data: bytes) -> Dataset:
     """Read the data set of a netCDF file that is given as bytes into memory.
 
-    Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5,
-    h5netcdf and xarray raise.
+    Raises ValueError if the file refers to other files, or unpacks to more than
+    :data:`_MOST_BYTES`; MissingPackageError without h5py or xarray; and whatever HDF5, h5netcdf and
+    xarray raise.
     """
     with needing("A netCDF file"):
         import h5py
@@ -939,9 +952,9 @@ def _write_states(dataset: Dataset, path: Path) -> None:
 
 
 def _digest_values(values: Array) -> tuple[str, Any]:
-    """Return the type of ``values`` in words, and what stands for the values in a digest: the list
-    of them if they are texts, their sha256 in hexadecimal digits if they are numbers. Neither the
-    byte order of numbers nor the stored length of texts counts.
+    """Return the type of ``values`` in words, and what stands for the values in a digest: of texts
+    the texts themselves, in lists for each axis, of numbers their sha256 in hexadecimal digits.
+    Neither the byte order of numbers nor the stored length of texts counts.
     """
     if values.dtype.kind in "OUT":
         return "text", values.astype(str).tolist()
@@ -971,8 +984,9 @@ def _digest_numbers(dataset: Dataset) -> str:
 def write_waves(
     dataset: Dataset, path: Path, wave_dims: Sequence[str], *, numbered: bool = False
 ) -> None:
-    """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
-    those of the states, with a row for each of their points in every state.
+    """Write the table ``path`` of the variables that have the last of the dimensions ``wave_dims``,
+    and no others beside it than the rest of these and those of the states; a row for each point of
+    all of these dimensions.
 
     ``numbered`` is for ``wave_dims`` without coordinates in the data set: columns of their indices,
     from zero, then tell rows apart.
@@ -998,12 +1012,15 @@ def write_edge_waves(dataset: Dataset, file: Path) -> None:
     """
     wave_dims = ("surface_point", "surface_wave")
     distances = dataset["surface_distance"]
-    path: dict[str, Any] = {"distance": (distances.dims, distances.values, {"units": "1/d"})}
-    for number, qpoints in enumerate(np.moveaxis(dataset["surface_qpoint"].values, -1, 0)):
-        path[f"q{number + 1}"] = (distances.dims, qpoints)
+    # the columns of the path along the edge: distance, and components of the wave vector
+    columns: dict[str, Any] = {"distance": (distances.dims, distances.values, {"units": "1/d"})}
+    components = np.moveaxis(dataset["surface_qpoint"].values, -1, 0)
+    for number, component in enumerate(components, 1):
+        columns[f"q{number}"] = (distances.dims, component)
     waves = [name for name, data in dataset.data_vars.items() if wave_dims[-1] in data.dims]
     dims = (*dataset["valid"].dims, *wave_dims)
-    _write_rows(dataset.assign(path), file, dims, [*path, *waves], known="surface_frequency")
+    names = [*columns, *waves]
+    _write_rows(dataset.assign(columns), file, dims, names, row_variable="surface_frequency")
 
 
 def _write_rows(
@@ -1011,11 +1028,12 @@ def _write_rows(
     path: Path,
     dims: Sequence[Any],
     columns: Sequence[Any],
-    known: str | None = None,
+    row_variable: str | None = None,
 ) -> None:
     """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``, of
-    which the last runs fastest: load, medium and parameters, then the variables or coordinates
-    ``columns``, with all digits. Points at which the variable ``known`` is nan have no row.
+    which the last runs fastest. A row has the load, the medium and the parameters, and then the
+    variables or coordinates ``columns``, with all digits. Points at which the ``row_variable``, one
+    of the columns, is nan have no row.
     """
     load = find_load(dataset)
     state_dims = dataset["valid"].dims
@@ -1027,9 +1045,9 @@ def _write_rows(
         variable = dataset[name].broadcast_like(grid).transpose(*dims)
         values.append(variable.values.ravel().tolist())
     rows: Iterable[tuple[Any, ...]] = zip(*values, strict=True)
-    if known is not None:
-        place = names.index(known)
-        rows = (row for row in rows if not math.isnan(row[place]))
+    if row_variable is not None:
+        index = names.index(row_variable)
+        rows = (row for row in rows if not math.isnan(row[index]))
     with path.open("w", encoding="utf-8", newline="") as stream:
         write_table(stream, headings, rows)
 
@@ -1060,7 +1078,9 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise _explain_unreadable(path, str(error)) from None
     _require_sweep(path, dataset)
     kept_digest = dataset.attrs.pop(DIGEST, None)
-    if kept_digest is not None and kept_digest != _digest_numbers(dataset):
+    # an attribute of a file may be an array, whose comparison would have no truth value
+    is_kept = isinstance(kept_digest, str) and kept_digest == _digest_numbers(dataset)
+    if kept_digest is not None and not is_kept:
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
     if kept_digest is None and not has_file_digest:
         _require_plausible(path, dataset)
@@ -1086,14 +1106,16 @@ def _read_checked(path: str | os.PathLike[str]) -> tuple[bytes, bool]:
 
 def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
     """Raise InputError unless a data set is a whole sweep in the schema that is read."""
-    if dataset.attrs.get("format") != FORMAT:
+    file_format = dataset.attrs.get("format")
+    # an attribute of a file may be an array, whose comparison would have no truth value
+    if not isinstance(file_format, str) or file_format != FORMAT:
         raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
     if isinstance(schema, np.generic):
         schema = schema.item()
     require_schema(path, schema, SWEEP_SCHEMA)
-    missing = {"force", "overlap", "valid", "medium"} - set(dataset.variables)
-    if missing:
+    missing_names = {"force", "overlap", "valid", "medium"} - set(dataset.variables)
+    if missing_names:
         problem = f"{path} is damaged: a part of the sweep is missing"
         raise InputError(problem, mend="Run the sweep again")
 
@@ -1102,20 +1124,22 @@ def _require_plausible(path: str | os.PathLike[str], dataset: Dataset) -> None:
     """Raise InputError if a variable or an attribute of a file without a digest cannot be of a
     sweep.
     """
-    for name, kind in _JSON.items():
+    for name, kind in _JSON_TYPES.items():
         if name in dataset.attrs and not _is_json_of(kind, dataset.attrs[name]):
             problem = (
                 f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which"
-                f" is no JSON {_WORDS[kind]}"
+                f" is no JSON {_TYPE_WORDS[kind]}"
             )
             raise InputError(problem, mend="Run the sweep again")
     # balls with some of the motions lack velocities, and some lattices have no pressure
     swept = {"motions", "torsion", "bending", "lattice"}.intersection(dataset.coords)
+    packing = json.loads(dataset.attrs.get("packing", "{}"))
+    may_pull = packing.get("class") != Packing.__name__
     for name in map(str, dataset.variables):
         values = dataset[name].values
         if not _is_quantity(name, values):
             continue
-        fault = _find_fault(name, values, may_lack=bool(swept))
+        fault = _find_fault(name, values, may_lack=bool(swept), may_pull=may_pull)
         if fault:
             problem = f"{path} is damaged: it holds values of {name}, {fault}"
             raise InputError(problem, mend="Run the sweep again")
@@ -1134,15 +1158,16 @@ def _is_quantity(name: str, values: Array) -> bool:
     if name in ("torsion", "direction") and values.dtype.kind in "OUT":
         return False  # "mindlin" is among the values of torsion; directions are named
     has_unit = name in CATALOGUE and bool(CATALOGUE[name].unit)
-    return has_unit and values.dtype.kind != "b"
+    return has_unit and values.dtype.kind != "b"  # truth values, as of "valid"
 
 
-def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
+def _find_fault(name: str, values: Array, *, may_lack: bool, may_pull: bool) -> str:
     """Return words for the first of the ``values`` of a variable that cannot be of a sweep, and for
     the bounds of the variable; an empty text if all values can be.
 
     Standard errors, waves and registered observables may be nan, and with ``may_lack`` velocities,
-    moduli and pressures too; variables of :data:`_MAY_BE_INFINITE` may be +inf.
+    moduli and pressures too; variables of :data:`_MAY_BE_INFINITE` may be +inf. With ``may_pull``
+    the :data:`_COMPRESSIVE` variables may have any sign.
     """
     if values.dtype.kind not in "iuf":
         return "which are no numbers"
@@ -1155,7 +1180,7 @@ def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
     if not (kind_may_be_nan or sweep_may_lack):
         is_bad |= np.isnan(values)
     bounds = "finite, or inf" if name in _MAY_BE_INFINITE else "finite"
-    if name in _ABOVE_ZERO:
+    if name in _ABOVE_ZERO or (name in _COMPRESSIVE and not may_pull):
         is_bad |= values <= 0.0
         bounds = "above zero"
     elif name in _ZERO_OR_ABOVE or is_error:
@@ -1210,7 +1235,8 @@ def _require_openable(path: str | os.PathLike[str], data: bytes) -> None:
         raise _explain_unreadable(path, why) from None
     if trial.returncode != 0 or trial.stdout.strip() != b"good":
         lines = trial.stderr.decode("utf-8", "replace").strip().splitlines()
-        has_raised = trial.returncode > 0 and lines  # the code of a crash by a signal is negative
+        # the code of a crash by a signal is negative
+        has_raised = trial.returncode > 0 and bool(lines)
         reason = lines[-1] if has_raised else "it crashes"
         raise _explain_unreadable(path, f"HDF5 fails on it: {reason}")
 
@@ -1234,7 +1260,7 @@ class SweepAccessor:
         try:
             fields = json.loads(self._dataset.attrs["packing"])
             packing: Packing = restore(fields, Packing, "the attribute packing")
-        except (KeyError, ValueError, TypeError):
+        except (KeyError, ValueError, TypeError, RecursionError):
             why = "It is of a crystal or of files, or was not made by granphon.sweep"
             raise InputError("the data set holds no packing", why) from None
         return packing
@@ -1253,10 +1279,12 @@ class SweepAccessor:
 
     def exponent(self, name: str = "longitudinal", over: str | None = None) -> DataArray:
         """Return the local exponent of a variable over the load, d log(variable)/d log(load), in
-        the shape of the variable; nan where the variable or a neighbour of it is nan.
+        the shape of the variable.
 
-        The exponent is the slope of the parabola through each load and its neighbours, on
-        logarithmic scales, so that its error goes as the square of their distance. The variable
+        The exponent is the slope of a parabola through three points, on logarithmic scales, so that
+        its error goes as the square of their distance. The points are those of a load and its two
+        neighbours; at the first and the last load, those of the load and the two next to it. The
+        exponent is nan where the variable is nan or infinite at one of the three. The variable
         ``exponent`` of a sweep has that of the velocities at each load alone.
 
         Parameters
@@ -1267,9 +1295,9 @@ class SweepAccessor:
         Raises
         ------
         InputError : a name that the data set does not have, or of what are no numbers or are the
-            same at all loads; fewer than three loads, loads that do not ascend, or values that are
-            not above zero; and ``over`` with a dimension that the variable does not have, such as
-            the medium.
+            same at all loads; fewer than three loads, loads that do not ascend or are nan, loads or
+            values that are not above zero; and ``over`` with a dimension that the variable does not
+            have, such as the medium.
         """
         data = self._dataset
         over = find_load(data) if over is None else over
@@ -1286,8 +1314,9 @@ class SweepAccessor:
         loads = data[over].broadcast_like(ordered).transpose(*ordered.dims)
         x = loads.values.astype(float)  # (n, ...)
         y = ordered.values.astype(float)  # (n, ...)
+        y[np.isinf(y)] = np.nan
         is_positive = np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0)
-        is_ascending = np.all(np.diff(x, axis=0) > 0.0)
+        is_ascending = np.all(x[1:] > x[:-1])
         if not (is_positive and is_ascending):
             why = "Loads must ascend, and values be above zero"
             raise InputError(f"{name} has no exponent here", why)

@@ -18,7 +18,7 @@ from granphon.media.crystal import Crystal
 from granphon.waves.settings import SurfaceSettings
 
 #: for each dimension the lattice of the crystals that are timed
-LATTICES = {1: "chain", 2: "triangular", 3: "fcc"}
+_LATTICES = {1: "chain", 2: "triangular", 3: "fcc"}
 #: greatest number of balls in a layer of the crystal whose waves of an edge are timed
 _TIMED_LAYER = 4
 #: power of the number of balls in a layer with which this time grows, as measured from 4 to 16
@@ -69,8 +69,8 @@ def _count_points(serving: ServingMedium, settings: SurfaceSettings) -> int:
 
 
 def _describe_layer(serving: ServingMedium) -> tuple[int, int, bool]:
-    """Return what the time of the waves of an edge depends on: the dimension, the number of balls
-    in a layer, and whether there is friction.
+    """Return what the time of the waves of an edge depends on: the dimension of the lattice, the
+    number of balls in a layer, which is as thick as a cell, and whether there is friction.
     """
     structure = serving.packing.structure
     return structure.dimension, structure.n_balls, serving.packing.friction
@@ -87,8 +87,8 @@ def estimate_corners_memory(dimension: int, n_motions: int) -> float:
 
 @cache
 def measure_corners(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time, s, of the waves of an edge, at the corners of its path, of a crystal with
-    ``n_balls`` balls in a layer.
+    """Return the time, s, of the waves of an edge, at the corners of its path, of a crystal in
+    ``dimension`` dimensions with ``n_balls`` balls in a layer, with or without ``friction``.
 
     The time of a crystal of at most :data:`_TIMED_LAYER` balls is measured, and multiplied by the
     power of the number of balls in :data:`_GROWTH`.
@@ -101,8 +101,8 @@ def measure_corners(dimension: int, n_balls: int, friction: bool) -> float:
 
 @cache
 def _measure_spectrum(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time, s, of a spectrum at an edge, at one wave vector and frequency, of a crystal
-    with ``n_balls`` balls in a layer, measured as in :func:`measure_corners`.
+    """Return the time, s, of a spectrum at an edge, at one wave vector and frequency, of the
+    crystal of :func:`measure_corners`, whose arguments are the same, measured as there.
     """
     surface, n_timed = _make_surface(dimension, n_balls, friction)
     corners = np.array(list(surface.corners().values()))[:, : dimension - 1]
@@ -131,4 +131,4 @@ def make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crys
     along each of its periods.
     """
     ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
-    return Crystal.on(LATTICES[dimension], [ball], friction=friction).repeat(cells)
+    return Crystal.on(_LATTICES[dimension], [ball], friction=friction).repeat(cells)

@@ -238,7 +238,7 @@ class _Work:
         """Have all tasks done by ``executor``, with as many calls under way as it has workers.
 
         Results are kept as they come. Raises what :meth:`_send_call` and :meth:`_receive_results`
-        raise, after :meth:`_keep_finished`.
+        raise, also KeyboardInterrupt; :meth:`_keep_finished` comes first.
         """
         ready = SimpleQueue[Future[list[StepResult]]]()
         n_calls = count_calls(executor)
@@ -276,7 +276,7 @@ class _Work:
 
     def _keep_finished(self) -> None:
         """Keep the results of calls that come within ``_LAST_SECONDS``, after an error or an
-        interruption, and cancel the other calls.
+        interruption, and cancel the calls that have not begun by then. Other calls are left alone.
         """
         wait(self.running, _LAST_SECONDS)
         for future, indices in self.running.items():
@@ -290,8 +290,9 @@ class _Work:
                         self.store.append(self.tasks[index].name, result.entry)
 
     def _has_suspect(self) -> bool:
-        """Whether the next task or a task under way is a suspect, one with which all but one of
-        :data:`MOST_LOSSES` workers have been lost; a suspect is to run alone.
+        """Whether the next task, of one or more that wait, or a task under way is a suspect. With a
+        suspect all but one of :data:`MOST_LOSSES` workers have been lost, or more; it is to run
+        alone.
         """
         suspects = {index for index, losses in self.losses.items() if losses >= MOST_LOSSES - 1}
         return not suspects.isdisjoint(chain([self.waiting[0]], *self.running.values()))
@@ -303,9 +304,11 @@ class _Work:
         """
         suspects = sorted(self.losses) or [next_index]
         name = str(self.tasks[suspects[0]].where)
-        if len(suspects) == 1:
+        n_others = len(suspects) - 1
+        if not n_others:
             return name
-        return f"{name}, or one of {len(suspects) - 1} tasks beside it"
+        others = "the task" if n_others == 1 else f"one of {n_others} tasks"
+        return f"{name}, or {others} beside it"
 
     def _take_next_tasks(self, n_calls: int) -> list[int]:
         """Remove the tasks of the next call from those that wait, and return their indices: a

@@ -62,8 +62,9 @@ def encode(name: str, result: TaskResult) -> bytes:
     """Return the entry of the result of the task ``name``: the SHA-256 of all that follows, a line
     with the name, a line with the layout, which is JSON, and the bytes of the arrays.
 
-    Equal results give equal bytes. TypeError if an array holds Python objects, or has named fields,
-    whose names the layout would lose; ValueError if the name has a line break.
+    Results with equal arrays in the same order give equal bytes. TypeError if an array holds Python
+    objects, or has named fields, whose names the layout would lose; ValueError if the name has a
+    line break.
     """
     if "\n" in name:
         raise ValueError(f"the name {name!r} of a task has a line break")
@@ -378,11 +379,11 @@ class Store:
             mend = "Run the same command again: it starts from the beginning"
             return OutputError(problem, "The parts that were finished are not there", mend)
         is_full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-        number = errno.ENOSPC if is_full else getattr(error, "errno", None)
-        reason = os.strerror(number) if number else str(error)
+        error_number = errno.ENOSPC if is_full else getattr(error, "errno", None)
+        reason = os.strerror(error_number) if error_number else str(error)
         problem = f"{self.path} cannot be {use}: {reason}"
         why = "What was finished before is kept"
-        if number == errno.ENOSPC:
+        if error_number == errno.ENOSPC:
             return OutputError(problem, why, "Free some space, and run the same command again")
         return OutputError(problem, why, f"Run the same command again when it can be {use}")
 
@@ -500,10 +501,10 @@ def _explain_difference(kept: Any, claimed: Any) -> str:
     if not kept:
         return "The file does not say which work it belongs to"
     differences = list(_find_differences(kept, claimed, ""))
-    named = differences[:_MOST_NAMED]
+    clauses = differences[:_MOST_NAMED]
     if len(differences) > _MOST_NAMED:
-        named.append(f"and {len(differences) - _MOST_NAMED} more")
-    return f"They differ: {'; '.join(named)}"
+        clauses.append(f"and {len(differences) - _MOST_NAMED} more")
+    return f"They differ: {'; '.join(clauses)}"
 
 
 def _find_differences(kept: Any, claimed: Any, where: str) -> Iterator[str]:

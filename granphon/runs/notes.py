@@ -168,12 +168,13 @@ def _tell_check(failures: Sequence[tuple[CaseNotes, Check]], entries: Sequence[C
     worst_entry, worst_check = max(failures, key=lambda pair: pair[1].excess)
     worst_load = None
     if worst_entry.find_failing(worst_check) is not None:
-        number = worst_check.worst_index
+        worst_index = worst_check.worst_index
         loads = worst_entry.loads
-        worst_load = number if loads is None else int(loads[number])
-    place = _describe_worst(worst_entry, worst_load, all_entries)
-    force_unit = _find_force_unit(worst_entry.case)
-    return worst_check.tell_states(share, place if n_failing > 1 else "", force_unit)
+        worst_load = worst_index if loads is None else int(loads[worst_index])
+    place = ""
+    if n_failing > 1:  # the place of a single state is told already
+        place = _describe_worst(worst_entry, worst_load, all_entries)
+    return worst_check.tell_states(share, place, _find_force_unit(worst_entry.case))
 
 
 def _count_states(entries: Sequence[CaseNotes]) -> int:
@@ -244,8 +245,9 @@ def _describe_values(values: Sequence[Mapping[str, str]], entries: Sequence[Case
 
 
 def _list_texts(texts: Sequence[str], all_texts: Sequence[str]) -> str:
-    """Return the ``texts``, some of ``all_texts`` and in their order, in words: a few as a list,
-    neighbours as a range, others as their number.
+    """Return the ``texts``, some of ``all_texts`` and in their order, in words: up to
+    :data:`_MOST_VALUES` as a list, more neighbours as a range, others as their number with the
+    first and the last.
     """
     if len(texts) == 1:
         return texts[0]
@@ -258,12 +260,14 @@ def _list_texts(texts: Sequence[str], all_texts: Sequence[str]) -> str:
 
 
 def _describe_loads(case: Case, indices: NDArray[np.intp]) -> str:
-    """Return in words the loads of the ``indices`` of a case, as the user wrote them."""
+    """Return in words the least and the greatest of the loads of the ``indices`` of a case, as the
+    user wrote them; equal ends are told once.
+    """
     load = case.load if case.written.load is None else case.written.load
     lattice = case.packing.structure
     unit = find_load_unit(load.kind, lattice.periods, lattice.pressed_axes)
     written_unit = case.written.units.get(load.kind, "")
     loads = np.unique(np.ravel(load.array)[indices])
-    ends = dict.fromkeys([loads[0], loads[-1]])  # equal ends are one
+    ends = dict.fromkeys([loads[0], loads[-1]])
     texts = [write_in(float(end), unit, written_unit) for end in ends]
     return f"{load.kind} {' to '.join(texts)}"

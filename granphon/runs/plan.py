@@ -133,10 +133,11 @@ def list_parameters_of_branches(
     packing: Balls, parameters: Iterable[tuple[str, Sequence[Any]]]
 ) -> list[str]:
     """Return the names of the swept parameters on which the number of branches or the Brillouin
-    zone depends. Bands are not swept over these.
+    zone may depend. Bands are not swept over these.
 
     ``parameters`` are pairs of the name and the values of a swept parameter, and ``packing`` is the
-    packing before any of them is changed.
+    packing before any of them is changed. Friction and lattices count whatever their values are;
+    motions, torsion and bending count if the motions of the balls differ between their values.
     """
     names = []
     for name, values in parameters:
@@ -159,13 +160,13 @@ class PlannedCase:
     Attributes
     ----------
     case : the case.
-    written : the kind of load that the user gives. It is the kind of the load of the ``case``, or a
-        side force, from which the force of the contacts follows.
+    load_kind : the kind of load that the user gives. It is the kind of the load of the ``case``, or
+        a side force, from which the force of the contacts follows.
     places : where errors stand in what the user wrote.
     """
 
     case: Case
-    written: str
+    load_kind: str
     places: Places
 
     @property
@@ -194,32 +195,44 @@ class PlannedCase:
 
     @cached_property
     def quick_states(self) -> list[tuple[ServingMedium, ContactState]]:
-        """Those of the :meth:`states` that are quick to find. They are solved once, after the case
-        was checked (:attr:`is_possible`).
+        """Those of the :meth:`states` that are quick to find. They are solved once, after
+        :meth:`require`, whose errors are raised.
         """
-        _ = self.is_possible
+        self.require()
         return list(self.states(quick=True))
 
-    @cached_property
-    def is_possible(self) -> bool:
-        """True; raises GranphonError if the packing is not rigid, has no such medium, or cannot
-        carry the least or greatest of the loads.
+    def require(self) -> None:
+        """Raise GranphonError if the packing has no such medium, if no medium can be chosen, or if
+        the balls are found not to carry the least or the greatest of the loads.
 
-        The property is cached, so that a case is checked once. No simulation and no effective
-        medium of a long list of diameters is solved for the check.
+        States that are quick to find are solved at these two loads, and of a packing that repeats
+        the lattice of contacts is made, which must have contacts and be at rest. Media whose states
+        are not quick to find, such as simulations, refuse what they know without solving,
+        :meth:`granphon.media.medium.Medium.require`. A case that was not refused is not checked
+        again.
         """
-        index_of_least = int(np.argmin(self.case.load.array))
-        index_of_greatest = int(np.argmax(self.case.load.array))
-        for index in dict.fromkeys((index_of_least, index_of_greatest)):
+        _ = self._states_at_ends
+
+    @cached_property
+    def _states_at_ends(self) -> list[ContactState]:
+        """The states that :meth:`require` solves, at most one under the least and one under the
+        greatest load; errors are those of the method.
+        """
+        case = self.case
+        ends = (int(np.argmin(case.load.array)), int(np.argmax(case.load.array)))
+        states = list[ContactState]()
+        for index in dict.fromkeys(ends):  # one index where all loads are equal
             serving = next(serving for serving in self.serving_media if index in serving.loads)
-            with self.at_load(index, f"{self.case.label}: "):
-                serving.medium.of(self.case.packing).require(self.case.load[index])
-                if serving.is_quick:
-                    # the case keeps its state under the first load
-                    state = self.case.solve(index) if index else self.case.state
-                    if self.case.packing.repeats:
-                        state.contact_lattice()  # raises for a lattice that is not rigid
-        return True
+            with self.at_load(index, f"{case.label}: "):
+                serving.medium.of(case.packing).require(case.load[index])
+                if not serving.is_quick:
+                    continue
+                # the case keeps its state under the first load
+                state = case.solve(index) if index else case.state
+                if case.packing.repeats:
+                    state.contact_lattice()
+                states.append(state)
+        return states
 
     def require_start(self, most: float) -> float:
         """Raise GranphonError if a load is below the start of a loading with friction.
@@ -246,7 +259,7 @@ class PlannedCase:
         """Place errors of the with-block at the load number ``index``, with ``prefix`` before their
         text; see :class:`Places`.
         """
-        return self.places.at_index("load", self.written, index, prefix)
+        return self.places.at_index("load", self.load_kind, index, prefix)
 
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
@@ -272,17 +285,17 @@ class Plan:
     ----------
     grid : the cases, and what is requested of their states.
     places : where errors stand in what the user wrote.
-    written : the kind of load that the user gives; by default that of the grid.
+    load_kind : the kind of load that the user gives; by default that of the grid.
     """
 
     grid: Grid
     places: Places = NOWHERE
-    written: str = ""
+    load_kind: str = ""
 
     def __post_init__(self) -> None:
         """Set the kind of load if it is not given."""
-        if not self.written:
-            object.__setattr__(self, "written", self.grid.load.kind)
+        if not self.load_kind:
+            object.__setattr__(self, "load_kind", self.grid.load.kind)
 
     @cached_property
     def observe(self) -> tuple[str, ...]:
@@ -303,12 +316,12 @@ class Plan:
             yield
         except GranphonError as error:
             if error.option is not None or error.block is not None:
-                # such an error knows its own place, which goes before the medium
+                # such an error is placed at its own option or block, whatever path is given here
                 placing: AbstractContextManager[None] = self.places.at("medium")
             elif error.load_index is None:
                 raise
             else:
-                placing = self.places.at_index("load", self.written, error.load_index)
+                placing = self.places.at_index("load", self.load_kind, error.load_index)
             with placing:
                 raise
 
@@ -334,7 +347,7 @@ class Plan:
 
     def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
         """Return the cases of a ``grid`` with the places of their errors."""
-        return tuple(PlannedCase(case, self.written, self.places) for case in grid.cases)
+        return tuple(PlannedCase(case, self.load_kind, self.places) for case in grid.cases)
 
     @property
     def case(self) -> PlannedCase:
@@ -367,9 +380,9 @@ class Plan:
     def checked_cases(self) -> tuple[PlannedCase, ...]:
         """All cases, or the cases at the ends of the axes if all are more than :data:`MOST_CASES`.
 
-        The ends suffice for checks: a packing that is possible at two values of a parameter is
-        possible between them. Of a parameter without numbers, as the lattice, every value is an
-        end.
+        The ends are taken to suffice for checks: a packing that is possible at two values of a
+        parameter is nearly always possible between them. Of a parameter without numbers, as the
+        lattice, every value is an end.
         """
         if self.n_cases <= MOST_CASES:
             return self.cases
@@ -393,9 +406,9 @@ class Plan:
         self.require_waves(QUICK_BALLS)
 
     def _require_parameters(self) -> None:
-        """Raise InputError, placed in the file, for the first value of a parameter that the packing
-        or its losses cannot have. If the ends of an axis are possible, its other values are taken
-        to be.
+        """Raise GranphonError, placed in the file, for the first value of a parameter that the
+        packing, its walls or its losses cannot have. If the ends of an axis are possible, its other
+        values are taken to be.
         """
         for axis in self.axes:
             try:
@@ -424,20 +437,15 @@ class Plan:
         At most ``most_balls`` are looked at for a start; the number that remains is returned, see
         :meth:`PlannedCase.require_start`.
         """
-        path = self._path_of_lattice
         case = planned.case
-        lattice = case.packing.structure.name
         # sensitivities are those of velocities, and of the frequencies that are observed with them
         is_of_sound = not {"velocities", "sensitivities"}.isdisjoint(self.observe)
         has_velocities = is_of_sound and self.grid.request.sound
-        refusal = f"found {lattice!r}; allowed: a lattice that is rigid; "
-        if case.where:
-            refusal += f"{case.where}: "
-        allowed_medium = f"a medium for the {lattice} lattice"
+        allowed_medium = f"a medium for the {case.packing.structure.name} lattice"
         with self.places.at_medium(case.medium.label, allowed_medium):
             medium = case.medium.of(case.packing)
         if has_velocities:
-            with self.places.at(*path, prefix=refusal):
+            with self._at_lattice(case):
                 try:
                     medium.require_sound()
                 except MechanismError as error:
@@ -447,12 +455,21 @@ class Plan:
         if not is_solved_later:
             with self.places.at_medium(case.medium.label, allowed_medium):
                 medium.prepare()
-            _ = planned.is_possible
+            planned.require()
             is_quick = all(serving.is_quick for serving in planned.serving_media)
             if has_velocities and is_quick:
-                with self.places.at(*path, prefix=refusal):
+                with self._at_lattice(case):
                     case.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
+
+    def _at_lattice(self, case: Case) -> AbstractContextManager[None]:
+        """Place errors of the with-block at the key of the lattice of a ``case``, with words before
+        their text that say what is allowed there.
+        """
+        refusal = f"found {case.packing.structure.name!r}; allowed: a lattice that is rigid; "
+        if case.where:
+            refusal += f"{case.where}: "
+        return self.places.at(*self._path_of_lattice, prefix=refusal)
 
     def _mend_mechanism(self) -> str:
         """Return a sentence on how a scene is mended whose lattice has no velocities."""
@@ -467,11 +484,11 @@ class Plan:
         )
 
     def require_waves(self, most: float = math.inf) -> None:
-        """Raise GranphonError, placed in the file, if arrays are known not to have the waves that
-        are observed.
+        """Raise GranphonError, placed in the file, if arrays or networks are known not to have the
+        waves that are observed.
 
-        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
-        simulated; arrays of more than a hundred thousand balls take seconds.
+        Arrays and networks of up to ``most`` balls, a number without a unit, are looked at, and
+        nothing is simulated; arrays of more than a hundred thousand balls take seconds.
         """
         waves = self.waves
         if waves is None:
@@ -483,14 +500,14 @@ class Plan:
         from granphon.runs.wave_records import require_friction, require_network, require_waves
 
         for planned in self.checked_cases:
-            named = partial(self._name_case, planned.case)
+            naming_case = partial(self._name_case, planned.case)
             for settings in waves.of_networks:
                 for key in settings.of_network:
-                    with self.places.at(settings.block, key), named():
+                    with self.places.at(settings.block, key), naming_case():
                         require_network(planned.serving_media, settings, key, most)
-            with self.places.at("spectrum"), named():
+            with self.places.at("spectrum"), naming_case():
                 require_waves(planned.serving_media, replace(waves, pulse=None), most)
-            with self.places.at("pulse"), named():
+            with self.places.at("pulse"), naming_case():
                 require_waves(planned.serving_media, replace(waves, spectrum=None), most)
         cases = [planned.serving_media for planned in self.checked_cases]
         for settings in waves.of_networks:
@@ -515,8 +532,9 @@ class Plan:
     def state(self) -> ContactState:
         """Return the state of the contacts under the load.
 
-        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
-        scene is a sweep.
+        :class:`~granphon.base.errors.GranphonError` if the balls cannot carry the load, or the
+        medium cannot be solved there; :class:`~granphon.base.errors.InputError` if the scene is a
+        sweep.
         """
         planned = self.case
         # first, so that an error in choosing the medium is not placed at the load
@@ -532,10 +550,10 @@ class Plan:
     @property
     def records(self) -> list[Mapping[str, Any]]:
         """What is kept of the waves of the only state, arrays by name: one mapping for each sample,
-        or one for the network of a state without samples.
+        or one for the network of a state without samples. Only for a plan that requests waves.
         """
         case = self.case.case
-        (task,) = case.media
+        (task,) = case.media  # one load has one medium, in one geometry
         return [record.of_waves for record in task.list_records(case.state)]
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
@@ -545,7 +563,8 @@ class Plan:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
         and effective media of long lists are left out.
-        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        :class:`~granphon.base.errors.GranphonError` at the first medium that cannot carry the
+        loads.
         """
         return self._solve(self.cases, quick)
 
@@ -553,10 +572,10 @@ class Plan:
         self, cases: Iterable[PlannedCase], quick: bool
     ) -> Iterator[tuple[str, ContactState]]:
         """Yield label and state of each medium of the ``cases``, or with ``quick`` of those alone
-        whose states are quick to find.
+        whose states are quick to find. Each case is checked first (:meth:`PlannedCase.require`).
         """
         for planned in cases:
-            _ = planned.is_possible
+            planned.require()
             for serving, state in planned.states(quick):
                 yield planned.case.name(serving), state
 
@@ -569,18 +588,20 @@ class Plan:
     def surveyed_cases(self) -> tuple[PlannedCase, ...]:
         """The cases of a survey: all, or, of more than :data:`MOST_CASES` cases or
         :data:`MOST_STATES` states, those at the least and the greatest load and value of each
-        numeric parameter.
+        numeric parameter, and at every value of another parameter.
         """
         if self.is_surveyed_whole:
             return self.cases
         loads = self.grid.load
+        # indices of the least and the greatest load, which may be one
         ends = [*dict.fromkeys((int(np.argmin(loads.array)), int(np.argmax(loads.array))))]
         written = self.grid.written
+        load_as_given = None if written.load is None else written.load[ends]
         grid = replace(
             self.grid,
             axes=[axis.ends for axis in self.axes],
             load=loads[ends],
-            written=replace(written, load=None if written.load is None else written.load[ends]),
+            written=replace(written, load=load_as_given),
         )
         return self._plan_cases(grid)
 
@@ -938,7 +959,7 @@ class Plan:
         """
         if not self.grid.swept:
             return []
-        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.written)
+        path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.load_kind)
         mend = "Take fewer loads or values"
         n_points = self.n_path_points
         if n_points:
@@ -1064,8 +1085,8 @@ def _estimate_packing(
     serving: ServingMedium, settings: WaveSettings | None, has_sound: bool
 ) -> Cost:
     """Return the estimated memory and time of what a scene observes in the packing in files that a
-    medium serves: with ``has_sound`` the moduli and sound velocities, and the density of states,
-    spectral functions and pulse of the ``settings``; None for none of these.
+    medium serves: with ``has_sound`` the moduli and sound velocities, and with ``settings`` their
+    density of states, spectral functions and pulse.
     """
     # imported here: other scenes do not need it
     from granphon.runs.wave_records import find_typical_state
@@ -1241,7 +1262,8 @@ def _require_path(path: str | os.PathLike[str] | None, resume: bool) -> None:
 
 def _load_finished_sweep(run: SweepRun, path: Path) -> Dataset | None:
     """Return the sweep that the file ``path`` holds, if its files are whole and its inputs and
-    versions are those of ``run``; None otherwise.
+    versions are those of ``run``; None otherwise. Raises what :func:`load_sweep` raises for a file
+    that is damaged.
     """
     if not is_whole(path.parent, file_names(path)):
         return None

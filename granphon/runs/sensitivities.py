@@ -43,7 +43,7 @@ NAME = "sensitivity"
 #: names of the derivatives (loads, parameters, corners, waves) of the waves of an edge, and of the
 #: letters (loads, corners) of these corners, in the result of a task: the number of waves is known
 #: only there, and a data set has them as further quantities of the variable
-_OF_EDGE = "edge_sensitivity"
+_EDGE_DERIVATIVES = "edge_sensitivity"
 _CORNERS = "edge_corners"
 #: name of the quantity that a wave of an edge is
 EDGE_WAVE = "surface_frequency"
@@ -53,18 +53,21 @@ _ROUNDING = 1e-8
 #: precision with which its square is known
 _ZERO = 1e-7
 #: note on balls that are held
-_HELD = "derivatives of velocities and moduli are left out: balls that are held have none"
+_NOTE_ON_HELD_BALLS = (
+    "derivatives of velocities and moduli are left out: balls that are held have none"
+)
 #: for each dimension the power of the number of balls with which the time of the velocities and
 #: moduli of a crystal grows, as measured from 200 to 2300 balls
 _GROWTH = {1: 1.0, 2: 1.0, 3: 1.75}
-#: greatest number of balls of a crystal that is timed
+#: greatest number of balls of a crystal that is timed, about
 _TIMED_BALLS = 200
 
 
 def spell_quantity(name: str) -> str:
     """Return the words for the quantity ``name`` of the variable: for an entry of the catalogue its
-    own words, for "cutoff_upper 3" the words "top of branch 3", and for "surface_frequency X 0" the
-    words "edge wave 0 at X".
+    own words, for "cutoff_lower 3" and "cutoff_upper 3" the words "bottom of branch 3" and "top of
+    branch 3", for "surface_frequency X 0" the words "edge wave 0 at X", and for "surface_frequency
+    0", at the end of a chain, "edge wave 0".
     """
     if " " not in name:
         return CATALOGUE[name].words
@@ -197,17 +200,7 @@ def observe_sensitivities(
         single = load.flat[index]
         finder = _Quantities(balls, quantities, direction, has_cutoffs, edge)
         names = parameters.list_known(single, has_samples=bool(serving.arrays))
-        sensitivities = find_parameter_sensitivities(
-            serving.medium,
-            balls,
-            single,
-            finder.find,
-            names,
-            finite_overlap or None,
-            parameters.changes_of_states,
-        )
-        slopes = sensitivities.slopes
-        slopes = np.where(np.abs(slopes) <= _ROUNDING, 0.0, slopes)
+        slopes = _find_slopes(serving, single, finder, names, parameters, finite_overlap)
         columns = [parameters.names.index(name) for name in names]
         derivatives[index][:, columns] = slopes[:, : len(quantities)].T
         if finder.edge_waves is not None:
@@ -217,10 +210,35 @@ def observe_sensitivities(
             edge_tables.append(edge_table)
     result = {NAME: derivatives}
     if edge_tables:
-        result[_OF_EDGE] = np.array(pad_columns(edge_tables))
+        result[_EDGE_DERIVATIVES] = np.array(pad_columns(edge_tables))
         result[_CORNERS] = np.tile(corners, (load.size, 1))
-    notes = [_HELD] if balls.is_held else []
+    notes = [_NOTE_ON_HELD_BALLS] if balls.is_held else []
     return result, notes
+
+
+def _find_slopes(
+    serving: ServingMedium,
+    load: Load,
+    finder: _Quantities,
+    names: Sequence[str],
+    parameters: Parameters,
+    finite_overlap: bool,
+) -> Array:
+    """Return the logarithmic derivatives (names, values) of the values that ``finder`` finds of the
+    state at a single ``load``, by those of the ``parameters`` that are called ``names``. A
+    derivative up to :data:`_ROUNDING` is zero.
+    """
+    sensitivities = find_parameter_sensitivities(
+        serving.medium,
+        serving.packing,
+        load,
+        finder.find,
+        names,
+        finite_overlap or None,
+        parameters.changes_of_states,
+    )
+    slopes = sensitivities.slopes
+    return np.where(np.abs(slopes) <= _ROUNDING, 0.0, slopes)
 
 
 def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
@@ -235,7 +253,7 @@ def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
     for result in results:
         rows = dict[str, Array]()
         corners = result.pop(_CORNERS, None)
-        tables = result.pop(_OF_EDGE, None)
+        tables = result.pop(_EDGE_DERIVATIVES, None)
         if corners is not None and tables is not None:
             letters = [letter.decode() for letter in corners[0].tolist()]
             for wave in range(tables.shape[-1]):
@@ -318,8 +336,8 @@ class _Quantities:
 
     def _find_long_waves(self, state: Any) -> dict[str, Any]:
         """Return the velocities and moduli of a state by name; an empty mapping for balls that are
-        held, and for a mechanism. Raises MechanismError if a state is a mechanism and the first
-        state is not.
+        held, and for a mechanism. If the first state is a mechanism, later calls return an empty
+        mapping at once; if only a later state is one, MechanismError is raised.
         """
         if not self._has_long_waves:
             return {}
@@ -424,9 +442,9 @@ def estimate_derivatives(
     n_networks = serving.load.size * (1 + N_VALUES * n_parameters)
     measure = partial(_measure_long_waves, structure.dimension, structure.n_balls, balls.friction)
     description = f"derivatives by {counted(n_parameters, 'parameter')}"
-    memory = costs.relaxation_memory(
-        structure.n_balls, balls.ball_motions.count, structure.dimension
-    )
+    n_motions = balls.ball_motions.count
+    n_branches = n_motions * structure.n_balls  # also the number of motions in a layer at an edge
+    memory = costs.relaxation_memory(structure.n_balls, n_motions, structure.dimension)
     cost = costs.Cost(
         memory,
         units=(costs.Units(n_networks, measure),),
@@ -434,16 +452,14 @@ def estimate_derivatives(
         libraries=costs.NUMBA_BYTES,
     )
     if has_cutoffs:
-        n_branches = balls.ball_motions.count * structure.n_balls
         frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)
         cost += replace(frequencies.times(n_networks), kept=0.0)  # no frequency is kept
     if surface is not None:
-        n_motions = balls.ball_motions.count * structure.n_balls
         measure_edge = partial(
             measure_corners, structure.dimension, structure.n_balls, balls.friction
         )
         cost += costs.Cost(
-            estimate_corners_memory(structure.dimension, n_motions),
+            estimate_corners_memory(structure.dimension, n_branches),
             units=(costs.Units(n_networks, measure_edge),),
         )
     return replace(cost, parts=(description,))
@@ -454,8 +470,9 @@ def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
     """Return the time, s, that the state, the velocities and the moduli take of a crystal in
     ``dimension`` dimensions, with ``n_balls`` balls in its cell, with or without ``friction``.
 
-    The time of a crystal of at most :data:`_TIMED_BALLS` balls is measured, and multiplied by the
-    power of the number of balls in :data:`_GROWTH`.
+    The time of a crystal of about as many balls as the smaller of ``n_balls`` and
+    :data:`_TIMED_BALLS` is measured, and multiplied by the power of the number of balls in
+    :data:`_GROWTH`.
     """
     n_cells = max(round(min(n_balls, _TIMED_BALLS) ** (1.0 / dimension)), 1)  # along each period
     crystal = make_crystal(dimension, (n_cells,) * dimension, friction)

@@ -189,8 +189,9 @@ def sweep(
         are done, ``reached`` of the error is the data set at the loads that every medium has
         reached, and these are written beside ``path`` as sweep_incomplete.nc and
         sweep_incomplete.csv.
-    GranphonError : a medium has no solution. The message names medium, parameters and load;
-        ``load_index`` is the index of the load. No result is written then.
+    GranphonError : a medium has no solution. The message names medium, parameters and load, and
+        ``load_index`` is the index of the load; of one state that is not simulated the message is
+        that of the medium alone, and there is no index. No result is written then.
     """
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
@@ -229,7 +230,7 @@ def sweep(
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)
-    require_arrays(choices, parameters, names_of_arrays)
+    require_arrays(choices, lattice, parameters, names_of_arrays)
     return Plan(grid).sweep(
         progress,
         executor,

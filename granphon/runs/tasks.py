@@ -62,6 +62,7 @@ from granphon.waves.settings import (
 )
 
 if TYPE_CHECKING:
+    from granphon.array.options import ReducedLoad
     from granphon.array.pressed_sample import PressedSample
     from granphon.array.sample import Sample
     from granphon.media.arrangement import Balls
@@ -109,13 +110,13 @@ INCOMPLETE = "incomplete"
 
 
 def to_json(data: Any) -> str:
-    """Return ``data`` as a JSON text; equal data give the same text. An object of a user is its
-    class and attributes.
+    """Return ``data`` as a JSON text; equal data of the same types give the same text. An object of
+    a user is the name of its class and the attributes in its ``__dict__``.
     """
 
     def simplify(value: Any) -> Any:
         """Return plain data for a ``value`` that is none: what :func:`plain` makes of the value,
-        or, of an object that :func:`plain` does not know, its class and attributes.
+        or, of an object that :func:`plain` does not know, the name of its class and its attributes.
         """
         plain_value = plain(value)
         if plain_value is not value:
@@ -287,8 +288,9 @@ class Case:
 
     @cached_property
     def serving_in_geometry(self) -> list[ServingMedium]:
-        """The media that serve the loads, one for each geometry of its lattice at these loads; an
-        error names the case, and the load if the load is known.
+        """The media that serve the loads, each split by the geometries that it has at its loads,
+        see :meth:`~granphon.media.choice.ServingMedium.by_geometry`. The message of an InputError
+        names the case and, if it is known, the load.
         """
         try:
             return [
@@ -313,7 +315,9 @@ class Case:
 
     @cached_property
     def media(self) -> list[MediumTask]:
-        """A task for each medium of :attr:`serving_in_geometry`, whose errors are raised."""
+        """A task for each medium of :attr:`serving_in_geometry`. Raises the errors of that property
+        and, where states are kept, those of :attr:`state`.
+        """
         # lattices, but for packings in files, have no waves but those of networks, and their
         # exponents cost nothing
         lattice_waves = self.request.waves
@@ -343,8 +347,8 @@ class Case:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
         :attr:`tasks`.
 
-        Of several media that were chosen automatically, variables that only some have are left out.
-        Of one medium in two geometries, variables that one geometry alone has are nan in the other.
+        Of media that were chosen automatically, variables that only some have are left out. Of a
+        named medium in two geometries, variables that one geometry alone has are nan in the other.
         Where states are kept, the state of a simulation, with the balls of its samples, is made
         from the results, replaces :attr:`state`, and is what the variables are found from.
         """
@@ -365,12 +369,13 @@ class Case:
         for result in of_media:
             examples |= result
         del examples["warnings"]
-        for name, example in examples.items():
+        names = list(examples)
+        if media[0].serving.chosen_automatically:
             # media that differ are compared in what all of them have; arrays of one medium in two
             # geometries have the same variables, of which some may be known in one alone
-            is_in_all = all(name in result for result in of_media)
-            if not is_in_all and media[0].serving.chosen_automatically:
-                continue
+            names = [name for name in names if all(name in result for result in of_media)]
+        for name in names:
+            example = examples[name]
             blocks = list[Array]()
             for result, medium in zip(of_media, media, strict=True):
                 unknown = np.full((medium.load.size, *example.shape[1:]), np.nan)
@@ -454,13 +459,14 @@ def list_swept(
 
 
 def require_arrays(
-    media: Sequence[MediumChoice], swept: Iterable[str], names: Iterable[str]
+    media: Sequence[MediumChoice], lattice: Lattice, swept: Iterable[str], names: Iterable[str]
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` is no simulation, or
-    if spectra of all states do not fit into one array.
+    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` is no simulation. Of
+    spectra also raise it for arrays of several shapes, and for a sweep over lattices or motions.
 
     ``names`` are those of the waves of simulated arrays that are requested, "dos", "spectrum" and
-    "pulse"; without names nothing is raised. ``swept`` are the parameters that are swept.
+    "pulse"; without names nothing is raised. ``swept`` are the names of the parameters that are
+    swept, and the ``lattice`` gives the shape of an array that is not named.
     """
     wave_names = list(names)
     if not wave_names:
@@ -474,7 +480,7 @@ def require_arrays(
             problem = f"the spectra of a sweep over {parameter} do not fit into one array"
             why = "Their wave vectors or polarisations differ"
             raise InputError(problem, why, "Make a scene of each")
-    shapes = {choice.settings.get("shape") for choice in media}
+    shapes = {choice.settings_on(lattice)["shape"] for choice in media}
     if len(shapes) > 1:
         problem = "the spectra of arrays of several shapes do not fit into one array"
         raise InputError(problem, "Their wave vectors differ", "Make a scene of each shape")
@@ -541,7 +547,7 @@ class MediumTask(Task):
     @property
     def tasks(self) -> list[MediumTask]:
         """The tasks that can run side by side: one for each sample of a simulation; for another
-        medium this task alone.
+        medium, and where the state is known, this task alone.
         """
         samples = self.serving.samples if self.known_state is None else []
         # what is left out here is found in join, from the mean over samples
@@ -979,9 +985,11 @@ def _place_note(text: str, task: MediumTask, load: Load, indices: Sequence[int])
 class SampleTask(MediumTask):
     """One sample of a simulation at all loads, one load in each step.
 
-    The highest load comes first, and the search for each equilibrium starts from the one before, as
-    in a simulation that is not cut into tasks. An unfinished result has its loads in this order,
-    and the balls at rest under the last of them. With a history of friction all loads are one step.
+    The highest load comes first. The search for an equilibrium starts where it starts in a
+    simulation that is not cut into tasks: at the equilibrium of the step before, or, in the exact
+    geometry and where the cell shears, at the lattice. An unfinished result has its loads in this
+    order, and the overlap and the balls at rest under the last of them. With a history of friction
+    all loads are one step.
     """
 
     @property
@@ -990,51 +998,61 @@ class SampleTask(MediumTask):
         return 1 if self.simulation.friction_history else self.load.size
 
     def count_steps(self, result: TaskResult) -> int:
-        """Return the number of steps that a result contains."""
+        """Return the number of steps that a result, of one step or more, contains."""
         return 1 if self.simulation.friction_history else len(result["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Find the sample at one more load, and return its numbers that are averaged, (loads, ...)
-        by name, at the loads of ``begun`` and at this load.
+        by name, at the loads of ``begun`` and at this load. Where states are kept, the balls of the
+        sample are among them.
 
         Until the last load is done, the loads stand in the order in which they are taken, and the
-        result has the overlap and the balls at rest under the last of them, from which the next
-        step starts. The result of the last step has the order of the task's loads, without these.
-        With a history of friction one step takes the whole path, see :meth:`_solve_path`. The
-        message of a GranphonError names the task and the load.
+        result has the overlap and the balls at rest under the last of them, for the next step. The
+        result of the last step has the order of the task's loads, without these. With a history of
+        friction one step takes the whole path, see :meth:`_solve_path`.
+
+        The message of a GranphonError names the task and, if it is known, the load.
         """
-        simulation = self.simulation
-        if simulation.friction_history:
+        if self.simulation.friction_history:
             return self._solve_path()
-        index: int | None = None
         try:
-            loads = simulation.prescribed(self.load)
-            order = sort_by_load(loads)
-            earlier = dict(begun or {})  # the numbers at the loads that are done
-            start = None
-            n_done = 0
-            if earlier:
-                # the overlap and the balls at rest under the load before
-                start = (earlier.pop("rest_overlap").item(), earlier.pop("rest_balls"))
-                n_done = self.count_steps(earlier)
-            index = order[n_done]
-            sample = simulation.sample(loads[index], start)
-            result = self._record([sample], [index])
+            loads = self.simulation.prescribed(self.load)
         except GranphonError as error:
-            if index is not None:
-                error.load_index = index
             raise self._locate(error) from error
+        order = sort_by_load(loads)
+        earlier = dict(begun or {})  # the numbers at the loads that are done
+        start = None
+        n_done = 0
         if earlier:
+            start = (earlier.pop("rest_overlap").item(), earlier.pop("rest_balls"))
+            n_done = self.count_steps(earlier)
+        sample, numbers = self._find_sample(loads, order[n_done], start)
+        result = numbers
+        if earlier:
+            # loads may have unequal numbers of peaks
             result = {
-                name: np.concatenate([earlier[name], value]) for name, value in result.items()
+                name: np.concatenate(pad_columns([earlier[name], value]))
+                for name, value in numbers.items()
             }
-        if self.count_steps(result) < len(order):
-            equilibrium = sample.equilibrium
-            return result | {
-                "rest_overlap": np.array(equilibrium.overlap),
-                "rest_balls": equilibrium.balls,
-            }
-        return {name: value[np.argsort(order)] for name, value in result.items()}
+        if n_done + 1 == len(order):
+            return {name: value[np.argsort(order)] for name, value in result.items()}
+        equilibrium = sample.equilibrium
+        rest = {"rest_overlap": np.array(equilibrium.overlap), "rest_balls": equilibrium.balls}
+        return result | rest
+
+    def _find_sample(
+        self, loads: Sequence[ReducedLoad], index: int, start: tuple[float, Array] | None
+    ) -> tuple[Sample, TaskResult]:
+        """Return the sample at the load number ``index`` of the reduced ``loads``, and its numbers
+        that are averaged, (1, ...) by name. ``start`` holds the overlap and the balls of an earlier
+        equilibrium, None for none. The message of a GranphonError names the task and the load.
+        """
+        try:
+            sample = self.simulation.sample(loads[index], start)
+            return sample, self._record([sample], [index])
+        except GranphonError as error:
+            error.load_index = index
+            raise self._locate(error) from error
 
     def _solve_path(self) -> TaskResult:
         """Return the numbers of a sample that are averaged, (loads, ...) by name, along its path of
@@ -1151,14 +1169,16 @@ class SampleRecord(SimpleNamespace):
     @classmethod
     def to_result(cls, records: Sequence[Self]) -> TaskResult:
         """Return the result of a task, arrays (loads, ...) by name, from its records, one at each
-        load.
+        load. Where loads have unequal numbers of values, as of peaks, nan fills the last axis.
         """
         rows = list[dict[str, Any]]()
         for record in records:
             row = dict(vars(record))
             waves = row.pop("of_waves")
             rows.append(row | {_WAVES + name: value for name, value in waves.items()})
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return {
+            name: np.array(pad_columns([np.asarray(row[name]) for row in rows])) for name in rows[0]
+        }
 
     def contact_fraction(self) -> float:
         """Return the fraction of the contacts that carry load: on the triangular lattice N_c / 6,

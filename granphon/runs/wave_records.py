@@ -24,7 +24,6 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -46,7 +45,7 @@ from granphon.base.errors import (
     StoppedEarlyWarning,
 )
 from granphon.base.results import Result
-from granphon.base.standard_errors import standard_error
+from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import counted
 from granphon.base.validation import index_array
@@ -99,8 +98,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
-#: prefix of the names of whole results
-_WHOLE = "whole."
+#: prefix of the names of the results of solvers in a record
+_RESULT_PREFIX = "whole."
 #: observables that are means over the pulses of samples, each with the attribute of a pulse that is
 #: averaged
 _PULSE = {
@@ -125,11 +124,11 @@ OVER_TIME = tuple(
     for name in ("kinetic", "translation", "rotation", "stored", "lost", "supplied", "force")
 )
 #: the numbers of a motion that have standard errors over samples
-_WITH_ERRORS = NUMBERS[:3]
+_NUMBERS_WITH_ERRORS = NUMBERS[:3]
 #: least number of steps in a period of a shaker
-_PER_PERIOD = 10
+_LEAST_STEPS_OF_PERIOD = 10
 #: greatest part of the area under the table of a drive that may fall between steps
-_MOST_LOST = 0.1
+_MOST_LOST_SHARE = 0.1
 #: least and greatest distance of the contacts to which a velocity is fitted, over the distance of
 #: the farthest contact
 _FIT_RANGE = (0.25, 0.75)
@@ -182,7 +181,7 @@ def _require_packing_spectra(
         if isinstance(state, NetworkState):  # a packing in files
             points = find_packing_points(state.network, path, spectrum.points)
             operator = WaveOperator(state.network)
-            for polarisation in spectrum.polarisation:
+            for polarisation in spectrum.polarisation:  # for the errors alone
                 find_polarisations(operator, points.q[0], polarisation, None)
 
 
@@ -216,6 +215,7 @@ def _require_spectrum(
     # The bound of frequencies of equal balls is below that of differing balls, or little above, so
     # that a kernel of equal balls takes no more moments.
     top_frequency = operator.top / (2.0 * math.pi * MARGIN)  # Hz
+    # both for their errors alone
     Kernel.of(top_frequency, spectrum.resolution)
     for polarisation in spectrum.polarisation:
         find_polarisations(operator, points.q[0], polarisation, None)
@@ -336,7 +336,7 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
         numbers |= arrays
         if whole:
             for key, result in results.items():
-                numbers[_WHOLE + key] = np.array(json.dumps(result.to_dict()).encode())
+                numbers[_RESULT_PREFIX + key] = np.array(json.dumps(result.to_dict()).encode())
     return numbers | _record_networks(x, settings, whole=whole)
 
 
@@ -347,8 +347,8 @@ def _record_dos(
     which it is made, by name. The rows of the table are frequencies, Hz, translational density,
     1/Hz, rotational density, 1/Hz, and error of their sum, 1/Hz.
     """
-    # random vectors differ from sample to sample, so that their noise is part of the standard
-    # error over samples
+    # Random vectors differ from sample to sample, so that their noise is part of the standard error
+    # over samples. A state has no seed, and a sample of given diameters has None.
     dos = waves.dos(seed=getattr(sample, "seed", 0) or 0)
     table = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
     return {"dos": table}, {"dos": dos}
@@ -433,7 +433,7 @@ def _record_networks(x: Any, settings: WaveSettings, *, whole: bool = False) -> 
         numbers |= arrays
         if whole:
             for name, make_bytes in files.items():
-                numbers[_WHOLE + name] = np.frombuffer(make_bytes(), np.uint8)
+                numbers[_RESULT_PREFIX + name] = np.frombuffer(make_bytes(), np.uint8)
     return numbers
 
 
@@ -459,7 +459,8 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
         **settings.losses,
         **_choose_plane(settings),
     )
-    # a receiver that is a ball has one column of the response, and a plane one for each ball
+    # a receiver has one column of the response, but a plane, of which there is one at most, has one
+    # for each of its balls
     n_plane = len(response.receivers) - len(receivers) + 1
     counts = [n_plane if receiver == "plane" else 1 for receiver in receivers]
     starts = np.cumsum([0, *counts])
@@ -631,8 +632,9 @@ class PreparedMotion:
             raise InputError(problem, mend="Give it a shaker or a displacement")
 
     def _require_step(self) -> None:
-        """Raise InputError if a period of a shaker has fewer than :data:`_PER_PERIOD` steps, or if
-        more than :data:`_MOST_LOST` of the area under the table of a drive falls between steps.
+        """Raise InputError if a period of a shaker has fewer than :data:`_LEAST_STEPS_OF_PERIOD`
+        steps, or if more than :data:`_MOST_LOST_SHARE` of the area under the table of a drive falls
+        between steps.
         """
         settings = self.settings
         shakers = [drive.shaker for drive in settings.drive if drive.shaker is not None]
@@ -642,15 +644,15 @@ class PreparedMotion:
             return
         step = settings.step or self.waves.find_step(**settings.extremes)
         step = min(step, settings.duration / (settings.frames - 1))
-        if step * frequency * _PER_PERIOD > 1.0:
+        if step * frequency * _LEAST_STEPS_OF_PERIOD > 1.0:
             problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"
-            why = f"A period would have fewer than {_PER_PERIOD} steps"
+            why = f"A period would have fewer than {_LEAST_STEPS_OF_PERIOD} steps"
             raise InputError(problem, why, "Give a shorter step")
         lost_fractions = [
             table.find_lost_share(step, settings.duration) for table in tables if table
         ]
         lost_fraction = max(lost_fractions, default=0.0)
-        if lost_fraction > _MOST_LOST:
+        if lost_fraction > _MOST_LOST_SHARE:
             problem = (
                 f"{100.0 * lost_fraction:.3g} % of the table of a drive are lost between steps of"
                 f" {step:.3g} s"
@@ -721,7 +723,9 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
-        """Return the passage of the wave that comes from the balls ``source``, by their numbers."""
+        """Return the passage of the wave that comes from the balls and walls ``source``, given by
+        their numbers.
+        """
         distances = _find_distances(motion, source)
         peak_times, heights = motion.peaks()
         front_passages = motion.passages("front")
@@ -824,7 +828,7 @@ def average_motions(
     records: Sequence[Mapping[str, Array]], _settings: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the means over samples of the arrays of :func:`record_motion`, by name, with the
-    standard errors of the numbers :data:`_WITH_ERRORS`, and notes.
+    standard errors of the numbers :data:`_NUMBERS_WITH_ERRORS`, and notes.
 
     The mean and the error of a number are those of the samples in which the number is known. A mean
     is left out if the number is known in no sample, and an error if the number is known in fewer
@@ -845,9 +849,9 @@ def average_motions(
         n_unknown = numbers.size - known_numbers.size
         if known_numbers.size:
             observables[name] = np.array(np.mean(known_numbers))
-        if known_numbers.size > 1 and name in _WITH_ERRORS:
+        if known_numbers.size > 1 and name in _NUMBERS_WITH_ERRORS:
             observables[f"{name}_error"] = np.asarray(standard_error(known_numbers, axis=0))
-        if n_unknown:
+        if n_unknown:  # a velocity: all other numbers of a motion are known
             samples = f" in {n_unknown} of {numbers.size} samples" if numbers.size > 1 else ""
             notes.append(
                 f"the {name.replace('_', ' ')} is not known{samples}: the wave is known to come to"
@@ -886,8 +890,8 @@ def write_contacts(
     errors: Mapping[str, Array] | None = None,
 ) -> None:
     """Write the table ``path`` of the contacts of a ``motion``: the columns of
-    :func:`list_contact_columns`, and after these a column of standard errors (n,) for each column
-    whose name is among the ``errors``.
+    :func:`list_contact_columns`, and after these the ``errors``, columns of standard errors (n,) by
+    the name of the column whose errors they are.
     """
     columns = list_contact_columns(motion, settings)
     headings = [Heading(name, unit) for name, unit, _ in columns]
@@ -939,7 +943,7 @@ def restore_result(record: Record, name: str, kind: type[Result]) -> Any:
     """Return the result of the ``kind`` that a record, made with ``whole``, keeps under a ``name``;
     None if the record keeps none.
     """
-    text = record.get(_WHOLE + name)
+    text = record.get(_RESULT_PREFIX + name)
     return None if text is None else kind.from_dict(json.loads(text.item()))
 
 
@@ -983,7 +987,7 @@ def restore_pulse(records: Sequence[Record]) -> Pulse | None:
 
 def restore_motion(record: Record) -> Motion | None:
     """Return the motion that a record keeps; None if it keeps none."""
-    content = record.get(f"{_WHOLE}motion")
+    content = record.get(f"{_RESULT_PREFIX}motion")
     return None if content is None else Motion.read(io.BytesIO(content.tobytes()))
 
 
@@ -1017,8 +1021,8 @@ def _interpolate_densities(table: Array, points: Array) -> Array:
     (n_f,), Hz. The first row of the table is its n frequencies, Hz, and the others are its
     densities, 1/Hz.
 
-    A cubic spline interpolates. Densities that the spline puts below zero become zero, and so do
-    those above the last frequency of the table.
+    A cubic spline interpolates, and goes on below the first frequency of the table. Densities that
+    the spline puts below zero become zero, and so do those above the last frequency.
     """
     from scipy.interpolate import CubicSpline
 
@@ -1091,14 +1095,14 @@ def _average_spectra(
     if has_errors:
         observables |= _find_line_errors(q, lines)
     assert settings.spectrum is not None
-    for number, name in enumerate(settings.spectrum.polarisation):
-        crossing, why = _find_crossing(q, peak[number], width[number])
+    for index, name in enumerate(settings.spectrum.polarisation):
+        crossing, why = _find_crossing(q, peak[index], width[index])
         if crossing is None:
             notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
             continue
         observables[f"ioffe_regel_{name}"] = np.array(crossing)
         if has_errors:
-            crossing_error = _jackknife(q, lines[:, number])
+            crossing_error = _find_crossing_error(q, lines[:, index])
             observables[f"ioffe_regel_{name}_error"] = np.array(crossing_error)
     return observables, notes
 
@@ -1170,26 +1174,25 @@ def _average_pulses(
     return means, notes
 
 
-def _jackknife(q: Array, lines: Array) -> float:
-    """Return the standard error of the Ioffe-Regel frequency, Hz, by the jackknife: each sample is
-    left out in turn, and the frequency of the mean over the other samples is found; the error
-    follows from the scatter of these frequencies. The error is nan if one of these means has no
-    such frequency.
+def _find_crossing_error(q: Array, lines: Array) -> float:
+    """Return the standard error of the Ioffe-Regel frequency, Hz, of the mean lines of two samples
+    or more, by the jackknife; nan if there is no such frequency without one of the samples.
 
     ``q`` (n,) are wave numbers, 1/m. ``lines`` (samples, 3, n) are the peak, Hz, and the width, Hz,
-    of each sample, and whether the line is resolved. There are two samples or more.
+    of each sample, and whether the line is resolved.
     """
-    n_samples = len(lines)
-    frequencies = []
-    for sample in range(n_samples):
-        peak, width, _resolved = np.mean(np.delete(lines, sample, axis=0), axis=0)
-        with suppress(InputError):
-            frequencies.append(find_ioffe_regel(q, peak, width))
-    if len(frequencies) < n_samples or None in frequencies:
-        return math.nan
-    # each of these means leaves out one sample alone: they scatter less than means over n_samples
-    # samples would, by the root of n_samples - 1
-    return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))
+
+    def find_frequencies(rows: Array) -> Array:
+        """Return the Ioffe-Regel frequency of each of the mean lines, ``rows`` (samples, 3 n), Hz,
+        nan where there is none.
+        """
+        frequencies = list[float | None]()
+        for row in rows:
+            peak, width, _resolved = row.reshape(3, -1)
+            frequencies.append(_find_crossing(q, peak, width)[0])
+        return np.array(frequencies, float)
+
+    return float(jackknife(find_frequencies, lines.reshape(len(lines), -1)))
 
 
 #: for each result of the waves in samples, the function that records a sample, and the function

@@ -131,7 +131,7 @@ def _start_pool() -> Any:
 
 
 class Workers(Executor):
-    """An executor of at most ``most`` worker processes.
+    """An executor of at most ``most`` worker processes, one or more.
 
     A process is started when a call comes and all others are at work, so that there are never more
     processes than calls. Processes are spawned, not forked, as numerical libraries may have started
@@ -177,7 +177,8 @@ class Workers(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes at once, even in the middle of their work, whatever ``wait`` and
-        ``cancel_futures`` say; calls that have not begun are cancelled.
+        ``cancel_futures`` say; calls that have not begun are cancelled. A later call would start a
+        process again.
         """
         with hold_back_signals():
             for pool in self._pools:

@@ -562,7 +562,7 @@ class SceneValues:
 
     def _require_arrays(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the scene observes waves that only
-        simulated arrays have, and a medium makes no array.
+        simulated arrays have, and a medium makes no array, or spectra do not fit into one array.
         """
         names = [
             name for name in WAVES if name in self.observe and is_of_arrays_alone(name, self.swept)
@@ -575,7 +575,7 @@ class SceneValues:
         kinds = "one state, or of arrays" if names == ["dos"] else "arrays"
         allowed = f"{', '.join(names)} of {kinds} that a medium: simulation makes"
         with file_keys.refusing(names[0], allowed, "observe"):
-            require_arrays(self.media, dict(self.parameters), names)
+            require_arrays(self.media, self.packing.structure, dict(self.parameters), names)
 
     def _list_conflicts_of_design(self) -> list[Conflict]:
         """Return the reasons for which no design can be sought, whether or not they hold in this

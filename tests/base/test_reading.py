@@ -590,6 +590,17 @@ def test_numbers_and_attributes_of_a_sweep_make_sense(written):
                 dataset._require_plausible("x.nc", spoiled)
 
 
+@pytest.mark.parametrize("name", ["format", dataset.DIGEST])
+def test_an_attribute_of_a_sweep_that_should_be_a_text_and_is_an_array(
+    written, tmp_path, opened_here, name
+):
+    path = tmp_path / "sweep.nc"
+    sweep = xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
+    path.write_bytes(dataset.netcdf_bytes(sweep.assign_attrs({name: [1, 2]})))
+    with pytest.raises(InputError, match=f"{path} "):
+        gp.load_sweep(path)
+
+
 def test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are(
     written, tmp_path, monkeypatch
 ):

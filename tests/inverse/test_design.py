@@ -412,6 +412,21 @@ def test_a_given_network_without_the_sums_is_not_kept():
     assert_allclose(best.network.shear_stiffness, 0.0, atol=1e-9 * k)
 
 
+def test_a_given_network_without_the_sum_does_not_outdo_the_gaps_with_it(chain):
+    """Its gap is wider than any with the sum: (2k/m)^1/2 of both masses, of which it has less."""
+    mass = chain.masses[0]
+    wide = replace(chain, masses=mass * np.array([0.3, 1.8]))
+    bounds = (0.3 * mass, 2.0 * mass)
+    best = gp.design(
+        wide, gp.WidestGap(), bounds=bounds, constraints={"mass": 3.0 * mass}, restarts=0
+    )
+    assert_allclose(np.sort(best.variables), [mass, 2.0 * mass], rtol=1e-9)
+    k = chain.normal_stiffness[0]
+    edges = np.sqrt(2.0 * k / (mass * np.array([[1.0, 2.0], [0.3, 1.8]]))) / (2.0 * math.pi)
+    assert_allclose([best.value, best.start_value], edges[:, 0] - edges[:, 1], rtol=1e-9)
+    assert best.warnings == ()
+
+
 def test_variables_without_effect_are_named(chain):
     mass = chain.masses[0]
     bounds = {"mass": (0.5 * mass, 2.0 * mass), "shear_stiffness": (0.0, 1e6)}
@@ -457,3 +472,65 @@ def test_derivatives_by_a_load_hold_over_decades_of_bounds():
             lambda network: (gp.Phonons(network).frequencies([[0.0]])[0, 1], {}), np.array([force])
         )
         assert_allclose(slope * force / value, 1.0 / 6.0, rtol=1e-6)
+
+
+def test_a_goal_with_residuals_may_leave_out_derivatives(chain):
+    class Wanted:
+        """That each mass is 0.8 of what it was."""
+
+        largest = False
+
+        def find_residuals(self, network):
+            wanted = 0.8 * chain.masses
+            return network.masses / wanted - 1.0, {"mass": np.diag(1.0 / wanted)}
+
+        def evaluate(self, network):
+            residuals, slopes = self.find_residuals(network)
+            return float(residuals @ residuals), {"mass": 2.0 * residuals @ slopes["mass"]}
+
+    mass = chain.masses[0]
+    k = chain.normal_stiffness[0]
+    bounds = {"mass": (0.5 * mass, mass), "normal_stiffness": (0.5 * k, 2.0 * k)}
+    best = gp.design(chain, Wanted(), ("mass", "normal_stiffness"), bounds, restarts=0)
+    assert_allclose(best.variables, [0.8 * mass] * 2 + [k] * 2, rtol=1e-7)
+    (warning,) = best.warnings
+    assert warning.endswith(", ".join(best.labels[2:]))
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("mass", (3, 2)), ("mass", ()), ("on_site", ()), ("on_site", (2,)), ("on_site", (2, 7))],
+)
+def test_derivatives_of_another_shape_than_the_goal_are_refused(chain, name, shape):
+    class Wrong:
+        largest = False
+
+        def evaluate(self, network):
+            return 1.0, {name: np.ones(shape)}
+
+    mass = chain.masses[0]
+    bounds = (0.5 * mass, 2.0 * mass) if name == "mass" else (0.0, 1e6)
+    with pytest.raises(InputError, match=f"derivatives by {name}"):
+        gp.design(chain, Wrong(), name, bounds)
+
+
+def test_the_start_value_is_that_of_the_given_network_at_its_bounds(chain):
+    """Least squares begin a little inside of the bounds."""
+    mass = chain.masses[0]
+    goal = gp.MatchFrequencies([5e3, 6e3], q=0.1)
+    best = gp.design(chain, goal, "mass", (mass, 2.0 * mass), restarts=0, steps=2)
+    assert best.start_value == goal.evaluate(chain)[0] != best.history[0]
+
+
+def test_goals_that_a_network_cannot_have_are_refused_in_one_line(chain):
+    for goal in (gp.WidestGap(branches=7, smoothing=1.0), gp.WidestGap(branches=7)):
+        for call in (goal.evaluate, goal.certify):
+            with pytest.raises(InputError, match="branches"):
+                call(chain)
+    held = chain.cut(0, 2, edges=("clamped", "free"))
+    shapes = np.where(held.moving[:, None], 0.0, np.ones((1, held.n_balls, 1)))
+    with pytest.raises(InputError, match="shape moves no ball"):
+        gp.MatchFrequencies([1e3], shapes=shapes).evaluate(held)
+    with pytest.raises(InputError, match="cannot be called"):
+        gp.design(min, gp.LowestVelocity(), "force", (1.0, 2.0))
+    assert "touch" in gp.WidestGap().tell_closed(0.0)

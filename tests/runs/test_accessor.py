@@ -54,6 +54,18 @@ def test_exponents_over_a_variable_of_fewer_dimensions():
         data.granphon.exponent("force", over="pressure")
 
 
+def test_exponents_of_what_is_infinite_are_nan():
+    """Reduced forces of equal balls are. One infinite value, at the end, makes two exponents nan."""
+    data = gp.sweep(gp.Packing(STEEL, 8e-3), force=[1.0, 2.0, 3.0, 5.0, 8.0, 9.0])
+    assert np.all(np.isnan(data.granphon.exponent("reduced_force")))
+    values = data["longitudinal"].values.copy()
+    values[-1] = np.inf
+    data["longitudinal"] = data["longitudinal"].dims, values
+    exponents = data.granphon.exponent().values[:, 0]
+    assert np.isnan(exponents).tolist() == [False] * 4 + [True] * 2
+    np.testing.assert_allclose(exponents[:4], 1.0 / 6.0, rtol=1e-12)
+
+
 def test_it_draws_fits_and_knows_its_packing(swept, tmp_path):
     assert swept.granphon.packing == PACKING
     assert swept.granphon.plot(variable="bulk").axes[0].get_ylabel() == "Bulk modulus (GPa)"
@@ -80,6 +92,7 @@ def test_what_has_no_exponent(swept):
         (lambda: swept.mean("load").granphon.plot(), "no dimension 'load'"),
         (lambda: swept.isel(medium=0).granphon.plot(), "no dimension 'medium'"),
         (lambda: swept.drop_attrs().granphon.packing, "holds no packing"),
+        (lambda: swept.assign_attrs(packing="[" * 9999).granphon.packing, "holds no packing"),
     ):
         with pytest.raises(InputError, match=told):
             call()

@@ -3,14 +3,19 @@ refused or not known.
 """
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.lattices import find_lattice
+from granphon.media.array_options import DEFAULT_SHAPES
+from granphon.media.choice import MediumChoice
 from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.finished_tasks import read_entries
+from granphon.runs.tasks import SampleRecord, require_arrays
 from granphon.scene.outputs import expected_files
 from granphon.scene.redraw import redraw
 from granphon.scene.scene import WORK_FILE
@@ -314,6 +319,48 @@ def test_spectra_that_cannot_be_are_refused_before_a_simulation(text, said):
     with pytest.raises(gp.GranphonError, match=said) as caught:
         gp.Scene.from_text(text)
     assert "<scene>:" in str(caught.value)
+
+
+def test_loads_may_have_unequal_numbers_of_peaks_of_the_response():
+    """In one sample, whose loads share a task, as in a sweep of each load."""
+    material = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    packing = gp.Packing(material, 8e-3, spread=gp.Uniform(2.04e-6), friction=True)
+    settings = {
+        "frequencies": np.linspace(500.0, 6e4, 60).tolist(),
+        "source": ["0 x"],
+        "receiver": ["5 y"],
+        "damping": 1e-6,
+    }
+    find = partial(gp.sweep, packing, media={"simulation": {"shape": (3, 3)}}, response=settings)
+    joint = find(force=[2.0, 100.0])["peaks_frequency"].values[:, 0, 0]
+    first, second = (find(force=force)["peaks_frequency"].values[0, 0, 0] for force in (2.0, 100.0))
+    assert len(second) < len(first) == joint.shape[1]
+    np.testing.assert_allclose(joint[0], first, rtol=1e-6)
+    np.testing.assert_allclose(joint[1, : len(second)], second, rtol=1e-6)
+    assert np.all(np.isnan(joint[1, len(second) :]))
+
+
+def test_the_records_of_one_task_may_have_unequal_numbers_of_peaks():
+    """As those of a history of friction, whose loads are one step."""
+    tables = [np.ones((3, 1, n_peaks)) for n_peaks in (2, 0, 1)]
+    records = [SampleRecord(force=1.0, of_waves={"response_peaks": table}) for table in tables]
+    result = SampleRecord.to_result(records)
+    assert result["force"].shape == (3,)
+    for index, table in enumerate(tables):
+        peaks = SampleRecord.from_result(result, index).of_waves["response_peaks"]
+        assert peaks.shape == (3, 1, 2)
+        np.testing.assert_array_equal(peaks[..., : table.shape[-1]], table)
+        assert np.all(np.isnan(peaks[..., table.shape[-1] :]))
+
+
+def test_spectra_of_a_shape_that_is_named_once_and_the_default_once_fit_into_one_array():
+    lattice = find_lattice("triangular")
+    default = MediumChoice("simulation")
+    named = MediumChoice("simulation", (("shape", DEFAULT_SHAPES[2]), ("samples", 2)))
+    require_arrays([default, named], lattice, [], ["spectrum"])
+    other = MediumChoice("simulation", (("shape", (8, 8)),))
+    with pytest.raises(gp.GranphonError, match="shape"):
+        require_arrays([default, other], lattice, [], ["spectrum"])
 
 
 #: the echo from the far end comes before it is at its height

@@ -608,6 +608,20 @@ def test_a_file_whose_numbers_are_nan_is_not_damaged(steel, tmp_path, monkeypatc
         assert data.equals(gp.load_sweep(path))
 
 
+def test_crystals_whose_balls_adhere_or_bear_gravity_alone_are_not_damaged(steel):
+    """The forces of a packing alone are above zero."""
+    crystal = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)], law=gp.DMT(5.0))
+    adhering = gp.sweep(crystal, overlap=[1e-9, 1e-7])
+    assert adhering["force"].values[0, 0] < 0.0
+    heap = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)]).cut(1, 4, ("floor", "free"))
+    heavy = gp.sweep(heap, load=Load("pressure", [0.0, 1.0], gravity=9.81))
+    for data in (adhering, heavy):
+        dataset._require_plausible("x.nc", data)
+    packing = gp.sweep(gp.Packing(steel, 8e-3), force=1.0)
+    with pytest.raises(InputError, match="force"):
+        dataset._require_plausible("x.nc", packing.assign_coords(force=("load", [-1.0])))
+
+
 def test_a_figure_leaves_out_what_is_nan(steel):
     packing = gp.Packing(steel, 8e-3)
     data = gp.sweep(packing, force=[1.0, 2.0], motions=["in_plane", "out_of_plane"])
