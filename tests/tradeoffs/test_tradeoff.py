@@ -31,7 +31,7 @@ from granphon.figures.work_precision import tradeoff_figure
 from granphon.runs.finished_tasks import encode, open_store
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.measure import (
-    BETTER,
+    JUDGING_RATIO,
     Deadline,
     MediaStudy,
     Point,
@@ -821,7 +821,7 @@ def test_the_table_has_every_number(found):
         assert {int(row["memory (B)"]) for row in mine} == {point.memory}
         limits = np.array([float(row["reference_error (1)"]) for row in mine]).reshape(2, 3)
         assert [row["resolved"] == "True" for row in mine] == (
-            errors >= BETTER * limits
+            errors >= JUDGING_RATIO * limits
         ).ravel().tolist()
 
 
