@@ -31,15 +31,16 @@ if TYPE_CHECKING:
 
 #: a strain that is the same along all axes makes a stress; where that differs from a pressure by no
 #: more than this part of the bulk modulus, the difference is taken for rounding
-_EVEN = 1e-10
-#: memory that finding the velocities of one pulse in one branch takes, bytes
+_PRESSURE_ROUNDING = 1e-10
+#: memory that finding the velocities of one pulse in one branch takes, without that of its
+#: dynamical matrix, bytes
 _PULSE_BYTES = 900.0
-#: memory for each entry of the matrix of the motions of this pulse, bytes
-_MODE_BYTES = 36.0
+#: memory for each entry of the dynamical matrix of this pulse, bytes
+_ENTRY_BYTES = 36.0
 #: what to use in place of the moduli of an isotropic lattice
 _AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hill"
-#: top of a branch, (k/M)^1/2, that is zero but for rounding
-_NO_FREQUENCY = 1e-12
+#: largest top of a branch, (k/M)^1/2, that is taken for zero with its rounding
+_FREQUENCY_ROUNDING = 1e-12
 
 
 def local_exponent(state: ContactState) -> Any:
@@ -113,10 +114,11 @@ class SoundVelocities(Result):
     @cached_property
     def sensitivities(self) -> VelocitySensitivities:
         """Derivatives of ``velocities`` with respect to the stiffnesses and static forces of all
-        n_c contacts, (..., n_u, n_c), and to the masses of all n balls, (..., n_u, n).
+        n_c contacts, (..., n_u, n_c), to the masses of all n balls, (..., n_u, n), and to springs
+        to the ground against each motion of these, (..., n_u, n, motions).
 
         Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
-        means over samples, and for those that were read from a file or a copy.
+        means over samples, and for those of a copy or read from a file.
         """
         # velocities alone do not need the derivatives
         from granphon.observables.sensitivities import find_velocity_sensitivities, list_networks
@@ -143,12 +145,12 @@ class SoundVelocities(Result):
 
     @property
     def transverse_slow(self) -> Any:
-        """Velocity of the slow transverse wave, m/s, where there are two; else None."""
+        """Velocity of the slow transverse wave, m/s; None where there are not two."""
         return self._take_transverse(0, self.transverse)
 
     @property
     def transverse_fast(self) -> Any:
-        """Velocity of the fast transverse wave, m/s, where there are two; else None."""
+        """Velocity of the fast transverse wave, m/s; None where there are not two."""
         return self._take_transverse(1, self.transverse)
 
     @property
@@ -174,9 +176,9 @@ class SoundVelocities(Result):
         return n_waves - n_named
 
     def _take_transverse(self, number: int, velocities: Any) -> Any:
-        """Return the velocity, or its error, of the slow (0) or the fast (1) transverse wave, with
-        the shape of the load, from ``velocities`` (..., 2), m/s; None where there are not two
-        waves.
+        """Return the velocity, or its error, of the transverse wave of a ``number``, slow (0) or
+        fast (1), from ``velocities`` or errors (..., 2), m/s; None where there are not two waves,
+        or no velocities.
         """
         if velocities is None or self._count_transverse() != 2:
             return None
@@ -207,9 +209,10 @@ def sound_velocities(
 
     Raises
     ------
-    InputError : no direction is given and velocities depend on it; a direction is not p finite
-        numbers, or has no length; a network repeats nowhere, or has bodies that do not move;
-        springs to the ground hold the balls; a ``progress`` has no method ``step``.
+    InputError : ``state`` is no state and has no network; no direction is given and velocities
+        depend on it; a direction is not p finite numbers, or has no length; a network repeats
+        nowhere, or has bodies that do not move; springs to the ground hold the balls; a
+        ``progress`` has no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
@@ -267,11 +270,11 @@ def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, A
 
 
 def explain_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
-    """Return a sentence, for a warning, that counts the branches that nothing resists; empty if
-    there are none.
+    """Return a sentence, for a warning, that counts the branches of a ``state`` that nothing
+    resists; empty if there are none.
 
     Branches are counted only where one of the ``velocities``, m/s, is zero: a wave across a row or
-    a layer has no velocity if it bends the layer, or if nothing resists the wave.
+    a layer has no velocity if it bends the row or layer, or if nothing resists the wave.
     """
     has_zero = np.any(velocities == 0.0)
     return state.reference_lattice.free_branch_warnings if has_zero else ()
@@ -358,7 +361,7 @@ class Moduli(Result):
         contacts, (..., n, n, n_c).
 
         Raises :class:`~granphon.base.errors.InputError` for moduli of a simulation, which are means
-        over samples, and for those that were read from a file or a copy.
+        over samples, and for those of a copy or read from a file.
         """
         # moduli alone do not need the derivatives
         from granphon.observables.sensitivities import find_moduli_sensitivities, list_networks
@@ -394,7 +397,7 @@ class Moduli(Result):
         is_along_axis = np.arange(self.tensor.shape[-1]) < p  # xx, yy, zz
         pressure = p * bulk[..., None] * is_along_axis
         deviation = stress - pressure
-        if np.any(np.abs(deviation) > _EVEN * np.abs(bulk)[..., None]):
+        if np.any(np.abs(deviation) > _PRESSURE_ROUNDING * np.abs(bulk)[..., None]):
             raise InputError(
                 "this lattice has no single bulk modulus",
                 "Its strain under pressure is not even",
@@ -533,9 +536,9 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
 
     Raises
     ------
-    InputError : balls do not move along the lattice; springs to the ground hold the balls or resist
-        their rotations; a network repeats nowhere, or has bodies that do not move; a ``progress``
-        has no method ``step``.
+    InputError : ``state`` is no state and has no network; balls do not move along the lattice;
+        springs to the ground hold the balls or resist their rotations; a network repeats nowhere,
+        or has bodies that do not move; a ``progress`` has no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
     """
     state = as_state(state)
@@ -633,10 +636,14 @@ def pulse_velocities(
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the
         frequency; or its waves cost no energy in that direction.
-    InputError : a frequency that is not finite and above zero; an unknown branch; no direction
-        where velocities depend on it; a direction that is not p finite numbers or has no length;
-        frequencies whose shape does not broadcast against the load.
+    InputError : what is no state and has no network; a network that repeats nowhere or has bodies
+        that do not move; springs to the ground that hold the balls; a frequency that is not finite
+        and above zero, or so low that it has lost digits; an unknown branch, or an empty list; no
+        direction where velocities depend on it; a direction that is not p finite numbers or has no
+        length; frequencies whose shape does not broadcast against the load; more pulses than fit
+        into memory.
     MechanismError : a motion of the lattice costs no energy.
+    InstabilityError : with finite overlap, the lattice buckles.
     """
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
@@ -689,7 +696,7 @@ def _broadcast_loads(hertz: Array, state: State) -> tuple[int, ...]:
 
 def _require_pulse_memory(state: State, count: int) -> None:
     """Raise :class:`InputError` if the velocities of ``count`` pulses do not fit into memory."""
-    memory = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
+    memory = (_PULSE_BYTES + _ENTRY_BYTES * state.reference_lattice.n_branches**2) * count
     require_memory(
         f"velocities of {count:,} pulses", memory, "Take fewer frequencies, loads or directions"
     )
@@ -829,18 +836,19 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
 def _explain_unreachable(
     branch: AcousticBranch, target: Array, unit: Array
 ) -> UnreachableFrequencyError:
-    """Return the error for angular frequencies ``target`` (m,), of which some are above the top of
-    the branch; ``unit`` (m,) is the unit of each, rad/s. Of the frequencies above, the error names
-    the highest, and the top of the branch at the load of this frequency.
+    """Return the error for reduced angular frequencies ``target`` (m,), of which some are above the
+    top of the ``branch``; ``unit`` (m,) is the unit of each, rad/s. Of the frequencies above the
+    top, the error names the highest, and the top of the branch at the load of this frequency. If
+    the top is zero, the error says that the branch has no pulses, and what would give it some.
     """
     components = ", ".join(f"{component:.6g}" for component in branch.direction)
     along = f"in direction ({components})"
-    if branch.top <= _NO_FREQUENCY:
+    if branch.top <= _FREQUENCY_ROUNDING:
 
         def travels(stiffer: ContactLattice) -> bool:
-            """Whether the waves of the branch cost energy in a stiffer lattice."""
+            """Return whether the waves of the branch cost energy in a ``stiffer`` lattice."""
             branches = follow_acoustic_branches(stiffer, branch.direction)
-            return branch.name in branches and branches[branch.name].top > _NO_FREQUENCY
+            return branch.name in branches and branches[branch.name].top > _FREQUENCY_ROUNDING
 
         remedy = branch.lattice.find_remedy(travels)
         return UnreachableFrequencyError(
