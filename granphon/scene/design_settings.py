@@ -305,7 +305,7 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
         name = _NAME_IN_BLOCK.sub(r"\1", str(written))
         rule: Rule = real_number
         if context.written:
-            _require_known(name, written, context)
+            _require_known_variable(name, written, context)
             rule = _choose_kind(name, context).rule(context)
         if name in varied:
             raise Refused(f"{name} twice", "each variable once", path=(written,))
@@ -313,7 +313,7 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
     return tuple(varied.items())
 
 
-def _require_known(name: str, written: Any, context: Any) -> None:
+def _require_known_variable(name: str, written: Any, context: Any) -> None:
     """Raise Refused, at the key ``written``, unless a scene of the ``context`` may have the
     variable ``name``.
     """
@@ -321,7 +321,7 @@ def _require_known(name: str, written: Any, context: Any) -> None:
     names = [*parameters, *numbers]
     if name not in names:
         guess = closest(name, names)
-        mend = f"Did you mean {_spell(guess)!r}?" if guess else ""
+        mend = f"Did you mean {_spell_variable(guess)!r}?" if guess else ""
         raise Refused(show(written), _spell_allowed(names), mend, (written,))
 
 
@@ -337,14 +337,14 @@ def _read_bounds(value: Any, rule: Rule) -> tuple[float, float]:
     return bounds
 
 
-def _spell(name: str) -> str:
+def _spell_variable(name: str) -> str:
     """Return the ``name`` of a variable as a file has it: a load behind the name of its block."""
     return f"load.{name}" if name in LOADS else name
 
 
 def _spell_allowed(names: Sequence[str]) -> str:
     """Return words for a message: one of the variables ``names``, each once."""
-    return f"one of {', '.join(map(_spell, dict.fromkeys(names)))}"
+    return f"one of {', '.join(map(_spell_variable, dict.fromkeys(names)))}"
 
 
 def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, Any]:

@@ -54,8 +54,8 @@ from granphon.scene.file_keys import (
     PARTS,
     Context,
     choose_lattice,
+    find_table_name,
     split_tensor,
-    table_named,
 )
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import named_tables
@@ -149,10 +149,9 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     """Return the blocks of the file of a scene, by name, as plain data.
 
     Values that are defaults are written too, unless their kind writes none: None, what is empty,
-    the motions that the lattice of a packing has by default, and torsion and bending of zero.
-    Blocks that belong to other balls than those of the scene are left out, and of a packing in
-    files the load and the medium as well. The ``context`` is the one in which :func:`read_blocks`
-    reads the blocks again.
+    and torsion and bending of zero. Blocks that belong to other balls than those of the scene are
+    left out, and of a packing in files the load and the medium as well. The ``context`` is the one
+    in which :func:`read_blocks` reads the blocks again.
     """
     blocks: dict[str, Any] = {}
     absent_blocks = set().union(*_BLOCKS_OF_MEDIA.values())
@@ -263,7 +262,7 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
     if isinstance(data, list):
         raise document.error((), f"found a list; allowed: a block of keys: {', '.join(BLOCKS)}.")
     try:
-        _require_known(data)
+        _require_known_keys(data)
         if isinstance(data, Mapping) and set(_FILES_BLOCKS) & set(data):
             return _read_files_scene(document, folder)
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
@@ -428,7 +427,7 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
         return {}  # every key below the name of the block is commented out
     if name == "load" and isinstance(value, dict):
         # a value of another type is refused below, with the keys that are allowed
-        _require_one_load(value, of_crystal=bool(context.parameters))
+        _require_one_load(value, is_crystal=bool(context.parameters))
     readers = {key: declared.kind.rule(context) for key, declared in settings.items()}
     needed_keys = [key for key, declared in settings.items() if declared.default == NEEDED]
     if name != "packing" or not _has_measured_spread(value):
@@ -440,19 +439,19 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
 
 
 def _has_measured_spread(packing: Any) -> bool:
-    """Whether a plain block "packing" has a spread of measured diameters."""
+    """Return whether a plain block ``packing`` has a spread of measured diameters."""
     spread = packing.get("spread") if isinstance(packing, Mapping) else None
     return isinstance(spread, Mapping) and "measured" in spread
 
 
-def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
+def _require_one_load(value: Mapping[str, Any], *, is_crystal: bool) -> None:
     """Raise Refused unless the plain ``value`` of the block "load" has exactly one kind of load,
-    with the keys that belong to this kind. With ``of_crystal`` gravity may stand alone, without a
+    with the keys that belong to this kind. With ``is_crystal`` gravity may stand alone, without a
     kind of load; without it the load is that of a packing, which has no tensor and no gravity.
     """
-    allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
+    allowed = _ONE_LOAD_OF_CRYSTAL if is_crystal else _ONE_LOAD
     crystal_keys = [key for key in ("stress", "strain", "times", "gravity") if key in value]
-    if crystal_keys and not of_crystal:
+    if crystal_keys and not is_crystal:
         raise Refused(
             f"{crystal_keys[0]} of a packing, all contacts of which bear the same",
             allowed,
@@ -475,7 +474,7 @@ def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
         raise Refused(f"{load} and balls_per_side", allowed)
 
 
-def _require_known(data: Any) -> None:
+def _require_known_keys(data: Any) -> None:
     """Raise Refused for the first unknown key in the plain ``data`` of a document, and for loads
     without their kind. The top level is checked first, then the blocks in the order of
     :data:`BLOCKS`, but not what their values hold. If the key belongs to another block, the error
@@ -551,11 +550,11 @@ _ALLOWED_OF_MOTIONS = {
         f"up to {MOST_ROLLING:g}, and 0 where no motion is resisted by it",
     ),
 }
-#: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
-_ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
+#: ordinary values of the quantities of which the scales of a ball are made, SI by name
+_ORDINARY_QUANTITIES = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 
 
-def _find_strangest(quantities: Mapping[str, float]) -> str:
+def _find_strangest_quantity(quantities: Mapping[str, float]) -> str:
     """Return the name of the quantity of a ball that differs from its ordinary value by the
     greatest factor; the ``quantities`` have young_modulus, density and diameter, SI, all above
     zero.
@@ -565,9 +564,9 @@ def _find_strangest(quantities: Mapping[str, float]) -> str:
         """Return the magnitude of the logarithm of the quantity ``name`` over its ordinary
         value.
         """
-        return abs(math.log(quantities[name]) - math.log(_ORDINARY[name]))
+        return abs(math.log(quantities[name]) - math.log(_ORDINARY_QUANTITIES[name]))
 
-    return max(_ORDINARY, key=find_distance)
+    return max(_ORDINARY_QUANTITIES, key=find_distance)
 
 
 def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
@@ -602,29 +601,32 @@ def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str
     return f"value {index + 1} of {points} from {first} to {last}", ()
 
 
-def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
+def _find_entries_with_errors(data: Any) -> dict[tuple[Any, ...], Any]:
     """Return the entries of the plain ``data`` of a document that have standard errors, by their
-    paths and in the order of the document: texts such as "8 mm +- 4 um", and blocks {fit: FILE}.
+    paths and in the order of the document: texts such as "8 mm +- 4 um", and blocks {fit: FILE}. A
+    document that is no block of keys is no scene, and has none.
     """
-    uncertain: dict[tuple[Any, ...], Any] = {}
-    open_entries: list[tuple[tuple[Any, ...], Any]] = [((), data)]
+    if not isinstance(data, Mapping):
+        return {}
+    entries_with_errors: dict[tuple[Any, ...], Any] = {}
+    open_entries: list[tuple[tuple[Any, ...], Any]] = [((key,), data[key]) for key in data]
     while open_entries:
         path, entry = open_entries.pop()
         items: Any = ()
         if isinstance(entry, str):
             if PLUS_MINUS.search(entry):
-                uncertain[path] = entry
+                entries_with_errors[path] = entry
         elif isinstance(entry, list):
             items = enumerate(entry)
-        elif isinstance(entry, Mapping) and file_keys.FIT in entry and path:
-            uncertain[path] = entry
+        elif isinstance(entry, Mapping) and file_keys.FIT in entry:
+            entries_with_errors[path] = entry
         elif isinstance(entry, Mapping):
             items = entry.items()
         for key, inner in items:
             open_entries.append(((*path, key), inner))
     # the entries that were added last were looked at first: their order is that of the document
     # from its end
-    return dict(reversed(uncertain.items()))
+    return dict(reversed(entries_with_errors.items()))
 
 
 def _put_values(data: Any, values: Mapping[str, str]) -> Any:
@@ -680,7 +682,7 @@ class SceneSource(Places):
         """Move the standard errors from the document, which then holds the values alone, to
         ``errors``, ``correlations`` and ``fits``. SceneError for an error that cannot be read.
         """
-        entries = {} if self.document is None else _find_uncertain(self.document.data)
+        entries = {} if self.document is None else _find_entries_with_errors(self.document.data)
         if not entries or self.document is None:
             return
         # imported here: few scenes have errors
@@ -735,7 +737,7 @@ class SceneSource(Places):
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         spreads += [ball.get("spread") for ball in data.get("balls", {}).values()]
-        names = [name for name in map(table_named, spreads) if name is not None]
+        names = [name for name in map(find_table_name, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
         if "design" in data:
@@ -964,7 +966,7 @@ class SceneSource(Places):
         # double precision cannot hold, the one that is farthest from the ordinary is probably
         # wrong.
         quantities = {**blocks["material"], "diameter": values["diameter"]}
-        key = _find_strangest(quantities)
+        key = _find_strangest_quantity(quantities)
         block_name = "packing" if key == "diameter" else "material"
         written = show(data[block_name].get(key, "the mean of the measured diameters"))
         refusal = f"found {written}; allowed: a ball that double precision can hold; "
