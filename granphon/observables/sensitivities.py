@@ -92,10 +92,10 @@ def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:
             "Each sample has contacts of its own",
             f"Give a sample: gp.{quantity}(state.samples[0]).sensitivities",
         )
-    single: Any = state
     if state.is_single:
         return [given_network(state)]
-    return [given_network(single[index]) for index in np.ndindex(state.shape)]
+    states: Any = state  # a state at several loads has an index
+    return [given_network(states[index]) for index in np.ndindex(state.shape)]
 
 
 def find_moduli_sensitivities(

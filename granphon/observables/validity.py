@@ -205,7 +205,7 @@ def _find_limited_ratios(state: Any) -> dict[str, Any]:
     if not state.reference_lattice.mechanism:  # a mechanism has no sound
         ratios["velocity"] = _find_velocity_ratio(state)
     ratios["resonance"] = _find_resonance_ratio(state)
-    if packing.spread is not None:
+    if packing.width:
         ratios["spread"] = np.full(state.shape, packing.spread.rms / packing.diameter)
     if state.shear_deficit is not None:
         ratios["shear"] = state.shear_deficit
@@ -316,8 +316,8 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     The overlap is found from the force f and the stiffness k, 3 f/2 k, which holds for Hertz's law
     alone. Under that law k^3/(f d*), with the harmonic mean d* of the two diameters, is the same
     for all contacts of one material: contacts follow the law if the logarithm of this number varies
-    less than that of the forces. Contacts that all have one force count as Hertz's, as nothing
-    tells their law.
+    less than that of the forces. Contacts that are all alike count as Hertz's, as nothing tells
+    their law.
     """
     # a contact with a flat wall, whose centre is infinitely far, may be of another material
     is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)

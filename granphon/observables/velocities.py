@@ -420,8 +420,8 @@ class Moduli(Result):
         yy, xx - yy, yz, xz, xy.
 
         In a sample of finite size they differ; the difference shows how far the sample is from
-        isotropic. Raises
-        :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
+        isotropic. Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic,
+        and for a chain.
         """
         if not self.isotropic:
             raise InputError("this lattice has no single shear modulus", mend=_AVERAGES)
@@ -649,14 +649,12 @@ def pulse_velocities(
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d = state.unit_length
     periods = state.reference_lattice.periods
-    has_isotropic_sound = "longitudinal" in state.wave_names and state.is_isotropic
-    isotropic = periods == 1 or has_isotropic_sound
-    unit_vectors = choose_direction(state, direction, "pulses", isotropic=isotropic)
+    unit_vectors = _choose_pulse_direction(state, direction)
     names = _choose_branches(state, unit_vectors, branches)
     load_shape = _broadcast_loads(hertz, state)
     pulse_shape = load_shape + unit_vectors.shape[:-1]
     _require_pulse_memory(state, len(names) * math.prod(pulse_shape))
-    # (b, ...): velocities, m/s, that are one in the reduced units of each branch
+    # (b, ...): velocities, m/s, that are one in the reduced units of each of the b branches
     scales = state.branch_scales(unit_vectors, names)
     scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
     reduced_frequencies = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
@@ -679,6 +677,15 @@ def pulse_velocities(
         direction=unit_vectors,
         warnings=find_warnings(state),
     )
+
+
+def _choose_pulse_direction(state: State, direction: ArrayLike | None) -> Array:
+    """Return the ``direction`` of pulses as :func:`choose_direction` does. None is x on a chain,
+    and where sound in the plane of the lattice is isotropic.
+    """
+    has_isotropic_sound = "longitudinal" in state.wave_names and state.is_isotropic
+    is_chain = state.reference_lattice.periods == 1
+    return choose_direction(state, direction, "pulses", isotropic=is_chain or has_isotropic_sound)
 
 
 def _broadcast_loads(hertz: Array, state: State) -> tuple[int, ...]:

@@ -90,7 +90,7 @@ def _make_frequencies_kind(column: str) -> Kind:
 
 
 def _is_quantity(value: Any) -> bool:
-    """Whether a ``value`` is a number or a text that begins with one, "1 Hz", which names no
+    """Return whether a ``value`` is a number or a text that begins with one, "1 Hz": it names no
     table.
     """
     if isinstance(value, str):
@@ -152,6 +152,7 @@ _RESPONSE_KINDS = {
     for name, declared in list_settings(ResponseSettings).items()
     if name not in ("frequencies", "repeat", "cut")
 }
+#: the kind of a list of numbers of branches, from 0
 _BRANCHES = Kind.plain(lambda value: read_counts(value, "numbers", 0, _MOST_BRANCHES), list)
 #: the goals by their names
 GOALS = {
@@ -423,7 +424,9 @@ def _list_parameters(scene: Any) -> list[str]:
 
 
 def varies_parameters(scene: Any) -> bool:
-    """Whether parameters of a scene vary, and not numbers of its network."""
+    """Return whether parameters of a ``scene`` vary in its design; otherwise numbers of its network
+    do.
+    """
     return not set(scene.design.names).isdisjoint(_list_parameters(scene))
 
 

@@ -569,14 +569,14 @@ def _find_strangest_quantity(quantities: Mapping[str, float]) -> str:
     return max(_ORDINARY_QUANTITIES, key=find_distance)
 
 
-def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
-    """Return the key that holds the values of a load of this ``kind`` in the plain data ``block``
-    of the block "load": for a stress or strain with factors the key of the factors, and for gravity
+def _find_key_of_values(load: Mapping[str, Any], kind: str) -> str:
+    """Return the key that holds the values of a load of this ``kind`` in the plain data ``load`` of
+    the block "load": for a stress or strain with factors the key of the factors, and for gravity
     alone, which is kept as a pressure of zero, the key of gravity.
     """
-    if kind in TENSORS and "times" in block:
+    if kind in TENSORS and "times" in load:
         return "times"  # factors by which the tensor is multiplied
-    return kind if kind in block else "gravity"
+    return kind if kind in load else "gravity"
 
 
 def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str, tuple[Any, ...]]:
@@ -842,8 +842,8 @@ class SceneSource(Places):
             path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option
         ]
         if len(paths) != 1:
-            count = "several times" if paths else "no"
-            return ("medium",), f"{count} {option}"
+            quantifier = "several times" if paths else "no"
+            return ("medium",), f"{quantifier} {option}"
         (path,) = paths
         value: Any = self.document.data
         for key in path:

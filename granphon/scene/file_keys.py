@@ -282,8 +282,9 @@ def is_long(spread: Any) -> bool:
 
 
 def read_lattice(value: Any) -> str | Lattice:
-    """Return the name of a built-in lattice, or the lattice that a block {name, cell, sites}
-    describes. Refused for any other value; also for "hexagonal", as several lattices are called so.
+    """Return the name of a built-in or registered lattice, or the lattice that a block {name, cell,
+    sites} describes. Refused for any other value; also for "hexagonal", as several lattices are
+    called so.
     """
     if isinstance(value, dict):
         read_row = partial(each, rule=partial(fraction, largest=_LARGEST_COMPONENT), what="numbers")
@@ -679,8 +680,8 @@ SCHEMA = Setting(Kind.plain(_read_schema), "version of this format", f"`{SCENE_S
 
 def _read_observables(value: Any) -> tuple[str, ...]:
     """Return the names of the observables of a scene from a list, in the order of ``OBSERVABLES``;
-    registered observables and outputs come behind those of the package. If one of them is found
-    from velocities, "velocities" is among the names too.
+    registered observables and outputs come behind those of the package. If a registered observable
+    is found from velocities or an exponent, "velocities" is among the names too.
 
     Refused for a ``value`` that is no list, an empty list, an unknown name, and a name that is
     given twice.
@@ -1327,8 +1328,8 @@ LOAD: dict[str, Setting] = {
 
 def split_tensor(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a :class:`~granphon.Load` from the ``values`` of a block with a
-    stress or strain, SI by key: the kind; the tensor divided by its component of greatest
-    magnitude; and as the array the factors that multiply this tensor, SI.
+    stress or strain that is not zero, SI by key: the kind; the tensor divided by the magnitude of
+    its greatest component; and as the array the factors that multiply this tensor, SI.
     """
     name = "stress" if "stress" in values else "strain"
     greatest = max(map(abs, values[name]))

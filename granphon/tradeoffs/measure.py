@@ -178,7 +178,7 @@ class Ensemble:
         self.seed = seed
         self.truth = truth
         #: for each sample an array (n_loads, 3) of the numbers that are averaged: rho v^2 of both
-        #: velocities, Pa, and k, N/m, or 1/k, m/N, unless samples share the overlap
+        #: velocities, Pa, and k, N/m, if samples share the overlap, or else 1/k, m/N
         self.moduli: list[Array] = []
         #: effective densities (n_loads,), kg/m^3, which all samples share; zero without samples
         self._densities = np.zeros(load.size)
@@ -318,7 +318,7 @@ class Stopwatch:
     """
 
     def now(self) -> float:
-        """Time since some fixed moment, s."""
+        """Time since some fixed moment, s. It must go on while a point runs."""
         return time.perf_counter()
 
     def predict(self, cost: Cost) -> float:
@@ -1240,9 +1240,7 @@ class _StudyTask(Task):
         stderrs = np.zeros_like(errors)
         floor = float(np.finfo(float).eps) * self.study.condition
         if point.random:
-            # the error is the root of a mean of squares
-            square_errors = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares))
-            stderrs = square_errors / (2.0 * errors)
+            stderrs = _find_standard_errors(squares, errors)
             scatter = np.std(runs.outcomes, axis=0, ddof=1) / np.mean(runs.outcomes, axis=0)
             floor = float(np.max(scatter))
         return replace(
@@ -1300,6 +1298,16 @@ def _square_errors(runs: _Runs, reference: Reference) -> Array:
     n_observed).
     """
     return np.asarray(np.square(np.array(runs.outcomes) / reference.values - 1.0))
+
+
+def _find_standard_errors(squares: Array, errors: Array) -> Array:
+    """Return the standard errors of ``errors``, which are the roots of the means of ``squares``
+    (n, ...) over n runs, two at least; zero of an error of zero, of which all squares are zero.
+    """
+    errors_of_means = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares))
+    stderrs = np.zeros_like(errors)
+    np.divide(errors_of_means, 2.0 * errors, out=stderrs, where=errors > 0.0)
+    return stderrs
 
 
 def _judges_all(runs_of_points: Sequence[_Runs], reference: Reference) -> bool:

@@ -293,6 +293,12 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
     assert (one.draws, one.stderr) == (5, 0.0)
 
 
+def test_a_random_point_without_an_error_has_no_error_of_it(clock):
+    (point,) = carry_out(RandomStudy(clock, [("m", "exact", 0.01, 0.0)]), budget=10.0).points
+    assert point.draws > 5
+    assert (point.error, point.stderr, point.floor) == (0.0, 0.0, 0.0)
+
+
 class FailingStudy(RandomStudy):
     """Its points fail in their eighth run."""
 
