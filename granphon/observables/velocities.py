@@ -710,10 +710,11 @@ def _require_pulse_memory(state: State, count: int) -> None:
 
 
 def _reduce_frequencies(hertz: Array, n_axes: int, scale: Array, d: float) -> Array:
-    """Return angular frequencies in reduced units, of the shape of ``scale`` (b, ...).
+    """Return the angular frequencies of ``hertz``, Hz, in reduced units, of the shape of ``scale``.
 
-    ``hertz`` (Hz) lacks the last ``n_axes`` axes, 0 or 1, that of directions; ``scale`` holds the
-    velocities, m/s, that are one in reduced units, and d, m, is the unit of length. Raises
+    ``scale`` (b, ...) holds the velocities, m/s, that are one in reduced units: on b branches, at
+    the loads and frequencies, and in several directions along a last axis. ``n_axes``, 0 or 1, is
+    the number of these last axes, which ``hertz`` does not have. The unit of length is d, m. Raises
     :class:`InputError` for frequencies that are too low to have digits.
     """
     hertz_per_direction = hertz.reshape(hertz.shape + (1,) * n_axes)

@@ -923,11 +923,7 @@ class SceneSource(Places):
             packing = self._make_packing(blocks)
         load = packing.load if "load" not in blocks else self._make_load(blocks["load"])
         arguments: dict[str, Any] = {"packing": packing, "load": load}
-        arguments |= blocks.get("phonopy", {})
-        if "band_labels" in arguments:
-            with self.at("phonopy", "band_labels"):
-                path = arguments.get("band") or BandPath.default(packing.structure)
-                arguments["band"] = replace(path, labels=arguments.pop("band_labels"))
+        arguments |= self._label_path(blocks.get("phonopy", {}), packing.structure)
         for key in ("medium", "sweep", "observe", "direction"):
             if key in blocks:
                 arguments[_ATTRIBUTES.get(key, key)] = blocks[key]
@@ -938,6 +934,18 @@ class SceneSource(Places):
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
         correlations = (*self.correlations, *blocks.get("correlations", ()))
         arguments |= {"errors": self.errors, "correlations": correlations, "source": self.path}
+        return arguments
+
+    def _label_path(self, values: Mapping[str, Any], structure: Lattice) -> dict[str, Any]:
+        """Return the ``values`` of the block "phonopy" by key, with the labels of "band_labels", if
+        there are any, put on the path under "band", by default that of the ``structure``. Errors
+        are placed at the key of the labels.
+        """
+        arguments = dict(values)
+        if "band_labels" in arguments:
+            with self.at("phonopy", "band_labels"):
+                path = arguments.get("band") or BandPath.default(structure)
+                arguments["band"] = replace(path, labels=arguments.pop("band_labels"))
         return arguments
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:

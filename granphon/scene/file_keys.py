@@ -1272,7 +1272,7 @@ def _join_tensor(load: Any) -> tuple[float, ...] | None:
 
 def _write_times(load: Any) -> Any:
     """Return plain data for the factors of the tensor of a ``load``; None for a load without
-    tensor, and where the tensor is written with its factor.
+    tensor, and for a tensor that is written as the product with its one factor.
     """
     if load.tensor is None or _join_tensor(load):
         return None

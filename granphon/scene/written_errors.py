@@ -114,11 +114,12 @@ class WrittenErrors:
             self.correlations.append((*names, bounded))
 
     def _add_fitted(self, keys: Keys, name_of_file: str, fit: Any) -> int:
-        """Add the value that the ``fit``, whose file messages call ``name_of_file``, has found for
-        the path ``keys`` of a scene, with its standard error; return the number, from 0, of the
-        parameter in the fit.
+        """Add the value that the ``fit`` has found for the path ``keys`` of a scene, with its
+        standard error; return the number, from 0, of the parameter in the fit. Messages call the
+        fit by the ``name_of_file``.
 
-        Refused if the fit does not have the parameter, or if its errors are not known.
+        Refused if the fit does not have the parameter or has another kind of spread, and if the
+        standard error is not known.
         """
         name, scale = _find_parameter(keys, fit)
         if name not in fit.parameters:
