@@ -93,10 +93,11 @@ def parameter_sensitivities(
         "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
         "on_site". Also the kind of the load, "force", and "mindlin_ratio", the ratio of shear to
         normal stiffness of all contacts, which gives ``find`` a network in place of a state. By
-        default all that are numbers other than zero. The ratio is among these only if contacts
-        resist slip, the state has no simulated samples, each of which has a network of its own, and
-        ``find`` takes a network, unlike ``lambda s: s.force``. The derivative by a parameter that
-        is zero is zero.
+        default all that are numbers other than zero and may change alone, no two of which change
+        the same number: a kind whose mass is given has "A.mass", others "A.density". The ratio is
+        among these only if contacts resist slip, the state has no simulated samples, each of which
+        has a network of its own, and ``find`` takes a network, unlike ``lambda s: s.force``. The
+        derivative by a parameter that is zero is zero.
     medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
     finite_overlap : True for states with terms of the relative order of overlap over diameter; with
         False, the default, the medium or the crystal decides.
@@ -279,10 +280,11 @@ def list_parameters(
 
 
 def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the names of all parameters of ``balls`` that may be numbers. Those of a packing have
-    plain names, "density". In an arrangement a parameter of a kind is "A.density", that of a wall
-    "wall.young_modulus", and springs to the ground have "on_site". ``kinds_of_walls`` are kinds
-    after whose materials further walls of an arrangement are made, such as that of a half space.
+    """Return the names of the parameters of ``balls`` that may be numbers, no two of which change
+    the same number. Those of a packing have plain names, "density". Those of an arrangement are
+    the names of :meth:`Arrangement.list_own_parameters`, such as "A.density" of a kind.
+    ``kinds_of_walls`` are kinds after whose materials further walls of an arrangement are made,
+    such as that of a half space.
     """
     if isinstance(balls, Arrangement):
         return balls.list_own_parameters(kinds_of_walls)

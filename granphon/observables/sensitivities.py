@@ -40,11 +40,11 @@ from granphon.networks.network import ContactNetwork, given_network
 @result_class
 class ModuliSensitivities(Sensitivities):
     """Derivatives of elastic constants, Pa (N on a line) over the unit of each parameter; see
-    :class:`Sensitivities`. The axes are those of the load, then those of ``tensor``, (n, n).
+    :class:`Sensitivities`. The axes are those of the load, then those of ``tensor``, (v, v).
 
-    No mass changes a modulus: ``mass`` and ``inertia`` are None. Where balls do not turn, a spring
-    against slip would be taken up by rotations, and ``shear_stiffness`` is None. Springs to the
-    ground leave no moduli: ``on_site`` is None.
+    No mass changes a modulus: ``mass`` and ``inertia`` are None. ``shear_stiffness`` is None where
+    balls do not turn and no contact resists slip: a spring against slip would turn the balls.
+    Springs to the ground leave no moduli: ``on_site`` is None.
     """
 
     units: ClassVar[dict[str, str]] = name_units("Pa")
@@ -55,9 +55,9 @@ class VelocitySensitivities(Sensitivities):
     """Derivatives of sound velocities, m/s over the unit of each parameter; see
     :class:`Sensitivities`. The axes are those of ``velocities``.
 
-    No moment of inertia changes a long wave: ``inertia`` is None; ``shear_stiffness`` is None where
-    balls do not turn, as of moduli. ``on_site`` is nan against displacements, as springs against
-    these leave no sound.
+    No moment of inertia changes a long wave: ``inertia`` is None. ``shear_stiffness`` is None where
+    balls do not turn and no contact resists slip, as of moduli. ``on_site`` is nan against
+    displacements, as springs against these leave no sound.
 
     Attributes
     ----------
@@ -143,6 +143,7 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
     no_products = 0.0 * next(iter(products.values()))
     by_contact = list_contact_units(network, network.scales)
     if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
+        # a first spring against slip would turn the balls, which the network does not let turn
         del by_contact["shear_stiffness"]
     for name, unit in by_contact.items():
         fields[name] = np.moveaxis(products.get(name, no_products), 0, -1) / unit
@@ -222,8 +223,8 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
 def _find_mass_slopes(
     network: ContactNetwork, lattice: ContactLattice, waves: _SoundWaves
 ) -> Array:
-    """Return the derivatives (..., n_u, n) of the velocities of the ``waves`` in the ``lattice`` of
-    a ``network`` by the masses of its n balls, SI; zero of balls that do not move.
+    """Return the derivatives (..., n_u, n_balls) of the velocities of the ``waves`` in the
+    ``lattice`` of a ``network`` by the masses of its balls, SI; zero of balls that do not move.
 
     A mass m takes part in M v^2 with m v^2 times its squared displacement, which counts with a
     minus.
@@ -240,8 +241,8 @@ def _find_mass_slopes(
 def _find_spring_slopes(
     network: ContactNetwork, lattice: ContactLattice, waves: _SoundWaves
 ) -> Array:
-    """Return the derivatives (..., n_u, n, motions) of the velocities of the ``waves`` in the
-    ``lattice`` of a ``network`` by springs to the ground against each motion of its n balls, SI.
+    """Return the derivatives (..., n_u, n_balls, motions) of the velocities of the ``waves`` in the
+    ``lattice`` of a ``network`` by springs to the ground against each motion of its balls, SI.
 
     Springs against displacements leave no sound: the derivatives by these are nan. All derivatives
     are zero of balls that do not move.

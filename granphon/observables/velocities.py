@@ -114,8 +114,8 @@ class SoundVelocities(Result):
     @cached_property
     def sensitivities(self) -> VelocitySensitivities:
         """Derivatives of ``velocities`` with respect to the stiffnesses and static forces of all
-        n_c contacts, (..., n_u, n_c), to the masses of all n balls, (..., n_u, n), and to springs
-        to the ground against each motion of these, (..., n_u, n, motions).
+        n_c contacts, (..., n_u, n_c), to the masses of all balls, (..., n_u, n_balls), and to
+        springs to the ground against each motion of these, (..., n_u, n_balls, motions).
 
         Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
         means over samples, and for those of a copy or read from a file.
@@ -253,8 +253,8 @@ def sound_velocities(
 
 
 def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, Any]:
-    """Return the velocities (..., n), m/s, or their errors, of n waves by the ``names`` (n,) of the
-    waves; two transverse waves also together, (..., 2), as "transverse".
+    """Return the ``velocities`` (..., n_u), m/s, or their errors, of n_u waves by the ``names``
+    (n_u,) of the waves; two transverse waves also together, (..., 2), as "transverse".
 
     The result is empty if ``velocities`` is None.
     """
@@ -318,7 +318,7 @@ class Moduli(Result):
 
     Attributes
     ----------
-    tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt
+    tensor : (..., v, v), Pa: the shape of the load, then the v strains :attr:`components` in Voigt
         order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy.
     isotropic : whether the tensor is the same in all directions. For a simulation on a lattice in
         the plane with that symmetry it is True, though samples are isotropic only on average; in
@@ -327,7 +327,7 @@ class Moduli(Result):
     bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape
         of the load; of the averages :attr:`voigt` where the lattice is not isotropic. None if there
         are fewer than two samples.
-    tensor_error : (..., n, n) standard error of each entry of the tensor, Pa; None likewise.
+    tensor_error : (..., v, v) standard error of each entry of the tensor, Pa; None likewise.
     anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the
         load; None likewise.
     warnings : one sentence for each limit of the model that the state exceeds.
@@ -358,7 +358,7 @@ class Moduli(Result):
     @cached_property
     def sensitivities(self) -> ModuliSensitivities:
         """Derivatives of ``tensor`` with respect to the stiffnesses and static forces of all
-        contacts, (..., n, n, n_c).
+        n_c contacts, (..., v, v, n_c).
 
         Raises :class:`~granphon.base.errors.InputError` for moduli of a simulation, which are means
         over samples, and for those of a copy or read from a file.
@@ -466,7 +466,7 @@ class Moduli(Result):
         self._require_shear()
         p = self.periods
         # stresses and strains yz, xz, xy times sqrt 2 make vectors whose length does not depend on
-        # the axes (Mandel), so that traces of the stiffness (..., n, n) do not either
+        # the axes (Mandel), so that traces of the stiffness (..., v, v) do not either
         is_along_axis = np.arange(self.tensor.shape[-1]) < p  # xx, yy, zz
         weights = np.where(is_along_axis, 1.0, np.sqrt(2.0))
         stiffness = self.tensor * weights[:, None] * weights
@@ -476,7 +476,7 @@ class Moduli(Result):
                 "the elastic tensor is not positive", "A strain gives energy back", "Use .tensor"
             )
         compliance = np.linalg.inv(stiffness)
-        # of the n components one is the pressure, and n - 1 are shears, each of compliance 1/2G
+        # of the v components one is the pressure, and v - 1 are shears, each of compliance 1/2G
         pressure_compliance = np.sum(compliance[..., :p, :p], axis=(-2, -1))
         trace = np.trace(compliance, axis1=-2, axis2=-1)
         shear_compliance = trace - pressure_compliance / p
@@ -548,7 +548,7 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     tensor = state.elastic_tensor
     isotropic = state.is_isotropic
     cubic = state.has_cubic_axes
-    samples = state.sampled_tensors  # (..., samples, n, n), Pa
+    samples = state.sampled_tensors  # (..., n_samples, v, v), Pa
     if samples is not None:
         averages_error = standard_error(bulk_and_shear(samples), -2)  # (..., 2)
         errors["bulk_error"], errors["shear_error"] = np.moveaxis(averages_error, -1, 0)

@@ -394,7 +394,7 @@ PARTS: dict[str, Kind] = {
 }
 
 
-def _write_own_spread(spread: Any, context: Context) -> dict[str, Any]:
+def _write_packing_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of the spread of a packing. If its measured diameters are too many for a
     scene file, the block names the table that a run writes beside the file.
     """
@@ -413,7 +413,7 @@ PACKING: dict[str, Setting] = {
     "lattice": Setting(PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)"),
     "diameter": Setting(PARTS["diameter"], "diameter of a ball; the mean, if they differ", NEEDED),
     "spread": Setting(
-        Kind(_read_spread, _write_own_spread),
+        Kind(_read_spread, _write_packing_spread),
         "how diameters differ, see [spread](#spread)",
         "equal balls",
     ),
@@ -1104,8 +1104,8 @@ def _write_on_site(springs: Any, context: Context) -> Any:
 
 
 def _write_sites(sites: Sequence[Any], context: Context) -> Any:
-    """Return the list of blocks {kind, at} for ``sites``, pairs of a place (n,), m, and a kind;
-    None without sites.
+    """Return the list of blocks {kind, at} for ``sites``, pairs of a place, m, and a kind; None
+    without sites.
     """
     blocks = [{"kind": kind, "at": place} for place, kind in sites]
     return _SITES.write(blocks, context) or None
