@@ -460,8 +460,8 @@ class Moduli(Result):
         1929).
 
         Raises :class:`~granphon.base.errors.InputError` for a chain, and
-        :class:`~granphon.base.errors.InstabilityError` if a strain gives energy back, as it may
-        with finite overlap.
+        :class:`~granphon.base.errors.InstabilityError` if a strain gives energy back or costs none,
+        as it may with finite overlap.
         """
         self._require_shear()
         p = self.periods
@@ -473,7 +473,9 @@ class Moduli(Result):
         symmetric_stiffness = 0.5 * (stiffness + stiffness.swapaxes(-1, -2))
         if np.min(np.linalg.eigvalsh(symmetric_stiffness)) <= 0.0:
             raise InstabilityError(
-                "the elastic tensor is not positive", "A strain gives energy back", "Use .tensor"
+                "the elastic tensor is not positive",
+                "A strain gives energy back or costs none",
+                "Use .tensor",
             )
         compliance = np.linalg.inv(stiffness)
         # of the v components one is the pressure, and v - 1 are shears, each of compliance 1/2G

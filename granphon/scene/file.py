@@ -277,7 +277,8 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
 
 def _convert_percent(refused: Refused, data: Any) -> Refused:
     """Return the refusal of a width of a packing that is written in per cent, with the length to
-    write instead, which is this part of the diameter; return any other refusal unchanged.
+    write instead, which is this part of the diameter; return any other refusal unchanged, also of
+    a part that is zero, negative or infinite in double precision.
 
     ``data`` is the plain data of the document. Raises LookupError, TypeError, AttributeError or
     Refused where the keys of the refusal lead to no text, or the diameter cannot be read.
@@ -287,11 +288,15 @@ def _convert_percent(refused: Refused, data: Any) -> Refused:
         value = value[key]
     percent = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
     width_keys = (("packing", "spread"), ("sweep", "width"), ("sweep", "spread"))
-    if percent is None or refused.path[:2] not in width_keys or float(percent[1]) <= 0.0:
+    if percent is None or refused.path[:2] not in width_keys:
         return refused
     diameter = LENGTH.read(data["packing"]["diameter"])
-    width = write_quantity(float(percent[1]) / 100.0 * diameter, "m")
-    mend = f"{percent[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
+    width = float(percent[1]) / 100.0 * diameter
+    if not 0.0 < width < math.inf:
+        return refused
+    written_width = write_quantity(width, "m")
+    part = f"{percent[1]} % of {write_quantity(diameter, 'm')}"
+    mend = f"{part} is {written_width}: write '{written_width}'."
     return Refused(refused.found, refused.allowed, mend, refused.path)
 
 

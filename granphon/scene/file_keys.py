@@ -898,10 +898,10 @@ def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any
     """Return the ball that has the ``settings`` of a kind, SI by key; the plain data ``written``
     under ``name`` say what the file has.
 
-    Refused for what :class:`~granphon.balls.ball.Ball` refuses: a mass or inertia beyond double
-    precision, an inertia above that of a thin shell, and a spread with a ball of size zero or
-    below. The error is at the mass or the inertia, or at the diameter if neither is at fault or the
-    one at fault is not written.
+    Refused for what :class:`~granphon.balls.ball.Ball` refuses, such as a mass that is zero in
+    double precision, an inertia above that of a thin shell, and a spread with another mean than the
+    diameter. The error is at the mass or the inertia, or at the diameter if neither is at fault or
+    the one at fault is not written.
     """
     arguments = dict(settings)
     material_numbers = arguments.pop("material")
