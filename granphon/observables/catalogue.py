@@ -1036,7 +1036,7 @@ def find_all(
             if not is_requested or entry.find is None:
                 continue
             if name in added:
-                value = _find_added(analysis, entry, observed)
+                value = _find_registered_value(analysis, entry, observed)
             else:
                 value = entry.find(analysis)
             if value is not None:
@@ -1044,7 +1044,7 @@ def find_all(
     return values
 
 
-def _find_added(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
+def _find_registered_value(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
     """Return the value of a registered observable, a real number of the shape of the load; None
     where the state has no such value, or where its function fails.
 

@@ -329,8 +329,8 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     packing["arrangement"] = arrangement
     context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
-    unused = (*_CRYSTAL_BLOCKS, *_PACKING_BLOCKS, "spectrum", "pulse")
-    readers = _make_readers(context, unused)
+    unused_blocks = (*_CRYSTAL_BLOCKS, *_PACKING_BLOCKS, "spectrum", "pulse")
+    readers = _make_readers(context, unused_blocks)
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
 
@@ -342,8 +342,8 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     "load", as the files hold the contact forces.
     """
     data = document.data
-    excluded = (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
-    for name in excluded:
+    excluded_blocks = (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
+    for name in excluded_blocks:
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"
             raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
@@ -354,7 +354,7 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
     context = Context(packing.structure, folder=folder)
-    readers = _make_readers(context, (*_FILES_BLOCKS, *excluded))
+    readers = _make_readers(context, (*_FILES_BLOCKS, *excluded_blocks))
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
     return block(blocks, readers, ()) | {"packing": {"arrangement": packing}}
 
@@ -410,13 +410,12 @@ def _find_failing_step(
     return failing_step
 
 
-def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rule]:
-    """Return for each block of :data:`BLOCKS`, by name, the rule that reads its value; blocks in
-    ``unused`` are left out.
+def _make_readers(context: Context, unused_blocks: Sequence[str] = ()) -> dict[str, Rule]:
+    """Return for each block of :data:`BLOCKS`, by name, the rule that reads its value; the
+    ``unused_blocks`` are left out.
     """
-    return {
-        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
-    }
+    names = [name for name in BLOCKS if name not in unused_blocks]
+    return {name: partial(_read_block, name, context=context) for name in names}
 
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
@@ -716,8 +715,8 @@ class SceneSource(Places):
         :class:`~granphon.base.errors.MissingSceneError` if there is no such file;
         :class:`~granphon.base.errors.SceneError` if the file cannot be read, its text is not YAML,
         or a standard error in it cannot be read;
-        :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
-        to nothing.
+        :class:`~granphon.base.errors.InputError` if a text among ``values`` is not YAML, or if
+        its path leads to no place.
         """
         document = parse_yaml(read_text(path), str(path))
         if values:
