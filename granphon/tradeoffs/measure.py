@@ -409,14 +409,16 @@ class MediaStudy:
     reference_side: int = 0
 
     @cached_property
-    def _exact_loads(self) -> list[int]:
-        """Indices of the loads at which the arrays of the truth have their exact geometry."""
+    def _exact_load_numbers(self) -> list[int]:
+        """Numbers, from 0, of the loads at which the arrays of the truth have their exact
+        geometry.
+        """
         simulation = DirectSimulation(self.packing, **self.truth.options)
-        exact_loads = list[int]()
+        numbers = list[int]()
         for simulated, load_numbers in simulation.by_geometry(self.load):
             if simulated.is_exact:
-                exact_loads.extend(load_numbers)
-        return exact_loads
+                numbers.extend(load_numbers)
+        return numbers
 
     @property
     def _columns(self) -> list[int]:
@@ -428,10 +430,10 @@ class MediaStudy:
         overlap at the loads where the truth has finite overlap.
         """
         quantities = np.empty((self.load.size, len(QUANTITIES)))
-        exact_loads = self._exact_loads
-        loads_in_limit = [index for index in range(self.load.size) if index not in exact_loads]
+        exact_numbers = self._exact_load_numbers
+        other_numbers = [n for n in range(self.load.size) if n not in exact_numbers]
         # None is the default of a medium
-        for load_numbers, finite_overlap in ((exact_loads, True), (loads_in_limit, None)):
+        for load_numbers, finite_overlap in ((exact_numbers, True), (other_numbers, None)):
             if load_numbers:
                 state = medium.at(self.load[load_numbers], finite_overlap=finite_overlap)
                 quantities[load_numbers] = observe(state)
