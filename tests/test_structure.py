@@ -115,7 +115,7 @@ NOT_HERTZ = {
     "fits/velocity_model.py:velocity": "coefficients of a one-sided difference",
     "media/accuracy.py:compute_form_coefficients": "the skewness of a distribution",
     "media/left_out.py:": "tabulated forces",
-    "observables/validity.py:_find_limited_ratios": "the paper's criterion (f/E d^2)^(1/6)",
+    "observables/validity.py:_find_load_ratio": "the paper's criterion (f/E d^2)^(1/6)",
     "runs/plan.py:_estimate_waves": "a bound with a margin",
     "waves/propagation.py:order": "the width of Bessel functions near their turning point",
 }

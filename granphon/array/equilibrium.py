@@ -50,9 +50,6 @@ THRESHOLD_FORCE = RestOptions().threshold
 #: force of a contact, over the largest residual force on a ball, above which the contact counts as
 #: carrying load. In practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = RestOptions().open_force
-#: the attributes that hold the derivatives of the mean force by the overlap, each of which costs a
-#: linear response or more
-DERIVATIVES = ("stiffness", "stiffness_slope")
 
 
 @result_class
@@ -94,8 +91,7 @@ class Equilibrium(Result):
         """Return what the equilibrium is made from again when it is unpickled, with the derivatives
         that it has found: each costs a linear response.
         """
-        derivatives = {name: vars(self)[name] for name in DERIVATIVES if name in vars(self)}
-        return *super().__reduce__(), derivatives
+        return *super().__reduce__(), {"derivatives": self.derivatives}
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
         """Return an equal equilibrium that holds the arrays ``deviations`` and the ``stencils``,
@@ -103,9 +99,9 @@ class Equilibrium(Result):
         The derivatives and the place that this equilibrium has found are kept.
         """
         twin = replace(self, deviations=deviations)
-        names = {*DERIVATIVES, "place"} & vars(self).keys()
-        found_values = {name: vars(self)[name] for name in names}
-        vars(twin).update(found_values, stencils=stencils)
+        names = {"derivatives", "place"} & vars(self).keys()
+        cached_values = {name: vars(self)[name] for name in names}
+        vars(twin).update(cached_values, stencils=stencils)
         return twin
 
     @cached_property
@@ -287,9 +283,26 @@ class Equilibrium(Result):
         grid = find_lattice_grid(self.stencils.shape, self.lattice)
         return LatticeIteration(grid, stiffness.reshape(grid.n_kinds, -1), self.stencils.workers)
 
-    def _find_derivatives(self) -> tuple[float, float]:
-        """Return the first and the second derivative of the mean force of contacts with respect to
-        y, reduced: they are the second and the third derivative of the energy per contact.
+    @cached_property
+    def derivatives(self) -> dict[int, float]:
+        """Derivatives of the mean force f* with respect to y that have been found so far, by their
+        order, 1 or 2: empty until :attr:`stiffness` or :attr:`stiffness_slope` is asked for. Each
+        costs a linear response or more.
+        """
+        return {}
+
+    def _take_derivative(self, order: int) -> float:
+        """Return the derivative of the mean force of this ``order``, 1 or 2; it is found if it is
+        not among the :attr:`derivatives` yet, which then hold it.
+        """
+        if order not in self.derivatives:
+            self.derivatives.update(self._find_derivatives(order))
+        return self.derivatives[order]
+
+    def _find_derivatives(self, order: int) -> dict[int, float]:
+        """Return derivatives of the mean force of contacts with respect to y, reduced, by their
+        order: that of this ``order``, 1 or 2, and the other one if it costs nothing more, as here.
+        They are the second and the third derivative of the energy per contact.
 
         In equilibrium the first response r of the overlaps is enough for both, by the (2n + 1)
         theorem: the derivatives are the means <k r^2> and <k' r^3>, k' being the slope of k.
@@ -297,23 +310,19 @@ class Equilibrium(Result):
         response = self.response()
         stiffness = float(np.mean(self.stiffnesses * response**2))
         slope = float(np.mean(self.stiffness_slopes * response**3))
-        return stiffness, slope
+        return {1: stiffness, 2: slope}
 
-    @cached_property
+    @property
     def stiffness(self) -> float:
-        """Stiffness df*/dy, a reduced number; the :attr:`stiffness_slope` is kept with it."""
-        stiffness, slope = self._find_derivatives()
-        vars(self)["stiffness_slope"] = slope
-        return stiffness
+        """Stiffness df*/dy, a reduced number; kept among the :attr:`derivatives`."""
+        return self._take_derivative(1)
 
-    @cached_property
+    @property
     def stiffness_slope(self) -> float:
-        """Slope of the stiffness, d^2f*/dy^2, a reduced number; the :attr:`stiffness` is kept with
-        it.
+        """Slope of the stiffness, d^2f*/dy^2, a reduced number; kept among the
+        :attr:`derivatives`.
         """
-        stiffness, slope = self._find_derivatives()
-        vars(self)["stiffness"] = stiffness
-        return slope
+        return self._take_derivative(2)
 
     def find_elasticity(
         self,

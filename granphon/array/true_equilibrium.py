@@ -148,36 +148,29 @@ class TrueEquilibrium(Equilibrium):
         _, moved = self._follow()
         return -self.place.lose(moved)
 
-    @cached_property
-    def stiffness(self) -> float:
-        """Stiffness df*/dy, a reduced number. In a cell that keeps its shape it is found without
-        its slope, which costs a linear response more; elsewhere the slope is kept with it.
+    def _find_derivatives(self, order: int) -> dict[int, float]:
+        """Return derivatives of the mean force of contacts with respect to y, reduced, by their
+        order: that of this ``order``, 1 or 2, and the other one if it costs nothing more. In a cell
+        that keeps its shape the second derivative costs a linear response more than the first.
         """
         if self.strain is not None:
-            stiffness, slope = self._find_derivatives()
-            vars(self)["stiffness_slope"] = slope
-            return stiffness
-        _, moved = self._follow()
-        return float(np.mean(-self.stiffnesses * self.place.lose(moved)))
-
-    def _find_derivatives(self) -> tuple[float, float]:
-        """Return the first and the second derivative of the mean force of contacts with respect to
-        y, reduced.
-        """
-        if self.strain is not None:
-            return self._find_course().find_derivatives()
+            stiffness, slope = self._find_course().find_derivatives()
+            return {1: stiffness, 2: slope}
         place = self.place
         motions, moved = self._follow()
         loss = place.lose(moved)
-        stiffness = self.stiffnesses
+        stiffnesses = self.stiffnesses
+        first = float(np.mean(-stiffnesses * loss))
+        if order == 1:
+            return {1: first}
         # if balls moved straight on, overlaps would have the second derivative `bend`, and forces
         # `push`; the second derivative of the motion of balls balances these forces
-        bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
+        bend, push = place.curve(moved, self.forces, stiffnesses, self.stiffness_slopes)
         push_on_balls, _ = motions.collect(push)
         balancing = motions.separate(motions.find(push_on_balls))
         overlap_curvature = bend - place.lose(balancing)
-        curvature = self.stiffness_slopes * loss**2 + stiffness * overlap_curvature
-        return float(np.mean(-stiffness * loss)), float(np.mean(curvature))
+        curvature = self.stiffness_slopes * loss**2 + stiffnesses * overlap_curvature
+        return {1: first, 2: float(np.mean(curvature))}
 
     def _find_course(self) -> HydrostaticCourse:
         """Return how the cell and the balls move as the pressure rises and the stress stays

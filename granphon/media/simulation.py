@@ -24,7 +24,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.equilibrium import DERIVATIVES, Equilibrium
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.equilibrium_courses import EquilibriumFollower
 from granphon.array.geometry import require_small
 from granphon.array.options import ReducedLoad
@@ -1536,7 +1536,7 @@ class DirectSimulation(Medium[SimulatedState]):
         }
         balls = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
         if not self.history.is_loaded:  # a history's derivatives follow from the elastic tensors
-            balls["derivatives"] = np.array([getattr(equilibrium, name) for name in DERIVATIVES])
+            balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
         return balls
 
     def restore_sample(self, balls: Mapping[str, Array]) -> Sample | PressedSample:
@@ -1554,7 +1554,7 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.history.is_loaded:
             return PressedSample(self.packing, seed, equilibrium, self.history.shear_response)
         # the derivatives are put where the equilibrium keeps them, so that it does not solve again
-        vars(equilibrium).update(zip(DERIVATIVES, balls["derivatives"].tolist(), strict=True))
+        equilibrium.derivatives.update(enumerate(balls["derivatives"].tolist(), start=1))
         return Sample(self.packing, seed, equilibrium)
 
     @in_newtons

@@ -23,7 +23,7 @@ from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
 from granphon.base.text import spell
-from granphon.base.validation import one_of, require, truth
+from granphon.base.validation import find_unit_of, one_of, real_numbers, require, truth
 from granphon.media.array_options import SAMPLE_UNITS
 from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
@@ -88,9 +88,10 @@ class Analysis:
     Attributes
     ----------
     state : the state of a packing, a sample or a crystal, at one load or many.
-    direction : that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
+    direction : that of the velocities, Cartesian, (p,) for a lattice with p periods, or (n, p) for
+        many; None for x.
     failed : by the names of registered observables, why their values could not be found, or at how
-        many loads the values are nan; :func:`find_all` writes it.
+        many loads the values are nan; :func:`find_all` fills it.
     """
 
     state: ContactState
@@ -116,7 +117,7 @@ class Analysis:
     @cached_property
     def moduli(self) -> Moduli | None:
         """Elastic moduli; None if the balls do not move along the lattice, or springs to the ground
-        resist their rotations.
+        resist their rotations. Raises what :func:`~granphon.observables.velocities.moduli` raises.
         """
         has_stress = self.state.reference_lattice.has_symmetric_stress
         if not has_stress or "longitudinal" not in self.state.wave_names:
@@ -179,8 +180,8 @@ class Observable:
 
     @property
     def words(self) -> str:
-        """The name within a sentence or a table: the label, or the title if the label is a formula.
-        The first letter is small, but in names of persons and in symbols.
+        """The name within a sentence or a table: the label, or the title if the label has a
+        formula. The first letter is small, except in the words Young, Poisson and Q.
         """
         if "$" in self.label:
             return self.title
@@ -190,19 +191,22 @@ class Observable:
 
 
 def _write_words(name: str) -> str:
-    """Return a name as the label of an axis: words, the first with a capital letter; of a parameter
-    of a kind of balls "Density of A", and of a motion that springs to the ground resist "Springs to
-    the ground, MOTION".
+    """Return a name as the label of an axis: words, the first with a capital letter.
+
+    A parameter of a kind of balls, "A.density", is "Density of A". The stiffness "on_site" is
+    "Springs to the ground", and that of one motion, "on_site.x", is "Springs to the ground, x".
     """
     kind, _, parameter = name.rpartition(".")
-    if ON_SITE in (kind, parameter):
-        motion = f", {parameter.replace('_', ' ')}" if kind else ""
-        return f"Springs to the ground{motion}"
-    words = parameter.replace("_", " ").capitalize()
+    words = spell(parameter)
+    if name == ON_SITE:
+        return "Springs to the ground"
+    if kind == ON_SITE:
+        return f"Springs to the ground, {words}"
+    words = words.capitalize()
     return f"{words} of {kind}" if kind else words
 
 
-def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
+def _suppress_input_error(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     """Return a function that finds the quantity of ``find``, and returns None where ``find`` raises
     :class:`InputError`, for whatever reason: it is for quantities that some states do not have.
     """
@@ -218,7 +222,7 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
 
 def _find_direction(analysis: Analysis) -> Any:
     """Return the direction of propagation, a unit vector (p,) or (n, p); None if the direction is x
-    and the velocities are the same in all directions.
+    alone, (p,), and the velocities are the same in all directions.
     """
     direction = analysis.velocities.direction
     x = np.eye(direction.shape[-1])[0]
@@ -227,15 +231,15 @@ def _find_direction(analysis: Analysis) -> Any:
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
-    """Return a function of an analysis that finds the exponent of its state by ``find``, or None
-    for states of a contact law with finite overlap.
+    """Return a function of an analysis that finds the exponent of its state, or its error, by
+    ``find``; None for states of a contact law with finite overlap.
 
     :func:`local_exponent` leaves out the terms of finite overlap that the velocities of such a
     state have. Simulated samples have these terms in both.
     """
 
     def find_unless_finite(analysis: Analysis) -> Any:
-        """Return the exponent of the state, or None."""
+        """Return what ``find`` returns for the state, or None."""
         state = analysis.state
         if state.finite_overlap and not state.n_samples:
             return None
@@ -255,7 +259,8 @@ def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
     def find(analysis: Analysis) -> Any:
         """Return the attribute of the state, or None."""
         state = analysis.state
-        # looked up without a call, so that an AttributeError inside a property is not hidden
+        # looked up without a call, so that an AttributeError inside a property is not hidden; an
+        # attribute that a class sets to None is one that its states do not have
         has_attribute = getattr_static(state, name, None) is not None
         return getattr(state, name) if has_attribute else None
 
@@ -304,7 +309,7 @@ def _make_modulus_entry(name: str, title: str, **fields: Any) -> Observable:
         name,
         Moduli.units[name],
         title,
-        find=_or_none(find),
+        find=_suppress_input_error(find),
         cost="velocities",
         per_dimension="modulus",
         **fields,
@@ -413,7 +418,7 @@ _OBSERVABLES = (
         _STATE_UNITS["pressure"],
         "force per length of boundary",
         per_dimension="pressure",
-        find=_or_none(lambda analysis: analysis.state.pressure),
+        find=_suppress_input_error(lambda analysis: analysis.state.pressure),
     ),
     Observable(
         "stress",
@@ -564,7 +569,7 @@ _OBSERVABLES = (
         "local exponent of the sound velocities, d log v / d log P",
         label="d log $v_L$ / d log $P$",
         meaning="local exponent d log v_L / d log P",
-        find=_or_none(_exclude_finite_overlap(local_exponent)),
+        find=_suppress_input_error(_exclude_finite_overlap(local_exponent)),
         cost="exponent",
     ),
     Observable(
@@ -899,11 +904,12 @@ def register_observable(
 
     Parameters
     ----------
-    name : its name in files and data sets, a word of letters, digits and underscores.
-    unit : its SI unit; "1" for a number without a unit.
+    name : its name in files and data sets, a word of letters, digits and underscores that begins
+        with no digit.
+    unit : its SI unit; "1", or "", for a number without a unit.
     words : what it is, in a few words.
-    find : function of an :class:`Analysis` that returns its value in SI, of the shape of the load;
-        None where there is none.
+    find : function of an :class:`Analysis` that returns its value, a real number or truth value in
+        SI, of the shape of the load; None where there is none.
     label : its name on axes and in the terminal; by default the name in words.
     cost : what ``find`` asks for: only the "state", the "velocities" or moduli, or an "exponent".
         It decides which runs have it: all, or those that find these.
@@ -913,9 +919,9 @@ def register_observable(
     Returns
     -------
     The entry of the quantity. A scene that names the quantity in ``observe`` finds what ``cost``
-    asks for. Where ``find`` fails, or returns a value without the shape of the load, the result
-    leaves the quantity out with a warning that names it; if a scene observes the quantity, the
-    failure is an error.
+    asks for. Where ``find`` fails, or returns what is no real number of the shape of the load, the
+    result leaves the quantity out with a warning that names it; if a scene observes the quantity,
+    the failure is an error.
 
     Raises
     ------
@@ -958,9 +964,10 @@ def _is_not_blank(text: str) -> bool:
 
 def is_free(name: str) -> bool:
     """Return whether a new observable may have this name: it must be an identifier, and neither a
-    dimension of data sets nor a part of a scene may have the name.
+    dimension of data sets nor what a scene may ask for, such as "bands" or a motion, may have the
+    name. Whether an observable has it already is not looked at.
     """
-    # dimensions of every data set, and words of scenes that are no costs of observables
+    # dimensions of every data set, and what a scene may ask for that is no cost of observables
     reserved = {"load", "medium", "response", "motion", "modes"}
     for entry in _OBSERVABLES:
         reserved |= {entry.cost, *entry.dims}
@@ -968,7 +975,7 @@ def is_free(name: str) -> bool:
 
 
 #: words of titles and meanings that belong to the plane, with those in their place on a line and in
-#: space
+#: space; a phrase stands before the phrases that it contains
 _WORDS = {
     "force per length of boundary": ("force along the line", "force per area of boundary"),
     f"density {_LAYER}": ("mass per length", "density of the crystal"),
@@ -983,7 +990,8 @@ def entry_of(name: str, packing: Balls) -> Observable:
     The units of pressure, density and moduli depend on the number of periods of the lattice: 1, 2
     or 3. A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind
     in its title; the stiffness of springs to the ground of one motion, "on_site.x", has an entry
-    of its own, with the unit of the motion. KeyError for a name that the catalogue does not have.
+    of its own, with the unit of the motion. Raises KeyError for a name that the catalogue does not
+    have.
     """
     kind, _, parameter = name.rpartition(".")
     if kind == ON_SITE:
@@ -1016,8 +1024,9 @@ def find_all(
     their values in SI units by name.
 
     With ``swept`` only those that sweeps store. A registered observable that fails is left out, and
-    ``failed`` of the analysis says why; the failure of an ``observed`` one is an
-    :class:`~granphon.base.errors.InputError`.
+    ``failed`` of the analysis says why; if its name is ``observed``, the failure is an
+    :class:`~granphon.base.errors.InputError`. Raises what the velocities and moduli of the analysis
+    raise, such as :class:`~granphon.base.errors.MechanismError`.
     """
     values = {}
     added = CATALOGUE.added
@@ -1027,7 +1036,7 @@ def find_all(
             if not is_requested or entry.find is None:
                 continue
             if name in added:
-                value = _find_added(analysis, entry, observed)
+                value = _find_registered_value(analysis, entry, observed)
             else:
                 value = entry.find(analysis)
             if value is not None:
@@ -1035,14 +1044,13 @@ def find_all(
     return values
 
 
-def _find_added(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
+def _find_registered_value(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
     """Return the value of a registered observable, a real number of the shape of the load; None
     where the state has no such value, or where its function fails.
 
     The failure is written into ``failed`` of the analysis, and so is at how many loads a value is
-    nan; the failure of an ``observed`` one is an :class:`InputError`. Raises
-    :class:`~granphon.base.errors.MechanismError` for an observable of sound on a lattice that has
-    none.
+    nan; if the name is ``observed``, the failure is an :class:`InputError`. For an observable of
+    sound, raises what the velocities of the analysis raise.
     """
     if entry.cost != "state":
         # the lattice may be a mechanism: its error is raised here, as an error of the lattice and
@@ -1073,14 +1081,15 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
 
 def _read_numbers(value: Any, shape: tuple[int, ...]) -> Any:
     """Return the ``value`` of a registered observable: a float, or an array of the ``shape`` of the
-    load if that is not (). Raises ValueError for another shape and for complex numbers, and what
-    NumPy raises for what is no number.
+    load if that is not (). Raises ValueError for another shape, and for what is neither a truth
+    value nor what :func:`~granphon.base.validation.real_numbers` takes.
     """
     if np.shape(value) != shape:
         raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
-    if np.iscomplexobj(value):  # NumPy would drop the imaginary part
-        raise ValueError("it is complex")
-    return np.asarray(value, float) if shape else float(value)
+    has_unit_or_mask = find_unit_of(value) is not None or np.ma.isMaskedArray(value)
+    is_truth = not has_unit_or_mask and np.asarray(value).dtype == bool
+    numbers = np.asarray(value, float) if is_truth else real_numbers(value)
+    return numbers if shape else float(numbers)
 
 
 def axis_label(name: str, unit: str | None = None) -> str:

@@ -61,9 +61,10 @@ def find_nonaffine(
         the first two axes by an angle of one, and on a line an extension of one.
     progress : is told how far the relaxation of many balls has come.
 
-    Raises :class:`~granphon.base.errors.InputError` for a strain of another shape or that is not
-    finite, for a state of several loads or of samples, each of which has a network of its own, and
-    for a ``progress`` without a method ``step``; and what :func:`~granphon.moduli` raises.
+    Raises :class:`~granphon.base.errors.InputError` for a strain that is no numbers, of another
+    shape or not finite, for a state of several loads or of samples, each of which has a network of
+    its own, and for a ``progress`` without a method ``step``; and what :func:`~granphon.moduli`
+    raises.
     """
     state = as_state(x)
     require_progress(progress)
@@ -99,7 +100,7 @@ def _read_strain(strain: ArrayLike | None, periods: int) -> Array:
 
 
 def _spread_motions(motions: Array, network: ContactNetwork, state: Any) -> tuple[Array, Array]:
-    """Return the displacements, m, and the rotations, rad, (n, 3) each, of all balls of a
+    """Return the displacements, m, and the rotations, rad, (n, 3) each, of all n balls of a
     ``network`` along its axes, from the reduced ``motions`` (balls, motions) of the balls that move
     in the lattice of the ``state``. Both are zero of balls that do not move; if all balls move, the
     mean displacement is subtracted.
@@ -110,15 +111,16 @@ def _spread_motions(motions: Array, network: ContactNetwork, state: Any) -> tupl
     n_translations = len(translation_axes)
     # the lattice may be turned, so that its periods lie along x, or in the xy plane
     frame = np.eye(3)
-    d = network.dimension
-    frame[:d, :d] = find_axes(network.cell[np.flatnonzero(network.pbc), :d])
+    dimension = network.dimension
+    periods = network.cell[np.flatnonzero(network.pbc), :dimension]
+    frame[:dimension, :dimension] = find_axes(periods)
     displacements = np.zeros((network.n_balls, 3))
     rotations = np.zeros((network.n_balls, 3))
     rows = np.flatnonzero(network.moving)[:, None]
     displacements[rows, translation_axes] = state.scales.length * motions[:, :n_translations]
     if np.all(network.moving):
         displacements -= np.mean(displacements, axis=0)
-    # a rotation phi is stored as the length w = R_g phi
+    # a rotation phi is stored as the length R_g phi, with the radius of gyration R_g of the ball
     rotations[rows, rotation_axes] = motions[:, n_translations:] / lattice.gyration[:, None]
     return displacements @ frame, rotations @ frame
 

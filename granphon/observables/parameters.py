@@ -42,8 +42,9 @@ _STEP = 2e-4
 #: greatest relative change of a parameter in any difference: twice the largest step, which is that
 #: of media whose states are found anew
 _REACH = 4e-3
-#: number of changed media that are kept: the steps of a difference are visited more than once
-_KEPT = 8
+#: number of changed media that are kept for each parameter: a difference visits its steps more than
+#: once
+_N_KEPT_MEDIA = 8
 
 
 @result_class
@@ -92,19 +93,22 @@ def parameter_sensitivities(
         "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
         "on_site". Also the kind of the load, "force", and "mindlin_ratio", the ratio of shear to
         normal stiffness of all contacts, which gives ``find`` a network in place of a state. By
-        default all that are numbers other than zero. The ratio is among these only if contacts
-        resist slip, the state has no simulated samples, each of which has a network of its own, and
-        ``find`` takes a network, unlike ``lambda s: s.force``. The derivative by a parameter that
-        is zero is zero.
+        default all that are numbers other than zero and may change alone, no two of which change
+        the same number: a kind whose mass is given has "A.mass", others "A.density". The ratio is
+        among these only if contacts resist slip, the state has no simulated samples, each of which
+        has a network of its own, and ``find`` takes a network, unlike ``lambda s: s.force``. The
+        derivative by a parameter that is zero is zero.
     medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
     finite_overlap : True for states with terms of the relative order of overlap over diameter; with
         False, the default, the medium or the crystal decides.
     load : the load by its kind, as ``force=18.4`` (N).
 
-    Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
-    numbers, the ratio of simulated samples, several loads, arrays of ``find`` whose shape changes,
-    and the ratio by name where ``find`` does not take a network; and what the states and ``find``
-    raise.
+    Raises :class:`~granphon.base.errors.InputError` for balls of another kind, a ``find`` that
+    cannot be called or returns no real numbers, an empty list of names, unknown names, parameters
+    that are no numbers, the ratio of simulated samples, no load, several loads, a medium that the
+    balls do not have, a ``finite_overlap`` that is no truth value, arrays of ``find`` whose shape
+    changes, and the ratio by name where ``find`` does not take a network; and what the states and
+    ``find`` raise.
     """
     balls = given_balls(x)
     function: Any = find
@@ -112,8 +116,9 @@ def parameter_sensitivities(
         mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
         raise InputError(f"find is {brief(function)}", mend=mend)
     applied = read_load(load)
-    default_medium = "ema" if isinstance(balls, Packing) else "crystal"
-    choice = MediumChoice(medium or default_medium)
+    if medium is None:
+        medium = "ema" if isinstance(balls, Packing) else "crystal"
+    choice = MediumChoice(medium)
     require("finite_overlap", truth, finite_overlap)
     names = None if parameters is None else texts("parameters", parameters)
     if names is not None and not names:
@@ -177,15 +182,17 @@ def _refuse_samples(choice: MediumChoice, balls: Balls, load: Load) -> None:
 def _change_parameter(
     choice: MediumChoice, balls: Packing | Arrangement, load: Load, name: str
 ) -> Change:
-    """Return the function that changes the parameter called ``name``: it takes the relative change
-    of the parameter, and returns the medium of the changed balls, of this ``choice``, and the load.
+    """Return the function that changes the parameter called ``name``, of the balls or the kind of
+    the ``load``: it takes the relative change of the parameter, and returns the medium of the
+    balls, of this ``choice``, and the load, of which one is changed. Raises InputError for a
+    parameter that is unknown or no number.
     """
     if name == load.kind:
         medium = choice.of(balls)
         return lambda step: (medium, replace(load, array=(1.0 + step) * load.array))
     number = read_number(balls, name)
 
-    @lru_cache(maxsize=_KEPT)
+    @lru_cache(maxsize=_N_KEPT_MEDIA)
     def change(step: float) -> tuple[Any, Load]:
         """Return the medium whose parameter is 1 + ``step`` times the given one, and the load."""
         return choice.of(change_packing(balls, {name: (1.0 + step) * number})), load
@@ -194,15 +201,16 @@ def _change_parameter(
 
 
 def has_ratio(balls: Packing | Arrangement) -> bool:
-    """Return whether contacts of balls have a ratio of shear to normal stiffness: these resist slip
-    only with friction.
+    """Return whether contacts of ``balls`` have a ratio of shear to normal stiffness other than
+    zero: they resist slip only with friction.
     """
     return bool(balls.friction)
 
 
 def change_ratio(state: Any, step: float) -> Any:
-    """Return the network of a state whose ratio of shear to normal stiffness is 1 + ``step`` times
-    the given one: all shear stiffnesses change in proportion, and nothing else does.
+    """Return the network of a ``state``, with a ratio of shear to normal stiffness that is 1 +
+    ``step`` times the ratio of the state: all shear stiffnesses change in proportion, and nothing
+    else does.
     """
     network = given_network(state)
     return replace(network, shear_stiffness=(1.0 + step) * network.shear_stiffness)
@@ -210,7 +218,8 @@ def change_ratio(state: Any, step: float) -> Any:
 
 def _has_shape(find: Callable[[Any], ArrayLike], network: Any, shape: tuple[int, ...]) -> bool:
     """Return whether ``find``, a function of states, takes a ``network`` too, and returns an array
-    of this ``shape``.
+    of this ``shape``. ``find`` does not take a network for which it raises AttributeError,
+    LookupError or an error of granphon; other errors are its own, and are raised.
     """
     try:
         return np.shape(find(network)) == shape
@@ -228,8 +237,8 @@ def _find_slope(
     """
 
     def find_shaped(state: Any) -> Array:
-        """Return what ``find`` returns of a ``state``, (...); InputError if its shape is not that
-        of the state at rest, or if ``find`` does not take the ``state``.
+        """Return what ``find`` returns of a ``state``, (...); InputError if the shape is not
+        ``shape``, or if ``find`` does not take the ``state``.
         """
         try:
             value = real_array("what find returns", find(state))
@@ -261,20 +270,21 @@ def read_load(load: Mapping[str, Any]) -> Load:
 def list_parameters(
     balls: Packing | Arrangement, load: Load, candidates: Sequence[str] | None = None
 ) -> tuple[str, ...]:
-    """Return the names of the parameters of balls that are numbers other than zero and may change
-    while all others stay, and last the kind of the ``load``. The diameter of a kind may not change
-    alone if its balls would then miss others. The parameters are among the ``candidates``, by
-    default all that :func:`name_parameters` names.
+    """Return the names of the parameters of ``balls`` that are numbers other than zero and may
+    change while all others stay, and last the kind of the ``load``. The diameter of a kind may not
+    change alone if its balls would then miss others. The parameters are among the ``candidates``,
+    by default all that :func:`name_parameters` names.
     """
     all_candidates = name_parameters(balls) if candidates is None else candidates
     return (*(name for name in all_candidates if _may_change(balls, name)), load.kind)
 
 
 def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the names of all parameters that balls may have: "A.density" for those of a kind,
-    "wall.young_modulus" for those of a wall, and "on_site" for springs to the ground.
-    ``kinds_of_walls`` are kinds after whose materials further walls are made, such as that of a
-    half space.
+    """Return the names of the parameters of ``balls`` that may be numbers, no two of which change
+    the same number. Those of a packing have plain names, "density". Those of an arrangement are
+    the names of :meth:`Arrangement.list_own_parameters`, such as "A.density" of a kind.
+    ``kinds_of_walls`` are kinds after whose materials further walls of an arrangement are made,
+    such as that of a half space.
     """
     if isinstance(balls, Arrangement):
         return balls.list_own_parameters(kinds_of_walls)
@@ -282,8 +292,8 @@ def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple
 
 
 def _may_change(balls: Packing | Arrangement, name: str) -> bool:
-    """Return whether the parameter of a ``name`` is a number other than zero, and balls may have it
-    larger and smaller by the part :data:`_REACH` while all others stay.
+    """Return whether the parameter called ``name`` is a number other than zero, and ``balls`` may
+    have the parameter larger and smaller by the part :data:`_REACH` while all others stay.
     """
     try:
         number = read_number(balls, name)
@@ -297,8 +307,8 @@ def _may_change(balls: Packing | Arrangement, name: str) -> bool:
 
 
 def read_number(balls: Packing | Arrangement, name: str) -> float:
-    """Return the value of the parameter called ``name``, SI; InputError if the balls do not have
-    the parameter, or if the value is no number.
+    """Return the value of the parameter called ``name``, SI; InputError if the ``balls`` do not
+    have the parameter, or if the value is no number.
     """
     value = _read_value(balls, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
@@ -308,8 +318,8 @@ def read_number(balls: Packing | Arrangement, name: str) -> float:
 
 
 def _read_value(balls: Packing | Arrangement, name: str) -> Any:
-    """Return the value of the parameter called ``name``, SI; InputError if the balls do not have
-    the parameter.
+    """Return the value of the attribute called ``name`` of the ``balls`` or of their material, SI,
+    which may be no parameter and no number; InputError if neither has the attribute.
     """
     if isinstance(balls, Arrangement):
         return balls.read(name)

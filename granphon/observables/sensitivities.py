@@ -40,11 +40,11 @@ from granphon.networks.network import ContactNetwork, given_network
 @result_class
 class ModuliSensitivities(Sensitivities):
     """Derivatives of elastic constants, Pa (N on a line) over the unit of each parameter; see
-    :class:`Sensitivities`. The axes are those of the load, then those of ``tensor``, (n, n).
+    :class:`Sensitivities`. The axes are those of the load, then those of ``tensor``, (v, v).
 
-    No mass changes a modulus: ``mass`` and ``inertia`` are None. Where balls do not turn, a spring
-    against slip would be taken up by rotations, and ``shear_stiffness`` is None. Springs to the
-    ground leave no moduli: ``on_site`` is None.
+    No mass changes a modulus: ``mass`` and ``inertia`` are None. ``shear_stiffness`` is None where
+    balls do not turn and no contact resists slip: a spring against slip would turn the balls.
+    Springs to the ground leave no moduli: ``on_site`` is None.
     """
 
     units: ClassVar[dict[str, str]] = name_units("Pa")
@@ -55,9 +55,9 @@ class VelocitySensitivities(Sensitivities):
     """Derivatives of sound velocities, m/s over the unit of each parameter; see
     :class:`Sensitivities`. The axes are those of ``velocities``.
 
-    No moment of inertia changes a long wave: ``inertia`` is None; ``shear_stiffness`` is None where
-    balls do not turn, as of moduli. ``on_site`` is nan against displacements, as springs against
-    these leave no sound.
+    No moment of inertia changes a long wave: ``inertia`` is None. ``shear_stiffness`` is None where
+    balls do not turn and no contact resists slip, as of moduli. ``on_site`` is nan against
+    displacements, as springs against these leave no sound.
 
     Attributes
     ----------
@@ -75,26 +75,27 @@ class VelocitySensitivities(Sensitivities):
 def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:
     """Return the network at each load of a state, in C order.
 
-    Raises InputError if ``state`` is None, as it is for a result that was read from a file, and if
-    the state has samples, each of which has a network of its own. The ``quantity`` is the name of
-    the public function whose result asks, such as "moduli", for the message.
+    Raises InputError if ``state`` is None, as it is for a result that was copied or read from a
+    file, and if the state has samples, each of which has a network of its own. The ``quantity`` is
+    the name of the public function whose result asks, such as "moduli", for the message.
     """
+    quantity_in_words = quantity.replace("_", " ")
     if state is None:
         raise InputError(
-            f"these {quantity.replace('_', ' ')} have no network",
-            "They were read, and nothing says of which contacts they are",
+            f"these {quantity_in_words} have no network",
+            "They were copied or read, and nothing says of which contacts they are",
             "Find them again from the state",
         )
     if getattr(state, "samples", ()):
         raise InputError(
-            f"the {quantity} of a simulation are means over samples",
+            f"the {quantity_in_words} of a simulation are means over samples",
             "Each sample has contacts of its own",
             f"Give a sample: gp.{quantity}(state.samples[0]).sensitivities",
         )
-    single: Any = state
     if state.is_single:
         return [given_network(state)]
-    return [given_network(single[index]) for index in np.ndindex(state.shape)]
+    states: Any = state  # a state at several loads has an index
+    return [given_network(states[index]) for index in np.ndindex(state.shape)]
 
 
 def find_moduli_sensitivities(
@@ -118,9 +119,9 @@ def find_velocity_sensitivities(
 
 
 def _stack(slopes_of_loads: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
-    """Return the arrays by name of all loads, with the ``shape`` of the load in front;
-    ``slopes_of_loads`` has those of each load, in C order. What is None at the first load stays
-    None.
+    """Return arrays by name, with the ``shape`` of the load in front, from ``slopes_of_loads``: the
+    arrays by name at each load, in C order. What is None at the first load, as it is then at all,
+    stays None.
     """
     fields: dict[str, Any] = {}
     for name, first_slopes in slopes_of_loads[0].items():
@@ -132,15 +133,17 @@ def _stack(slopes_of_loads: list[dict[str, Any]], shape: tuple[int, ...]) -> dic
 
 
 def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[str, Any]:
-    """Return the derivatives (..., n_c), SI, by the parameters of contacts, by name. ``products``
-    (n_c, ...) are the derivatives by the parameters in reduced units: sums of products of
-    deformations. None stands for parameters that the network does not have.
+    """Return the derivatives (..., n_c) of an SI quantity by the SI parameters of contacts of a
+    ``network``, by the names of the parameters. ``products`` (n_c, ...), one or more by name, are
+    the derivatives of the SI quantity by reduced parameters: sums of products of deformations. None
+    stands for parameters that the network does not have.
     """
     fields: dict[str, Any] = dict.fromkeys(STIFFNESSES.values())
-    # of a parameter without products: zero, and nan where no parameter has a derivative
+    # by a parameter without products: zero, and nan where no parameter has a derivative
     no_products = 0.0 * next(iter(products.values()))
     by_contact = list_contact_units(network, network.scales)
     if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
+        # a first spring against slip would turn the balls, which the network does not let turn
         del by_contact["shear_stiffness"]
     for name, unit in by_contact.items():
         fields[name] = np.moveaxis(products.get(name, no_products), 0, -1) / unit
@@ -152,11 +155,12 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
 
 
 def _sum_products(lattice: ContactLattice, multiply: Callable[[Array], Array]) -> dict[str, Array]:
-    """Return for each parameter of contacts, by its name, the sum (n_c, ...) of products over the
-    rows of the compatibility matrix that the parameter weights.
+    """Return for each parameter of the contacts of a ``lattice``, by its name, the sum (n_c, ...)
+    of products over the rows of the compatibility matrix that the parameter weights.
 
     ``multiply`` takes the deformations (n_c, n_u, p) of the contacts in one kind of row, one for
-    each component of a gradient of displacement, and returns their products (n_c, ...).
+    each component of a gradient of n_u displacements along p periods, and returns their products
+    (n_c, ...).
     """
     rows, deformations = lattice.gradient_deformations
     products = [multiply(deformation[: lattice.n_between]) for deformation in deformations]
@@ -195,50 +199,65 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
 
 
 def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str, Any]:
-    """Return the velocities along a ``direction`` (p,) or (n, p), SI, and their derivatives, by the
-    names of the fields of :class:`VelocitySensitivities`.
-
-    Velocities v are (..., n_u), ascending, with flags of those that are equal. Derivatives are
-    (..., n_u, n_c) by parameters of contacts, (..., n_u, n) by masses, and (..., n_u, n, motions)
-    by springs to the ground.
+    """Return the velocities v in a ``network`` along a ``direction`` (p,) or (n, p), SI, and their
+    derivatives, by the names of the fields of :class:`VelocitySensitivities`; see there for their
+    shapes.
 
     With M the mass of all balls, M v^2 is the sum of stiffnesses times squared deformations in a
     wave, so that a derivative of v is one of that sum over 2 M v. A mass m takes part in M v^2 with
-    its kinetic energy instead, m v^2 times a squared displacement, which counts with a minus.
+    its kinetic energy instead: see :func:`_find_mass_slopes`.
     """
     lattice = ContactLattice.from_network(network)
     waves = _SoundWaves.along(lattice, direction)
-
-    def square(deformation: Array) -> Array:
-        """Return the derivatives (n_c, ..., n_u) of v that follow from the squares of the
-        ``deformation`` (n_c, n_u, p) of contacts in the waves.
-        """
-        # a wave u along the direction j has the gradients (displacement i) x (component j)
-        deformed = np.einsum("cij,...iu,...j->c...u", deformation, waves.vectors, direction)
-        return waves.average(deformed**2)
-
     unit = network.scales.velocity
-    products = {name: unit * product for name, product in _sum_products(lattice, square).items()}
-    fields = _make_slopes(network, products)
-    # springs against displacements leave no sound: only derivatives by those of rotations exist
-    motions = network.ball_motions
-    turns = square(_list_turns(network, lattice))
-    turns = turns.reshape(lattice.n_balls, len(motions.rotations), *waves.velocities.shape)
-    by_spring = np.full((network.n_balls, motions.count, *waves.velocities.shape), np.nan)
-    by_spring[~network.moving] = 0.0
-    twist_unit = network.scales.stiffness * network.scales.length**2
-    by_spring[network.moving, motions.turning] = unit / twist_unit * turns
-    # (balls, ..., n_u, n_u) displacements of each ball, as columns, in each wave
-    displacements = np.einsum("bij,...ju->b...iu", lattice.carried, waves.vectors)
-    kinetic_parts = np.sum(displacements**2, axis=-2) * waves.velocities**2
-    by_mass = np.zeros((network.n_balls, *waves.velocities.shape))
-    by_mass[network.moving] = -unit / network.scales.mass * waves.average(kinetic_parts)
+    products = _sum_products(lattice, waves.square)
+    fields = _make_slopes(network, {name: unit * product for name, product in products.items()})
     return fields | {
-        "mass": np.moveaxis(by_mass, 0, -1),
-        "on_site": np.moveaxis(by_spring, (0, 1), (-2, -1)),
+        "mass": _find_mass_slopes(network, lattice, waves),
+        "on_site": _find_spring_slopes(network, lattice, waves),
         "velocities": unit * waves.velocities,
         "degenerate": waves.are_degenerate,
     }
+
+
+def _find_mass_slopes(
+    network: ContactNetwork, lattice: ContactLattice, waves: _SoundWaves
+) -> Array:
+    """Return the derivatives (..., n_u, n_balls) of the velocities of the ``waves`` in the
+    ``lattice`` of a ``network`` by the masses of its balls, SI; zero of balls that do not move.
+
+    A mass m takes part in M v^2 with m v^2 times its squared displacement, which counts with a
+    minus.
+    """
+    # (balls, ..., n_u, n_u) displacements of each ball, as columns, in each wave
+    displacements = np.einsum("bij,...ju->b...iu", lattice.carried, waves.vectors)
+    kinetic_parts = np.sum(displacements**2, axis=-2) * waves.velocities**2
+    unit = network.scales.velocity / network.scales.mass
+    slopes = np.zeros((network.n_balls, *waves.velocities.shape))
+    slopes[network.moving] = -unit * waves.average(kinetic_parts)
+    return np.moveaxis(slopes, 0, -1)
+
+
+def _find_spring_slopes(
+    network: ContactNetwork, lattice: ContactLattice, waves: _SoundWaves
+) -> Array:
+    """Return the derivatives (..., n_u, n_balls, motions) of the velocities of the ``waves`` in the
+    ``lattice`` of a ``network`` by springs to the ground against each motion of its balls, SI.
+
+    Springs against displacements leave no sound: the derivatives by these are nan. All derivatives
+    are zero of balls that do not move.
+    """
+    motions = network.ball_motions
+    products = waves.square(_list_turns(network, lattice))
+    shape = waves.velocities.shape
+    # springs against rotations are in N m over an angle in rad
+    unit = network.scales.velocity / (network.scales.stiffness * network.scales.length**2)
+    slopes = np.full((network.n_balls, motions.count, *shape), np.nan)
+    slopes[~network.moving] = 0.0
+    slopes[network.moving, motions.turning] = unit * products.reshape(
+        lattice.n_balls, len(motions.rotations), *shape
+    )
+    return np.moveaxis(slopes, (0, 1), (-2, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,13 +266,15 @@ class _SoundWaves:
 
     Attributes
     ----------
-    velocities : (..., n_u) ascending velocities v.
+    direction : unit vector (p,), or (n, p) of several.
+    velocities : (..., n_u) ascending velocities v; the first axis is that of several directions.
     vectors : (..., n_u, n_u) columns of displacements, with which the mass that each wave moves is
         M, the mass of all balls.
     groups : (..., n_u) numbers that waves of one velocity have in common.
     slopes : (..., n_u) derivatives of v by M v^2; nan for a velocity of zero, which has none.
     """
 
+    direction: Array
     velocities: Array
     vectors: Array
     groups: Index
@@ -273,13 +294,24 @@ class _SoundWaves:
         slopes = np.full(ascending.shape, np.nan)
         momenta = 2.0 * ascending * lattice.masses.sum()
         np.divide(1.0, momenta, out=slopes, where=ascending > 0.0)
-        return cls(ascending, vectors, number_equal(ascending), slopes)
+        return cls(direction, ascending, vectors, number_equal(ascending), slopes)
 
     @property
     def are_degenerate(self) -> Flags:
         """(..., n_u) whether other waves have the same velocity."""
         sizes = np.sum(self.groups[..., :, None] == self.groups[..., None, :], axis=-1)
         return np.asarray(sizes > 1)
+
+    def square(self, deformation: Array) -> Array:
+        """Return the derivatives (m, ..., n_u) of v by m stiffnesses: they follow from the squares
+        of the ``deformation`` (m, n_u, p) that each stiffness resists, one for each component of a
+        gradient of displacement.
+        """
+        # a wave u along the direction j has the gradients (displacement i) x (component j)
+        deformations_in_waves = np.einsum(
+            "cij,...iu,...j->c...u", deformation, self.vectors, self.direction
+        )
+        return self.average(deformations_in_waves**2)
 
     def average(self, values: Array) -> Array:
         """Return the derivatives (m, ..., n_u) of v that follow from the ``values`` (m, ..., n_u),

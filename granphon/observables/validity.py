@@ -26,14 +26,15 @@ if TYPE_CHECKING:
     from granphon.media.simulation import DirectSimulation
 
 #: contacts follow Hertz's law if the standard deviation of log(k^3/f d*) is no larger than
-#: ``_HERTZIAN`` times that of log f, plus ``_ROUNDED``, which allows for the digits of a file
-_HERTZIAN = 0.5
-_ROUNDED = 1e-2
+#: ``_HERTZ_SCATTER`` times that of log f, plus ``_ROUNDING_SCATTER``, which allows for the digits
+#: of a file
+_HERTZ_SCATTER = 0.5
+_ROUNDING_SCATTER = 1e-2
 #: relative change of a velocity that was seen when the same balls were numbered otherwise, in
 #: arrays that are pressed from the gas in the directions of the lattice: the larger change of v_T
 #: in two arrays of sc, 3 x 3 x 3 cells, mu = 0.3, f* = 0.1, found by
 #: ``tests/benchmarks/study_friction.py --only numbering``
-_BY_NUMBERING = 0.08
+_NUMBERING_EFFECT = 0.08
 #: end of the warning about a large torsion, for media that have terms of finite overlap
 _MEND_OF_TORSION = (
     "; finite_overlap=True keeps those of the static force and of the distance of balls"
@@ -85,8 +86,8 @@ def validity(state: Any) -> Validity:
     """Return how a state, a sample or a network compares with the limits of its medium (Section IV)
     and of the contact model (end of Section II).
 
-    For a crystal the limits are :attr:`CrystalState.limits`. For other states the quantities
-    compared with limits are:
+    For a crystal the limits are :attr:`CrystalState.limits`. For other states whose contacts follow
+    a law the quantities compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
       (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
@@ -109,9 +110,9 @@ def validity(state: Any) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1
       m: others are probably given in a wrong unit.
 
-    For a network, with or without periods, the quantities are these, as far as the numbers of the
-    network are known; each condition names the balls that are farthest from the others, and its
-    reason says what a failure does to frequencies:
+    For a network, with or without periods, and for one sample of a simulation, the quantities are
+    these, as far as the numbers of the network are known; each condition names the balls that are
+    farthest from the others, and its reason says what a failure does to frequencies:
 
     - "balance", "torques": the largest sum of the static forces on a ball over the mean force of a
       contact, without the acceleration that weights give, and that of the torques; ``typical`` is
@@ -129,6 +130,8 @@ def validity(state: Any) -> Validity:
     - "rattlers": number of balls that carry no load; "pieces": number of sets of balls that do not
       touch; "contacts": contacts per ball, at least the isostatic number;
     - the contact radius at the mean overlap over the ball radius, if contacts follow Hertz's law.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is neither a state nor has a network.
     """
     if isinstance(state, ContactNetwork):
         return state.cached(check_network)
@@ -191,36 +194,69 @@ def _compute_validity(state: Any) -> Validity:
 
 def _find_limited_ratios(state: Any) -> dict[str, Any]:
     """Return the pure numbers that are compared with limits, each of the shape of the loads, by the
-    names of the limits; see :func:`validity`.
+    names of the limits, in the order of the conditions; see :func:`validity`. A number that a state
+    does not have is left out.
     """
     packing = state.packing
-    material = packing.material
-    d = packing.diameter
-    radius_ratio = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
-    ratios: dict[str, Any] = {"contact_radius": radius_ratio}
-    # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
-    load_over_stiffness = state.force / (material.young_modulus * d) / d
-    ratios["load"] = np.cbrt(np.sqrt(load_over_stiffness))  # the sixth root
+    ratios: dict[str, Any] = {
+        "contact_radius": _find_radius_ratio(state),
+        "load": _find_load_ratio(state),
+    }
     if not state.reference_lattice.mechanism:  # a mechanism has no sound
         ratios["velocity"] = _find_velocity_ratio(state)
-    top_frequency = _find_top_frequency(state) * state.velocity_scale / d / (2.0 * np.pi)  # Hz
-    ratios["resonance"] = top_frequency / material.lowest_resonance(d)
-    if packing.spread is not None:
-        ratios["spread"] = np.full(state.shape, packing.spread.rms / d)
+    ratios["resonance"] = _find_resonance_ratio(state)
+    if packing.width:
+        ratios["spread"] = np.full(state.shape, packing.spread.rms / packing.diameter)
     if state.shear_deficit is not None:
         ratios["shear"] = state.shear_deficit
     if state.floats:
-        ratios["places"] = np.full(state.shape, _BY_NUMBERING)
+        ratios["places"] = np.full(state.shape, _NUMBERING_EFFECT)
     if packing.torsion == MINDLIN and not state.finite_overlap:
-        # 3 f/2 k is the overlap of equal balls: the mean overlap of balls that differ may be
-        # negative
-        overlap = overlap_from(state.force, state.normal_stiffness)
-        ratios["torsion"] = overlap / d / state.torsion
-    if material.yield_strength is not None:
-        contact_radius = radius_ratio * d / 2.0
-        contact_pressure = state.force / contact_radius / (np.pi * contact_radius)
-        ratios["yield"] = contact_pressure / material.yield_strength
+        ratios["torsion"] = _find_torsion_ratio(state)
+    if packing.material.yield_strength is not None:
+        ratios["yield"] = _find_yield_ratio(state)
     return ratios
+
+
+def _find_radius_ratio(state: Any) -> Array:
+    """Return the contact radius over the ball radius, of the shape of the loads."""
+    overlap = state.overlap_of_equal_balls
+    return np.asarray(contact_radius_ratio(overlap, state.packing.diameter))
+
+
+def _find_load_ratio(state: Any) -> Array:
+    """Return (f/E d^2)^(1/6), of the shape of the loads."""
+    d = state.packing.diameter
+    # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
+    load_over_stiffness = state.force / (state.packing.material.young_modulus * d) / d
+    return np.asarray(np.cbrt(np.sqrt(load_over_stiffness)))  # the sixth root
+
+
+def _find_resonance_ratio(state: Any) -> Array:
+    """Return the top frequency of the branches over the lowest resonance of a free ball, of the
+    shape of the loads.
+    """
+    d = state.packing.diameter
+    top_frequency = _find_top_frequency(state) * state.velocity_scale / d / (2.0 * np.pi)  # Hz
+    return np.asarray(top_frequency / state.packing.material.lowest_resonance(d))
+
+
+def _find_torsion_ratio(state: Any) -> Array:
+    """Return the relative overlap of equal balls over the torsion of a contact, over k d^2, of the
+    shape of the loads.
+    """
+    # 3 f/2 k is the overlap of equal balls: the mean overlap of balls that differ may be negative
+    overlap = overlap_from(state.force, state.normal_stiffness)
+    return np.asarray(overlap / state.packing.diameter / state.torsion)
+
+
+def _find_yield_ratio(state: Any) -> Array:
+    """Return the mean contact pressure over the yield strength of the material, of the shape of the
+    loads.
+    """
+    contact_radius = _find_radius_ratio(state) * state.packing.diameter / 2.0
+    contact_pressure = state.force / contact_radius / (np.pi * contact_radius)
+    return np.asarray(contact_pressure / state.packing.material.yield_strength)
 
 
 def _find_velocity_ratio(state: Any) -> Array:
@@ -250,7 +286,7 @@ def _find_top_frequency(state: Any) -> Any:
     """
     top = state.reference_lattice.top_frequency  # of the largest torsion
     torsions = np.asarray(state.torsion)
-    is_torsion_constant = not np.ptp(torsions) > 0.0
+    is_torsion_constant = np.ptp(torsions) == 0.0
     if state.has_one_lattice or is_torsion_constant:
         return top
     top_without_torsion = ideal_lattice(state.packing).top_frequency
@@ -280,8 +316,8 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     The overlap is found from the force f and the stiffness k, 3 f/2 k, which holds for Hertz's law
     alone. Under that law k^3/(f d*), with the harmonic mean d* of the two diameters, is the same
     for all contacts of one material: contacts follow the law if the logarithm of this number varies
-    less than that of the forces. Contacts that all have one force count as Hertz's, as nothing
-    tells their law.
+    less than that of the forces. Contacts that are all alike count as Hertz's, as nothing tells
+    their law.
     """
     # a contact with a flat wall, whose centre is infinitely far, may be of another material
     is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
@@ -293,7 +329,7 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
     diameter_j = 2.0 * network.radii[network.j[is_pressed]]
     diameter = harmonic_diameter(diameter_i, diameter_j)
     log_material = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
-    if np.std(log_material) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
+    if np.std(log_material) > _HERTZ_SCATTER * np.std(np.log(force)) + _ROUNDING_SCATTER:
         return ()
     mean_relative_overlap = np.mean(overlap_from(force, stiffness) / diameter)
     ratio = contact_radius_ratio(mean_relative_overlap, 1.0)
@@ -301,8 +337,8 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
 
 
 def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
-    """Return a warning for each limit that a network exceeds, and one if its static forces act and
-    are out of balance.
+    """Return a warning if the contact radius of a network exceeds its limit, and one if static
+    forces act and are out of balance.
     """
     checks = _check_contact_radius(network)
     if not network.is_balanced:

@@ -31,15 +31,16 @@ if TYPE_CHECKING:
 
 #: a strain that is the same along all axes makes a stress; where that differs from a pressure by no
 #: more than this part of the bulk modulus, the difference is taken for rounding
-_EVEN = 1e-10
-#: memory that finding the velocities of one pulse in one branch takes, bytes
+_PRESSURE_ROUNDING = 1e-10
+#: memory that finding the velocities of one pulse in one branch takes, without that of its
+#: dynamical matrix, bytes
 _PULSE_BYTES = 900.0
-#: memory for each entry of the matrix of the motions of this pulse, bytes
-_MODE_BYTES = 36.0
+#: memory for each entry of the dynamical matrix of this pulse, bytes
+_ENTRY_BYTES = 36.0
 #: what to use in place of the moduli of an isotropic lattice
 _AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hill"
-#: top of a branch, (k/M)^1/2, that is zero but for rounding
-_NO_FREQUENCY = 1e-12
+#: largest top of a branch, (k/M)^1/2, that is taken for zero with its rounding
+_FREQUENCY_ROUNDING = 1e-12
 
 
 def local_exponent(state: ContactState) -> Any:
@@ -113,10 +114,11 @@ class SoundVelocities(Result):
     @cached_property
     def sensitivities(self) -> VelocitySensitivities:
         """Derivatives of ``velocities`` with respect to the stiffnesses and static forces of all
-        n_c contacts, (..., n_u, n_c), and to the masses of all n balls, (..., n_u, n).
+        n_c contacts, (..., n_u, n_c), to the masses of all balls, (..., n_u, n_balls), and to
+        springs to the ground against each motion of these, (..., n_u, n_balls, motions).
 
         Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
-        means over samples, and for those that were read from a file or a copy.
+        means over samples, and for those of a copy or read from a file.
         """
         # velocities alone do not need the derivatives
         from granphon.observables.sensitivities import find_velocity_sensitivities, list_networks
@@ -143,12 +145,12 @@ class SoundVelocities(Result):
 
     @property
     def transverse_slow(self) -> Any:
-        """Velocity of the slow transverse wave, m/s, where there are two; else None."""
+        """Velocity of the slow transverse wave, m/s; None where there are not two."""
         return self._take_transverse(0, self.transverse)
 
     @property
     def transverse_fast(self) -> Any:
-        """Velocity of the fast transverse wave, m/s, where there are two; else None."""
+        """Velocity of the fast transverse wave, m/s; None where there are not two."""
         return self._take_transverse(1, self.transverse)
 
     @property
@@ -174,9 +176,9 @@ class SoundVelocities(Result):
         return n_waves - n_named
 
     def _take_transverse(self, number: int, velocities: Any) -> Any:
-        """Return the velocity, or its error, of the slow (0) or the fast (1) transverse wave, with
-        the shape of the load, from ``velocities`` (..., 2), m/s; None where there are not two
-        waves.
+        """Return the velocity, or its error, of the transverse wave of a ``number``, slow (0) or
+        fast (1), from ``velocities`` or errors (..., 2), m/s; None where there are not two waves,
+        or no velocities.
         """
         if velocities is None or self._count_transverse() != 2:
             return None
@@ -207,9 +209,10 @@ def sound_velocities(
 
     Raises
     ------
-    InputError : no direction is given and velocities depend on it; a direction is not p finite
-        numbers, or has no length; a network repeats nowhere, or has bodies that do not move;
-        springs to the ground hold the balls; a ``progress`` has no method ``step``.
+    InputError : ``state`` is no state and has no network; no direction is given and velocities
+        depend on it; a direction is not p finite numbers, or has no length; a network repeats
+        nowhere, or has bodies that do not move; springs to the ground hold the balls; a
+        ``progress`` has no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
@@ -250,8 +253,8 @@ def sound_velocities(
 
 
 def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, Any]:
-    """Return the velocities (..., n), m/s, or their errors, of n waves by the ``names`` (n,) of the
-    waves; two transverse waves also together, (..., 2), as "transverse".
+    """Return the ``velocities`` (..., n_u), m/s, or their errors, of n_u waves by the ``names``
+    (n_u,) of the waves; two transverse waves also together, (..., 2), as "transverse".
 
     The result is empty if ``velocities`` is None.
     """
@@ -267,11 +270,11 @@ def _name_waves(names: tuple[str, ...], velocities: Array | None) -> dict[str, A
 
 
 def explain_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
-    """Return a sentence, for a warning, that counts the branches that nothing resists; empty if
-    there are none.
+    """Return a sentence, for a warning, that counts the branches of a ``state`` that nothing
+    resists; empty if there are none.
 
     Branches are counted only where one of the ``velocities``, m/s, is zero: a wave across a row or
-    a layer has no velocity if it bends the layer, or if nothing resists the wave.
+    a layer has no velocity if it bends the row or layer, or if nothing resists the wave.
     """
     has_zero = np.any(velocities == 0.0)
     return state.reference_lattice.free_branch_warnings if has_zero else ()
@@ -315,7 +318,7 @@ class Moduli(Result):
 
     Attributes
     ----------
-    tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt
+    tensor : (..., v, v), Pa: the shape of the load, then the v strains :attr:`components` in Voigt
         order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy.
     isotropic : whether the tensor is the same in all directions. For a simulation on a lattice in
         the plane with that symmetry it is True, though samples are isotropic only on average; in
@@ -324,7 +327,7 @@ class Moduli(Result):
     bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape
         of the load; of the averages :attr:`voigt` where the lattice is not isotropic. None if there
         are fewer than two samples.
-    tensor_error : (..., n, n) standard error of each entry of the tensor, Pa; None likewise.
+    tensor_error : (..., v, v) standard error of each entry of the tensor, Pa; None likewise.
     anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the
         load; None likewise.
     warnings : one sentence for each limit of the model that the state exceeds.
@@ -355,10 +358,10 @@ class Moduli(Result):
     @cached_property
     def sensitivities(self) -> ModuliSensitivities:
         """Derivatives of ``tensor`` with respect to the stiffnesses and static forces of all
-        contacts, (..., n, n, n_c).
+        n_c contacts, (..., v, v, n_c).
 
         Raises :class:`~granphon.base.errors.InputError` for moduli of a simulation, which are means
-        over samples, and for those that were read from a file or a copy.
+        over samples, and for those of a copy or read from a file.
         """
         # moduli alone do not need the derivatives
         from granphon.observables.sensitivities import find_moduli_sensitivities, list_networks
@@ -394,7 +397,7 @@ class Moduli(Result):
         is_along_axis = np.arange(self.tensor.shape[-1]) < p  # xx, yy, zz
         pressure = p * bulk[..., None] * is_along_axis
         deviation = stress - pressure
-        if np.any(np.abs(deviation) > _EVEN * np.abs(bulk)[..., None]):
+        if np.any(np.abs(deviation) > _PRESSURE_ROUNDING * np.abs(bulk)[..., None]):
             raise InputError(
                 "this lattice has no single bulk modulus",
                 "Its strain under pressure is not even",
@@ -417,8 +420,8 @@ class Moduli(Result):
         yy, xx - yy, yz, xz, xy.
 
         In a sample of finite size they differ; the difference shows how far the sample is from
-        isotropic. Raises
-        :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
+        isotropic. Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic,
+        and for a chain.
         """
         if not self.isotropic:
             raise InputError("this lattice has no single shear modulus", mend=_AVERAGES)
@@ -457,23 +460,25 @@ class Moduli(Result):
         1929).
 
         Raises :class:`~granphon.base.errors.InputError` for a chain, and
-        :class:`~granphon.base.errors.InstabilityError` if a strain gives energy back, as it may
-        with finite overlap.
+        :class:`~granphon.base.errors.InstabilityError` if a strain gives energy back or costs none,
+        as it may with finite overlap.
         """
         self._require_shear()
         p = self.periods
         # stresses and strains yz, xz, xy times sqrt 2 make vectors whose length does not depend on
-        # the axes (Mandel), so that traces of the stiffness (..., n, n) do not either
+        # the axes (Mandel), so that traces of the stiffness (..., v, v) do not either
         is_along_axis = np.arange(self.tensor.shape[-1]) < p  # xx, yy, zz
         weights = np.where(is_along_axis, 1.0, np.sqrt(2.0))
         stiffness = self.tensor * weights[:, None] * weights
         symmetric_stiffness = 0.5 * (stiffness + stiffness.swapaxes(-1, -2))
         if np.min(np.linalg.eigvalsh(symmetric_stiffness)) <= 0.0:
             raise InstabilityError(
-                "the elastic tensor is not positive", "A strain gives energy back", "Use .tensor"
+                "the elastic tensor is not positive",
+                "A strain gives energy back or costs none",
+                "Use .tensor",
             )
         compliance = np.linalg.inv(stiffness)
-        # of the n components one is the pressure, and n - 1 are shears, each of compliance 1/2G
+        # of the v components one is the pressure, and v - 1 are shears, each of compliance 1/2G
         pressure_compliance = np.sum(compliance[..., :p, :p], axis=(-2, -1))
         trace = np.trace(compliance, axis1=-2, axis2=-1)
         shear_compliance = trace - pressure_compliance / p
@@ -533,9 +538,9 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
 
     Raises
     ------
-    InputError : balls do not move along the lattice; springs to the ground hold the balls or resist
-        their rotations; a network repeats nowhere, or has bodies that do not move; a ``progress``
-        has no method ``step``.
+    InputError : ``state`` is no state and has no network; balls do not move along the lattice;
+        springs to the ground hold the balls or resist their rotations; a network repeats nowhere,
+        or has bodies that do not move; a ``progress`` has no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
     """
     state = as_state(state)
@@ -545,7 +550,7 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     tensor = state.elastic_tensor
     isotropic = state.is_isotropic
     cubic = state.has_cubic_axes
-    samples = state.sampled_tensors  # (..., samples, n, n), Pa
+    samples = state.sampled_tensors  # (..., n_samples, v, v), Pa
     if samples is not None:
         averages_error = standard_error(bulk_and_shear(samples), -2)  # (..., 2)
         errors["bulk_error"], errors["shear_error"] = np.moveaxis(averages_error, -1, 0)
@@ -633,23 +638,25 @@ def pulse_velocities(
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the
         frequency; or its waves cost no energy in that direction.
-    InputError : a frequency that is not finite and above zero; an unknown branch; no direction
-        where velocities depend on it; a direction that is not p finite numbers or has no length;
-        frequencies whose shape does not broadcast against the load.
+    InputError : what is no state and has no network; a network that repeats nowhere or has bodies
+        that do not move; springs to the ground that hold the balls; a frequency that is not finite
+        and above zero, or so low that it has lost digits; an unknown branch, or an empty list; no
+        direction where velocities depend on it; a direction that is not p finite numbers or has no
+        length; frequencies whose shape does not broadcast against the load; more pulses than fit
+        into memory.
     MechanismError : a motion of the lattice costs no energy.
+    InstabilityError : with finite overlap, the lattice buckles.
     """
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d = state.unit_length
     periods = state.reference_lattice.periods
-    has_isotropic_sound = "longitudinal" in state.wave_names and state.is_isotropic
-    isotropic = periods == 1 or has_isotropic_sound
-    unit_vectors = choose_direction(state, direction, "pulses", isotropic=isotropic)
+    unit_vectors = _choose_pulse_direction(state, direction)
     names = _choose_branches(state, unit_vectors, branches)
     load_shape = _broadcast_loads(hertz, state)
     pulse_shape = load_shape + unit_vectors.shape[:-1]
     _require_pulse_memory(state, len(names) * math.prod(pulse_shape))
-    # (b, ...): velocities, m/s, that are one in the reduced units of each branch
+    # (b, ...): velocities, m/s, that are one in the reduced units of each of the b branches
     scales = state.branch_scales(unit_vectors, names)
     scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
     reduced_frequencies = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
@@ -674,6 +681,15 @@ def pulse_velocities(
     )
 
 
+def _choose_pulse_direction(state: State, direction: ArrayLike | None) -> Array:
+    """Return the ``direction`` of pulses as :func:`choose_direction` does. None is x on a chain,
+    and where sound in the plane of the lattice is isotropic.
+    """
+    has_isotropic_sound = "longitudinal" in state.wave_names and state.is_isotropic
+    is_chain = state.reference_lattice.periods == 1
+    return choose_direction(state, direction, "pulses", isotropic=is_chain or has_isotropic_sound)
+
+
 def _broadcast_loads(hertz: Array, state: State) -> tuple[int, ...]:
     """Return the shape to which the frequencies ``hertz`` and the loads broadcast; raise
     :class:`InputError` for shapes that do not.
@@ -689,17 +705,18 @@ def _broadcast_loads(hertz: Array, state: State) -> tuple[int, ...]:
 
 def _require_pulse_memory(state: State, count: int) -> None:
     """Raise :class:`InputError` if the velocities of ``count`` pulses do not fit into memory."""
-    memory = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
+    memory = (_PULSE_BYTES + _ENTRY_BYTES * state.reference_lattice.n_branches**2) * count
     require_memory(
         f"velocities of {count:,} pulses", memory, "Take fewer frequencies, loads or directions"
     )
 
 
 def _reduce_frequencies(hertz: Array, n_axes: int, scale: Array, d: float) -> Array:
-    """Return angular frequencies in reduced units, of the shape of ``scale`` (b, ...).
+    """Return the angular frequencies of ``hertz``, Hz, in reduced units, of the shape of ``scale``.
 
-    ``hertz`` (Hz) lacks the last ``n_axes`` axes, 0 or 1, that of directions; ``scale`` holds the
-    velocities, m/s, that are one in reduced units, and d, m, is the unit of length. Raises
+    ``scale`` (b, ...) holds the velocities, m/s, that are one in reduced units: on b branches, at
+    the loads and frequencies, and in several directions along a last axis. ``n_axes``, 0 or 1, is
+    the number of these last axes, which ``hertz`` does not have. The unit of length is d, m. Raises
     :class:`InputError` for frequencies that are too low to have digits.
     """
     hertz_per_direction = hertz.reshape(hertz.shape + (1,) * n_axes)
@@ -829,18 +846,19 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
 def _explain_unreachable(
     branch: AcousticBranch, target: Array, unit: Array
 ) -> UnreachableFrequencyError:
-    """Return the error for angular frequencies ``target`` (m,), of which some are above the top of
-    the branch; ``unit`` (m,) is the unit of each, rad/s. Of the frequencies above, the error names
-    the highest, and the top of the branch at the load of this frequency.
+    """Return the error for reduced angular frequencies ``target`` (m,), of which some are above the
+    top of the ``branch``; ``unit`` (m,) is the unit of each, rad/s. Of the frequencies above the
+    top, the error names the highest, and the top of the branch at the load of this frequency. If
+    the top is zero, the error says that the branch has no pulses, and what would give it some.
     """
     components = ", ".join(f"{component:.6g}" for component in branch.direction)
     along = f"in direction ({components})"
-    if branch.top <= _NO_FREQUENCY:
+    if branch.top <= _FREQUENCY_ROUNDING:
 
         def travels(stiffer: ContactLattice) -> bool:
-            """Whether the waves of the branch cost energy in a stiffer lattice."""
+            """Return whether the waves of the branch cost energy in a ``stiffer`` lattice."""
             branches = follow_acoustic_branches(stiffer, branch.direction)
-            return branch.name in branches and branches[branch.name].top > _NO_FREQUENCY
+            return branch.name in branches and branches[branch.name].top > _FREQUENCY_ROUNDING
 
         remedy = branch.lattice.find_remedy(travels)
         return UnreachableFrequencyError(

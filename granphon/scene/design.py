@@ -35,17 +35,19 @@ from granphon.scene.design_settings import DesignSettings, find_unit_of_variable
 _MOST_NAMES = 6
 
 
-def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameters: bool) -> Problem:
+def _make_problem(
+    case: Case, load: Load, settings: DesignSettings, has_varied_parameters: bool
+) -> Problem:
     """Return the problem that the ``settings`` of a design pose. Its search starts at the network
     of the only state of ``case``.
 
-    With ``of_parameters`` the parameters of the scene vary, and the load may be one of them;
+    With ``has_varied_parameters`` parameters of the scene vary, and the load may be one of these;
     ``load`` is then the load as the file has it. Otherwise numbers of the balls and contacts of the
     network vary, and the sums that the settings give are kept; ``load`` is then not used.
     """
     space: Space
     sums: Sequence[tuple[Array, float]] = ()
-    if of_parameters:
+    if has_varied_parameters:
         space = _make_parameters(case, load, settings)
     else:
         network = settings.shape(given_network(case.state))
@@ -101,14 +103,14 @@ class DesignTask(Task):
 
     Attributes
     ----------
-    case, load, settings, of_parameters : the arguments of :func:`_make_problem`.
+    case, load, settings, has_varied_parameters : the arguments of :func:`_make_problem`.
     number : number of the start; 0 is the network of the scene, others are random.
     """
 
     case: Case
     load: Load
     settings: DesignSettings
-    of_parameters: bool
+    has_varied_parameters: bool
     number: int
 
     where = "design"
@@ -141,7 +143,7 @@ class DesignTask(Task):
         """The goal of the design and the networks among which the best is sought; a problem that
         :meth:`PosedDesign.of` has made is shared by all tasks of this process.
         """
-        return _make_problem(self.case, self.load, self.settings, self.of_parameters)
+        return _make_problem(self.case, self.load, self.settings, self.has_varied_parameters)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Search from the start, and return as "history" the goal at each evaluation, (h,), as
@@ -178,22 +180,24 @@ class PosedDesign:
         """Return the design of a scene; its state is solved.
 
         Errors of the goal and of the variables are placed at the block "design" of the file, those
-        of its repeat and cut at these keys, and errors of the state at the load.
+        of the keys "repeat" and "cut" of this block at these keys, and errors of the state at the
+        load.
         """
         settings = scene.design
         case = scene.plan.case.case
-        of_parameters = varies_parameters(scene)
+        has_varied_parameters = varies_parameters(scene)
         _ = scene.state()  # solved first, so that errors of the state are placed at the load
-        whole = given_network(case.state)
+        network = given_network(case.state)
+        # the steps are taken one by one, each alone, so that its errors are placed at its key
         with scene.origin.at("design", "repeat"):
-            whole = replace(settings, cut=()).shape(whole)
+            repeated_network = replace(settings, cut=()).shape(network)
         with scene.origin.at("design", "cut"):
-            replace(settings, repeat=()).shape(whole)
+            replace(settings, repeat=()).shape(repeated_network)
         with scene.origin.at("design"):
-            problem = _make_problem(case, scene.load, settings, of_parameters)
+            problem = _make_problem(case, scene.load, settings, has_varied_parameters)
             warnings = tuple(problem.judge_effects())
         tasks = tuple(
-            DesignTask(case, scene.load, settings, of_parameters, number)
+            DesignTask(case, scene.load, settings, has_varied_parameters, number)
             for number in range(problem.count)
         )
         for task in tasks:

@@ -90,7 +90,7 @@ def _make_frequencies_kind(column: str) -> Kind:
 
 
 def _is_quantity(value: Any) -> bool:
-    """Whether a ``value`` is a number or a text that begins with one, "1 Hz", which names no
+    """Return whether a ``value`` is a number or a text that begins with one, "1 Hz": it names no
     table.
     """
     if isinstance(value, str):
@@ -152,6 +152,7 @@ _RESPONSE_KINDS = {
     for name, declared in list_settings(ResponseSettings).items()
     if name not in ("frequencies", "repeat", "cut")
 }
+#: the kind of a list of numbers of branches, from 0
 _BRANCHES = Kind.plain(lambda value: read_counts(value, "numbers", 0, _MOST_BRANCHES), list)
 #: the goals by their names
 GOALS = {
@@ -305,7 +306,7 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
         name = _NAME_IN_BLOCK.sub(r"\1", str(written))
         rule: Rule = real_number
         if context.written:
-            _require_known(name, written, context)
+            _require_known_variable(name, written, context)
             rule = _choose_kind(name, context).rule(context)
         if name in varied:
             raise Refused(f"{name} twice", "each variable once", path=(written,))
@@ -313,7 +314,7 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
     return tuple(varied.items())
 
 
-def _require_known(name: str, written: Any, context: Any) -> None:
+def _require_known_variable(name: str, written: Any, context: Any) -> None:
     """Raise Refused, at the key ``written``, unless a scene of the ``context`` may have the
     variable ``name``.
     """
@@ -321,7 +322,7 @@ def _require_known(name: str, written: Any, context: Any) -> None:
     names = [*parameters, *numbers]
     if name not in names:
         guess = closest(name, names)
-        mend = f"Did you mean {_spell(guess)!r}?" if guess else ""
+        mend = f"Did you mean {_spell_variable(guess)!r}?" if guess else ""
         raise Refused(show(written), _spell_allowed(names), mend, (written,))
 
 
@@ -337,14 +338,14 @@ def _read_bounds(value: Any, rule: Rule) -> tuple[float, float]:
     return bounds
 
 
-def _spell(name: str) -> str:
+def _spell_variable(name: str) -> str:
     """Return the ``name`` of a variable as a file has it: a load behind the name of its block."""
     return f"load.{name}" if name in LOADS else name
 
 
 def _spell_allowed(names: Sequence[str]) -> str:
     """Return words for a message: one of the variables ``names``, each once."""
-    return f"one of {', '.join(map(_spell, dict.fromkeys(names)))}"
+    return f"one of {', '.join(map(_spell_variable, dict.fromkeys(names)))}"
 
 
 def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, Any]:
@@ -423,7 +424,9 @@ def _list_parameters(scene: Any) -> list[str]:
 
 
 def varies_parameters(scene: Any) -> bool:
-    """Whether parameters of a scene vary, and not numbers of its network."""
+    """Return whether parameters of a ``scene`` vary in its design; otherwise numbers of its network
+    do.
+    """
     return not set(scene.design.names).isdisjoint(_list_parameters(scene))
 
 

@@ -54,8 +54,8 @@ from granphon.scene.file_keys import (
     PARTS,
     Context,
     choose_lattice,
+    find_table_name,
     split_tensor,
-    table_named,
 )
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import named_tables
@@ -149,10 +149,9 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     """Return the blocks of the file of a scene, by name, as plain data.
 
     Values that are defaults are written too, unless their kind writes none: None, what is empty,
-    the motions that the lattice of a packing has by default, and torsion and bending of zero.
-    Blocks that belong to other balls than those of the scene are left out, and of a packing in
-    files the load and the medium as well. The ``context`` is the one in which :func:`read_blocks`
-    reads the blocks again.
+    and torsion and bending of zero. Blocks that belong to other balls than those of the scene are
+    left out, and of a packing in files the load and the medium as well. The ``context`` is the one
+    in which :func:`read_blocks` reads the blocks again.
     """
     blocks: dict[str, Any] = {}
     absent_blocks = set().union(*_BLOCKS_OF_MEDIA.values())
@@ -263,7 +262,7 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
     if isinstance(data, list):
         raise document.error((), f"found a list; allowed: a block of keys: {', '.join(BLOCKS)}.")
     try:
-        _require_known(data)
+        _require_known_keys(data)
         if isinstance(data, Mapping) and set(_FILES_BLOCKS) & set(data):
             return _read_files_scene(document, folder)
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
@@ -278,7 +277,8 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
 
 def _convert_percent(refused: Refused, data: Any) -> Refused:
     """Return the refusal of a width of a packing that is written in per cent, with the length to
-    write instead, which is this part of the diameter; return any other refusal unchanged.
+    write instead, which is this part of the diameter; return any other refusal unchanged, also of
+    a part that is zero, negative or infinite in double precision.
 
     ``data`` is the plain data of the document. Raises LookupError, TypeError, AttributeError or
     Refused where the keys of the refusal lead to no text, or the diameter cannot be read.
@@ -288,11 +288,15 @@ def _convert_percent(refused: Refused, data: Any) -> Refused:
         value = value[key]
     percent = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
     width_keys = (("packing", "spread"), ("sweep", "width"), ("sweep", "spread"))
-    if percent is None or refused.path[:2] not in width_keys or float(percent[1]) <= 0.0:
+    if percent is None or refused.path[:2] not in width_keys:
         return refused
     diameter = LENGTH.read(data["packing"]["diameter"])
-    width = write_quantity(float(percent[1]) / 100.0 * diameter, "m")
-    mend = f"{percent[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
+    width = float(percent[1]) / 100.0 * diameter
+    if not 0.0 < width < math.inf:
+        return refused
+    written_width = write_quantity(width, "m")
+    part = f"{percent[1]} % of {write_quantity(diameter, 'm')}"
+    mend = f"{part} is {written_width}: write '{written_width}'."
     return Refused(refused.found, refused.allowed, mend, refused.path)
 
 
@@ -325,8 +329,8 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     packing["arrangement"] = arrangement
     context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
-    unused = (*_CRYSTAL_BLOCKS, *_PACKING_BLOCKS, "spectrum", "pulse")
-    readers = _make_readers(context, unused)
+    unused_blocks = (*_CRYSTAL_BLOCKS, *_PACKING_BLOCKS, "spectrum", "pulse")
+    readers = _make_readers(context, unused_blocks)
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
 
@@ -338,8 +342,8 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     "load", as the files hold the contact forces.
     """
     data = document.data
-    excluded = (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
-    for name in excluded:
+    excluded_blocks = (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
+    for name in excluded_blocks:
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"
             raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
@@ -350,7 +354,7 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
     context = Context(packing.structure, folder=folder)
-    readers = _make_readers(context, (*_FILES_BLOCKS, *excluded))
+    readers = _make_readers(context, (*_FILES_BLOCKS, *excluded_blocks))
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
     return block(blocks, readers, ()) | {"packing": {"arrangement": packing}}
 
@@ -406,13 +410,12 @@ def _find_failing_step(
     return failing_step
 
 
-def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rule]:
-    """Return for each block of :data:`BLOCKS`, by name, the rule that reads its value; blocks in
-    ``unused`` are left out.
+def _make_readers(context: Context, unused_blocks: Sequence[str] = ()) -> dict[str, Rule]:
+    """Return for each block of :data:`BLOCKS`, by name, the rule that reads its value; the
+    ``unused_blocks`` are left out.
     """
-    return {
-        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
-    }
+    names = [name for name in BLOCKS if name not in unused_blocks]
+    return {name: partial(_read_block, name, context=context) for name in names}
 
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
@@ -428,7 +431,7 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
         return {}  # every key below the name of the block is commented out
     if name == "load" and isinstance(value, dict):
         # a value of another type is refused below, with the keys that are allowed
-        _require_one_load(value, of_crystal=bool(context.parameters))
+        _require_one_load(value, is_crystal=bool(context.parameters))
     readers = {key: declared.kind.rule(context) for key, declared in settings.items()}
     needed_keys = [key for key, declared in settings.items() if declared.default == NEEDED]
     if name != "packing" or not _has_measured_spread(value):
@@ -440,19 +443,19 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
 
 
 def _has_measured_spread(packing: Any) -> bool:
-    """Whether a plain block "packing" has a spread of measured diameters."""
+    """Return whether a plain block ``packing`` has a spread of measured diameters."""
     spread = packing.get("spread") if isinstance(packing, Mapping) else None
     return isinstance(spread, Mapping) and "measured" in spread
 
 
-def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
+def _require_one_load(value: Mapping[str, Any], *, is_crystal: bool) -> None:
     """Raise Refused unless the plain ``value`` of the block "load" has exactly one kind of load,
-    with the keys that belong to this kind. With ``of_crystal`` gravity may stand alone, without a
+    with the keys that belong to this kind. With ``is_crystal`` gravity may stand alone, without a
     kind of load; without it the load is that of a packing, which has no tensor and no gravity.
     """
-    allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
+    allowed = _ONE_LOAD_OF_CRYSTAL if is_crystal else _ONE_LOAD
     crystal_keys = [key for key in ("stress", "strain", "times", "gravity") if key in value]
-    if crystal_keys and not of_crystal:
+    if crystal_keys and not is_crystal:
         raise Refused(
             f"{crystal_keys[0]} of a packing, all contacts of which bear the same",
             allowed,
@@ -475,7 +478,7 @@ def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
         raise Refused(f"{load} and balls_per_side", allowed)
 
 
-def _require_known(data: Any) -> None:
+def _require_known_keys(data: Any) -> None:
     """Raise Refused for the first unknown key in the plain ``data`` of a document, and for loads
     without their kind. The top level is checked first, then the blocks in the order of
     :data:`BLOCKS`, but not what their values hold. If the key belongs to another block, the error
@@ -551,11 +554,11 @@ _ALLOWED_OF_MOTIONS = {
         f"up to {MOST_ROLLING:g}, and 0 where no motion is resisted by it",
     ),
 }
-#: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
-_ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
+#: ordinary values of the quantities of which the scales of a ball are made, SI by name
+_ORDINARY_QUANTITIES = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 
 
-def _find_strangest(quantities: Mapping[str, float]) -> str:
+def _find_strangest_quantity(quantities: Mapping[str, float]) -> str:
     """Return the name of the quantity of a ball that differs from its ordinary value by the
     greatest factor; the ``quantities`` have young_modulus, density and diameter, SI, all above
     zero.
@@ -565,19 +568,19 @@ def _find_strangest(quantities: Mapping[str, float]) -> str:
         """Return the magnitude of the logarithm of the quantity ``name`` over its ordinary
         value.
         """
-        return abs(math.log(quantities[name]) - math.log(_ORDINARY[name]))
+        return abs(math.log(quantities[name]) - math.log(_ORDINARY_QUANTITIES[name]))
 
-    return max(_ORDINARY, key=find_distance)
+    return max(_ORDINARY_QUANTITIES, key=find_distance)
 
 
-def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
-    """Return the key that holds the values of a load of this ``kind`` in the plain data ``block``
-    of the block "load": for a stress or strain with factors the key of the factors, and for gravity
+def _find_key_of_values(load: Mapping[str, Any], kind: str) -> str:
+    """Return the key that holds the values of a load of this ``kind`` in the plain data ``load`` of
+    the block "load": for a stress or strain with factors the key of the factors, and for gravity
     alone, which is kept as a pressure of zero, the key of gravity.
     """
-    if kind in TENSORS and "times" in block:
+    if kind in TENSORS and "times" in load:
         return "times"  # factors by which the tensor is multiplied
-    return kind if kind in block else "gravity"
+    return kind if kind in load else "gravity"
 
 
 def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str, tuple[Any, ...]]:
@@ -602,29 +605,32 @@ def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str
     return f"value {index + 1} of {points} from {first} to {last}", ()
 
 
-def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
+def _find_entries_with_errors(data: Any) -> dict[tuple[Any, ...], Any]:
     """Return the entries of the plain ``data`` of a document that have standard errors, by their
-    paths and in the order of the document: texts such as "8 mm +- 4 um", and blocks {fit: FILE}.
+    paths and in the order of the document: texts such as "8 mm +- 4 um", and blocks {fit: FILE}. A
+    document that is no block of keys is no scene, and has none.
     """
-    uncertain: dict[tuple[Any, ...], Any] = {}
-    open_entries: list[tuple[tuple[Any, ...], Any]] = [((), data)]
+    if not isinstance(data, Mapping):
+        return {}
+    entries_with_errors: dict[tuple[Any, ...], Any] = {}
+    open_entries: list[tuple[tuple[Any, ...], Any]] = [((key,), data[key]) for key in data]
     while open_entries:
         path, entry = open_entries.pop()
         items: Any = ()
         if isinstance(entry, str):
             if PLUS_MINUS.search(entry):
-                uncertain[path] = entry
+                entries_with_errors[path] = entry
         elif isinstance(entry, list):
             items = enumerate(entry)
-        elif isinstance(entry, Mapping) and file_keys.FIT in entry and path:
-            uncertain[path] = entry
+        elif isinstance(entry, Mapping) and file_keys.FIT in entry:
+            entries_with_errors[path] = entry
         elif isinstance(entry, Mapping):
             items = entry.items()
         for key, inner in items:
             open_entries.append(((*path, key), inner))
     # the entries that were added last were looked at first: their order is that of the document
     # from its end
-    return dict(reversed(uncertain.items()))
+    return dict(reversed(entries_with_errors.items()))
 
 
 def _put_values(data: Any, values: Mapping[str, str]) -> Any:
@@ -680,7 +686,7 @@ class SceneSource(Places):
         """Move the standard errors from the document, which then holds the values alone, to
         ``errors``, ``correlations`` and ``fits``. SceneError for an error that cannot be read.
         """
-        entries = {} if self.document is None else _find_uncertain(self.document.data)
+        entries = {} if self.document is None else _find_entries_with_errors(self.document.data)
         if not entries or self.document is None:
             return
         # imported here: few scenes have errors
@@ -709,8 +715,8 @@ class SceneSource(Places):
         :class:`~granphon.base.errors.MissingSceneError` if there is no such file;
         :class:`~granphon.base.errors.SceneError` if the file cannot be read, its text is not YAML,
         or a standard error in it cannot be read;
-        :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
-        to nothing.
+        :class:`~granphon.base.errors.InputError` if a text among ``values`` is not YAML, or if
+        its path leads to no place.
         """
         document = parse_yaml(read_text(path), str(path))
         if values:
@@ -735,7 +741,7 @@ class SceneSource(Places):
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         spreads += [ball.get("spread") for ball in data.get("balls", {}).values()]
-        names = [name for name in map(table_named, spreads) if name is not None]
+        names = [name for name in map(find_table_name, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
         if "design" in data:
@@ -840,8 +846,8 @@ class SceneSource(Places):
             path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option
         ]
         if len(paths) != 1:
-            count = "several times" if paths else "no"
-            return ("medium",), f"{count} {option}"
+            quantifier = "several times" if paths else "no"
+            return ("medium",), f"{quantifier} {option}"
         (path,) = paths
         value: Any = self.document.data
         for key in path:
@@ -921,11 +927,7 @@ class SceneSource(Places):
             packing = self._make_packing(blocks)
         load = packing.load if "load" not in blocks else self._make_load(blocks["load"])
         arguments: dict[str, Any] = {"packing": packing, "load": load}
-        arguments |= blocks.get("phonopy", {})
-        if "band_labels" in arguments:
-            with self.at("phonopy", "band_labels"):
-                path = arguments.get("band") or BandPath.default(packing.structure)
-                arguments["band"] = replace(path, labels=arguments.pop("band_labels"))
+        arguments |= self._label_path(blocks.get("phonopy", {}), packing.structure)
         for key in ("medium", "sweep", "observe", "direction"):
             if key in blocks:
                 arguments[_ATTRIBUTES.get(key, key)] = blocks[key]
@@ -936,6 +938,18 @@ class SceneSource(Places):
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
         correlations = (*self.correlations, *blocks.get("correlations", ()))
         arguments |= {"errors": self.errors, "correlations": correlations, "source": self.path}
+        return arguments
+
+    def _label_path(self, values: Mapping[str, Any], structure: Lattice) -> dict[str, Any]:
+        """Return the ``values`` of the block "phonopy" by key, with the labels of "band_labels", if
+        there are any, put on the path under "band", by default that of the ``structure``. Errors
+        are placed at the key of the labels.
+        """
+        arguments = dict(values)
+        if "band_labels" in arguments:
+            with self.at("phonopy", "band_labels"):
+                path = arguments.get("band") or BandPath.default(structure)
+                arguments["band"] = replace(path, labels=arguments.pop("band_labels"))
         return arguments
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
@@ -964,7 +978,7 @@ class SceneSource(Places):
         # double precision cannot hold, the one that is farthest from the ordinary is probably
         # wrong.
         quantities = {**blocks["material"], "diameter": values["diameter"]}
-        key = _find_strangest(quantities)
+        key = _find_strangest_quantity(quantities)
         block_name = "packing" if key == "diameter" else "material"
         written = show(data[block_name].get(key, "the mean of the measured diameters"))
         refusal = f"found {written}; allowed: a ball that double precision can hold; "

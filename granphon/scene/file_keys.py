@@ -30,7 +30,7 @@ from granphon.balls.lattices import (
 )
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import Material
-from granphon.balls.motions import allowed_motions, default_motions
+from granphon.balls.motions import allowed_motions
 from granphon.balls.on_site import (
     DISPLACEMENTS,
     ON_SITE,
@@ -123,7 +123,7 @@ OBSERVABLES = (
     "design",
 )
 #: the observables of which sensitivities are found beside those of velocities and moduli
-DIFFERENTIATED = frozenset({"cutoffs", "surface"})
+DIFFERENTIATED_OBSERVABLES = frozenset({"cutoffs", "surface"})
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
 #: beside it
@@ -132,14 +132,15 @@ MOST_DIAMETERS = 1000
 #: largest component of a direction, of a vector of a cell and of a site, in the units of each: a
 #: larger one is a mistake
 _LARGEST_COMPONENT = 1e3
-#: words for a direction, an example and the axes of a lattice, by the number of its periods
+#: words for the components of a direction, an example and the axes of a lattice, by the number of
+#: its periods
 _DIRECTION_WORDS = {
     1: ("one number", "[1]", "one axis"),
     2: ("two numbers", "[1, 1]", "two axes"),
     3: ("three numbers", "[1, 1, 0]", "three axes"),
 }
-#: difference of the components of unit vectors below which two directions are the same: rounding
-_SAME_DIRECTION = 1e-12
+#: two directions whose unit vectors differ by less than this in each component are the same
+_DIRECTION_ROUNDING = 1e-12
 #: where the balls of a lattice of one, two or three dimensions lie, in words
 _POSITIONS = ("on a line", "in a plane", "in space")
 
@@ -179,7 +180,7 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
 _DIAMETERS = listed(with_unit(LENGTH), "diameters")
 
 
-def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
+def _make_discrete_spread(lists: Mapping[str, Any]) -> Discrete:
     """Return the spread of the ``lists`` "diameters", m, and "fractions", both (n,); Refused for
     fractions that do not add up to 1, that are not one for each diameter, or that are too small.
     """
@@ -188,16 +189,16 @@ def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
         return Discrete(**lists)
 
 
-def _read_normal(value: Any, context: Context) -> Normal:
+def _read_normal_spread(value: Any, context: Context) -> Normal:
     """Return the normal spread that a ``value`` gives: its standard deviation alone, or a block
     {std, cutoff}. Refused for any other value.
     """
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
-    return Normal(**_NORMAL.read(value, context))
+    return Normal(**_NORMAL_SPREAD.read(value, context))
 
 
-def _read_measured(value: Any, context: Context) -> Measured:
+def _read_measured_spread(value: Any, context: Context) -> Measured:
     """Return the spread of measured diameters that a ``value`` gives: the name of a table, a block
     {file, column} about a table, a list, or a block {diameters} with a list. Tables are sought in
     the folder of the scene. Refused for any other value, and for a table without such a column.
@@ -205,7 +206,7 @@ def _read_measured(value: Any, context: Context) -> Measured:
     if isinstance(value, list):
         return Measured(_DIAMETERS.read(value, context))
     if isinstance(value, dict) and "diameters" in value:
-        return Measured(_MEASURED.read(value, context)["diameters"])
+        return Measured(_MEASURED_SPREAD.read(value, context)["diameters"])
     column = None
     if isinstance(value, dict):
         settings = block(value, {"file": text, "column": text}, ("file",))
@@ -220,25 +221,27 @@ def _read_measured(value: Any, context: Context) -> Measured:
 
 
 _FRACTIONS = listed(Kind.plain(partial(number, low=0.0, high=1.0)), "fractions")
-_NORMAL = block_of(
+_NORMAL_SPREAD = block_of(
     {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, **CUTOFFS))}, ("std",)
 )
-_DISCRETE = block_of({"diameters": _DIAMETERS, "fractions": _FRACTIONS}, ("diameters", "fractions"))
-_MEASURED = block_of({"diameters": _DIAMETERS})
+_DISCRETE_SPREAD = block_of(
+    {"diameters": _DIAMETERS, "fractions": _FRACTIONS}, ("diameters", "fractions")
+)
+_MEASURED_SPREAD = block_of({"diameters": _DIAMETERS})
 #: the distributions of diameters by the key of their block
 _SPREADS = {
     "uniform": Kind(
         lambda value, _: Uniform(WIDTH.read(value)), lambda spread, _: WIDTH.write(spread.width)
     ),
-    "normal": _NORMAL._replace(read=_read_normal),
-    "discrete": _DISCRETE.made(_make_discrete),
-    "measured": _MEASURED._replace(read=_read_measured),
+    "normal": _NORMAL_SPREAD._replace(read=_read_normal_spread),
+    "discrete": _DISCRETE_SPREAD.made(_make_discrete_spread),
+    "measured": _MEASURED_SPREAD._replace(read=_read_measured_spread),
 }
 
 
 def _read_spread(value: Any, context: Context) -> Any:
-    """Return the spread of diameters that a block of one key describes; the key names the
-    distribution. Refused for any other value.
+    """Return the spread of diameters that a ``value`` describes, a block of one key; the key names
+    the distribution. Refused for any other value.
     """
     allowed = f"exactly one of {', '.join(_SPREADS)}"
     if not isinstance(value, dict):
@@ -260,7 +263,7 @@ def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
     return {spread.kind: _SPREADS[spread.kind].write(spread, context)}
 
 
-def table_named(value: Any) -> str | None:
+def find_table_name(value: Any) -> str | None:
     """Return the name of the table from which a spread takes its diameters; None for a spread
     without a table. The ``value`` is plain data of a valid scene file.
     """
@@ -271,7 +274,7 @@ def table_named(value: Any) -> str | None:
 
 
 def is_long(spread: Any) -> bool:
-    """Whether a spread has more measured diameters than a scene file lists itself."""
+    """Return whether a ``spread`` has more measured diameters than a scene file lists itself."""
     return isinstance(spread, Measured) and len(spread.diameters) > MOST_DIAMETERS
 
 
@@ -279,8 +282,9 @@ def is_long(spread: Any) -> bool:
 
 
 def read_lattice(value: Any) -> str | Lattice:
-    """Return the name of a built-in lattice, or the lattice that a block {name, cell, sites}
-    describes. Refused for any other value; also for "hexagonal", as several lattices are called so.
+    """Return the name of a built-in or registered lattice, or the lattice that a block {name, cell,
+    sites} describes. Refused for any other value; also for "hexagonal", as several lattices are
+    called so.
     """
     if isinstance(value, dict):
         read_row = partial(each, rule=partial(fraction, largest=_LARGEST_COMPONENT), what="numbers")
@@ -338,8 +342,8 @@ def choose_lattice(lattice: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
 
 
 def _read_motions(value: Any, context: Context) -> str:
-    """Return the name of the motions of balls; Refused for motions that a lattice of the scene does
-    not allow.
+    """Return the name of the motions of balls that a ``value`` is; Refused for any other value, and
+    for motions that the lattice of the ``context`` or one of its swept lattices does not allow.
     """
     for lattice in context.swept or (context.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
@@ -390,26 +394,18 @@ PARTS: dict[str, Kind] = {
 }
 
 
-def _write_own_spread(spread: Any, context: Context) -> dict[str, Any]:
+def _write_packing_spread(spread: Any, context: Context) -> dict[str, Any]:
     """Return the block of the spread of a packing. If its measured diameters are too many for a
     scene file, the block names the table that a run writes beside the file.
     """
     return {"measured": DIAMETERS_FILE} if is_long(spread) else _write_spread(spread, context)
 
 
-def _unless_zero(kind: Kind) -> Kind:
+def _omit_zero(kind: Kind) -> Kind:
     """Return a kind of value that is read as ``kind`` reads it, and written likewise unless the
     value is zero, which is left out.
     """
     return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
-
-
-def _write_motions(motions: str, context: Context) -> str | None:
-    """Return the name of the motions of a packing; None, which leaves the key out, for those that
-    its lattice has by default.
-    """
-    default = default_motions(context.lattice.dimension).name
-    return None if motions == default else motions
 
 
 #: the keys of the block "packing"
@@ -417,7 +413,7 @@ PACKING: dict[str, Setting] = {
     "lattice": Setting(PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)"),
     "diameter": Setting(PARTS["diameter"], "diameter of a ball; the mean, if they differ", NEEDED),
     "spread": Setting(
-        Kind(_read_spread, _write_own_spread),
+        Kind(_read_spread, _write_packing_spread),
         "how diameters differ, see [spread](#spread)",
         "equal balls",
     ),
@@ -431,17 +427,17 @@ PACKING: dict[str, Setting] = {
         " overlap/diameter](../explanation/model.md#finite-overlap)",
     ),
     "motions": Setting(
-        Kind(_read_motions, _write_motions),
+        PARTS["motions"],
         "how each ball moves, see [lattices](#lattices)",
         "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
     ),
     "torsion": Setting(
-        _unless_zero(PARTS["torsion"]),
+        _omit_zero(PARTS["torsion"]),
         "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
         " without slip",
     ),
     "bending": Setting(
-        _unless_zero(PARTS["bending"]),
+        _omit_zero(PARTS["bending"]),
         "stiffness of a contact against rolling, over k d²",
     ),
 }
@@ -449,8 +445,8 @@ PACKING: dict[str, Setting] = {
 
 def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Return the parameters of a sweep, in the order of their block, each as its name and its
-    values. Refused for a ``value`` that is no block, for an unknown name, and for values that the
-    parameter cannot have.
+    values; none for an empty block. Refused for a ``value`` that is no block, for an unknown name,
+    and for values that the parameter cannot have.
     """
     names = [*(context.parameters or PARAMETERS), *LOSS_PARAMETERS]
     if isinstance(value, Mapping):
@@ -521,13 +517,15 @@ def _write_parameters(
     return {name: write(name, values) for name, values in parameters} or None
 
 
-#: rule of a correlation
-_CORRELATION: Rule = partial(number, low=-1.0, high=1.0)
 SWEEP = Setting(
     Kind(_read_parameters, _write_parameters),
     "parameters of the packing, each with the values that it takes, see [sweep](#sweep)",
     "none",
 )
+
+
+#: rule of a correlation
+_CORRELATION: Rule = partial(number, low=-1.0, high=1.0)
 
 
 def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
@@ -595,9 +593,9 @@ def _make_load_kind(name: str) -> Kind:
 
     def write(load: Any, context: Context) -> Any:
         """Return the values of a ``load`` with units; None for a load of another kind, and for
-        gravity alone, which is a pressure of zero.
+        gravity alone, which is kept as a pressure of zero.
         """
-        # a force or pressure of zero is no load, an overlap of zero is one
+        # a force or pressure of zero is none beside gravity; an overlap of zero is a load
         is_gravity_alone = name != "overlap" and not any(load.values)
         if load.kind != name or is_gravity_alone:
             return None
@@ -623,8 +621,8 @@ def _read_load(value: Any, name: str, lattice: Lattice) -> float:
 
 
 def _is_load_of_any_lattice(value: Any, name: str) -> bool:
-    """Whether a ``value`` is a valid load of the kind ``name`` on a lattice of some number of
-    periods, one, two or three.
+    """Return whether a ``value`` is a valid load of the kind ``name`` on a lattice of some number
+    of periods, one, two or three.
     """
     for periods in (1, 2, 3):
         with suppress(Refused):
@@ -682,8 +680,8 @@ SCHEMA = Setting(Kind.plain(_read_schema), "version of this format", f"`{SCENE_S
 
 def _read_observables(value: Any) -> tuple[str, ...]:
     """Return the names of the observables of a scene from a list, in the order of ``OBSERVABLES``;
-    registered observables and outputs come behind those of the package. If one of them is found
-    from velocities, "velocities" is among the names too.
+    registered observables and outputs come behind those of the package. If a registered observable
+    is found from velocities or an exponent, "velocities" is among the names too.
 
     Refused for a ``value`` that is no list, an empty list, an unknown name, and a name that is
     given twice.
@@ -782,7 +780,7 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
         components = _read_direction(written, lattice, path)
         # directions of different lengths may be the same, but for rounding
         unit_vector = as_direction(components, lattice.periods)
-        if any(np.max(np.abs(unit_vector - other)) < _SAME_DIRECTION for other in unit_vectors):
+        if any(np.max(np.abs(unit_vector - other)) < _DIRECTION_ROUNDING for other in unit_vectors):
             raise Refused(f"{show(written)} twice", "each direction once", path=path)
         directions.append(components)
         unit_vectors.append(unit_vector)
@@ -810,8 +808,8 @@ def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tupl
 
 
 def _is_direction(value: Any) -> bool:
-    """Whether a ``value`` in a list is written as a whole direction, a list or a text of several
-    words, and not as one of the numbers of a direction.
+    """Return whether a ``value`` in a list is written as a whole direction, a list or a text of
+    several words, and not as one of the numbers of a direction.
     """
     return isinstance(value, list | tuple) or (isinstance(value, str) and len(value.split()) > 1)
 
@@ -900,10 +898,10 @@ def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any
     """Return the ball that has the ``settings`` of a kind, SI by key; the plain data ``written``
     under ``name`` say what the file has.
 
-    Refused for what :class:`~granphon.balls.material.Ball` refuses: a mass or inertia beyond double
-    precision, an inertia above that of a thin shell, and a spread with a ball of size zero or
-    below. The error is at the mass or the inertia, or at the diameter if neither is at fault or the
-    one at fault is not written.
+    Refused for what :class:`~granphon.balls.ball.Ball` refuses, such as a mass that is zero in
+    double precision, an inertia above that of a thin shell, and a spread with another mean than the
+    diameter. The error is at the mass or the inertia, or at the diameter if neither is at fault or
+    the one at fault is not written.
     """
     arguments = dict(settings)
     material_numbers = arguments.pop("material")
@@ -956,7 +954,7 @@ def _read_structure(value: Any) -> Any:
         raise Refused(refused.found, allowed, refused.mend) from None
 
 
-def _read_removed(value: Any) -> tuple[int, ...]:
+def _read_removed_balls(value: Any) -> tuple[int, ...]:
     """Return the numbers of the balls that are removed, from a list. Refused for any other value,
     and for a number that is given twice.
     """
@@ -967,10 +965,10 @@ def _read_removed(value: Any) -> tuple[int, ...]:
     return balls
 
 
-def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
+def _read_replaced_balls(value: Any) -> tuple[tuple[int, str], ...]:
     """Return pairs of the number of a ball and the kind of ball that takes its place, from a block
     of kinds by number. Refused for any other value, an empty block, and a number that is given
-    twice, as 1 and "01".
+    twice, also in two ways of writing, as 1 and "01".
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of numbers of balls and the kinds that take their places, as {12: S}"
@@ -1149,12 +1147,12 @@ CRYSTAL: dict[str, Setting] = {
         "none",
     ),
     "replace": Setting(
-        Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None),
+        Kind.plain(_read_replaced_balls, lambda pairs: dict(pairs) or None),
         "numbers of balls, and the kinds that take their places",
         "none",
     ),
     "remove": Setting(
-        Kind.plain(_read_removed, lambda balls: list(balls) or None),
+        Kind.plain(_read_removed_balls, lambda balls: list(balls) or None),
         "numbers of balls that are taken out",
         "none",
     ),
@@ -1274,7 +1272,7 @@ def _join_tensor(load: Any) -> tuple[float, ...] | None:
 
 def _write_times(load: Any) -> Any:
     """Return plain data for the factors of the tensor of a ``load``; None for a load without
-    tensor, and where the tensor is written with its factor.
+    tensor, and for a tensor that is written as the product with its one factor.
     """
     if load.tensor is None or _join_tensor(load):
         return None
@@ -1330,8 +1328,8 @@ LOAD: dict[str, Setting] = {
 
 def split_tensor(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a :class:`~granphon.Load` from the ``values`` of a block with a
-    stress or strain, SI by key: the kind; the tensor divided by its component of greatest
-    magnitude; and as the array the factors that multiply this tensor, SI.
+    stress or strain that is not zero, SI by key: the kind; the tensor divided by the magnitude of
+    its greatest component; and as the array the factors that multiply this tensor, SI.
     """
     name = "stress" if "stress" in values else "strain"
     greatest = max(map(abs, values[name]))

@@ -461,7 +461,7 @@ class Scene(SceneValues):
         observables_of_mechanisms |= {"design", *NETWORK_BLOCKS}
         if "sensitivities" in self.observe:
             # all other derivatives are those of velocities and moduli
-            observables_of_mechanisms &= file_keys.DIFFERENTIATED
+            observables_of_mechanisms &= file_keys.DIFFERENTIATED_OBSERVABLES
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)

@@ -424,7 +424,7 @@ class SceneValues:
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
             " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
-        has_frequencies = not file_keys.DIFFERENTIATED.isdisjoint(self.observe)
+        has_frequencies = not file_keys.DIFFERENTIATED_OBSERVABLES.isdisjoint(self.observe)
         sensitivities_of_held = held._replace(
             name="sensitivities",
             holds=held.holds and not has_frequencies,

@@ -27,7 +27,9 @@ from granphon.scene.file_keys import FIT
 #: a path: the keys, and the indices in lists, that lead to a value of a scene
 Keys = tuple[str | int, ...]
 #: what may be written for a quantity with its standard error
-_ALLOWED = "a quantity with its standard error, such as '8 mm +- 4 um' or '211 GPa +- 1 %'"
+_QUANTITY_WITH_ERROR = (
+    "a quantity with its standard error, such as '8 mm +- 4 um' or '211 GPa +- 1 %'"
+)
 #: error of a correlation by rounding, in a covariance that is found from derivatives and read from
 #: a file
 _ROUNDING = 1e-9
@@ -48,7 +50,8 @@ class WrittenErrors:
     ----------
     values : the values without their errors, by their paths in the document, as the document would
         have them if they had no error.
-    errors : the standard errors, texts of a number and a unit, by the paths of :func:`_spell_out`.
+    errors : the standard errors, texts of a number and a unit if it has one, by the paths of
+        :func:`_spell_out`.
     correlations : for each two values of the same fit their names, those of :func:`name_keys`, and
         the correlation of their errors.
     fits : the files of fits, each once.
@@ -61,9 +64,9 @@ class WrittenErrors:
 
     @classmethod
     def read(cls, entries: Mapping[Keys, Any], folder: Path) -> WrittenErrors:
-        """Return the errors in the ``entries`` of a document. An entry, by its path, is a text with
-        the sign of a standard error, or a mapping {fit: FILE} that names the file of a fit. Files
-        are sought in ``folder``.
+        """Return the errors in the ``entries`` of a document. An entry, by its path of one key or
+        more, is a text with the sign of a standard error, or a mapping {fit: FILE} that names the
+        file of a fit. Files are sought in ``folder``.
 
         Refused for a quantity with an error that cannot be read, for a mapping with another key or
         without a name of a file, for a file that holds no fit or a covariance that no errors have,
@@ -97,7 +100,7 @@ class WrittenErrors:
         if value_and_error is not None:
             self._add(keys, *value_and_error)
         elif re.match(rf"\s*\(?\s*{NUMBER}", text):
-            raise Refused(show(text), _ALLOWED, path=keys)
+            raise Refused(show(text), _QUANTITY_WITH_ERROR, path=keys)
 
     def _add_correlations(self, numbers: Mapping[Keys, int], correlation: Array) -> None:
         """Add the correlation of each two values that a scene takes from one fit. The ``numbers``,
@@ -111,11 +114,12 @@ class WrittenErrors:
             self.correlations.append((*names, bounded))
 
     def _add_fitted(self, keys: Keys, name_of_file: str, fit: Any) -> int:
-        """Add the value that the ``fit``, whose file messages call ``name_of_file``, has found for
-        the path ``keys`` of a scene, with its standard error; return the number, from 0, of the
-        parameter in the fit.
+        """Add the value that the ``fit`` has found for the path ``keys`` of a scene, with its
+        standard error; return the number, from 0, of the parameter in the fit. Messages call the
+        fit by the ``name_of_file``.
 
-        Refused if the fit does not have the parameter, or if its errors are not known.
+        Refused if the fit does not have the parameter or has another kind of spread, and if the
+        standard error is not known.
         """
         name, scale = _find_parameter(keys, fit)
         if name not in fit.parameters:
@@ -134,7 +138,7 @@ class WrittenErrors:
 
     def _add(self, keys: Keys, value: Any, error: str) -> None:
         """Add the ``value`` at the path ``keys`` of a document, and its standard ``error``, a text
-        of a number and a unit.
+        of a number and a unit if it has one.
         """
         self.values[keys] = value
         self.errors[_spell_out(keys)] = error
@@ -143,9 +147,15 @@ class WrittenErrors:
 def _spell_out(keys: Keys) -> Keys:
     """Return the path at which :func:`granphon.scene.file.write_blocks` writes the value that the
     document has at the path ``keys``: the same path, but for {normal: 20 um}, which is written as
-    {normal: {std: 20 um, cutoff: ...}}.
+    {normal: {std: 20 um, cutoff: ...}}, and for the list {measured: [8 mm, ...]}, which is written
+    as {measured: {diameters: [8 mm, ...]}}.
     """
-    return (*keys, "std") if keys[-1] == "normal" else keys
+    if keys[-1] == "normal":
+        return (*keys, "std")
+    *path_of_list, key = keys
+    if isinstance(key, int) and path_of_list[-1] == "measured":
+        return (*path_of_list, "diameters", key)
+    return keys
 
 
 def _read_name(keys: Keys, entry: Mapping[str, Any]) -> str:

@@ -1,11 +1,11 @@
 """Measure speed against accuracy: time and error of each medium, of simulations of several sizes
 among them.
 
-Each point of the study is a method with a knob, such as a simulation of so many balls. It is timed
-several times after a run to warm up, and its error is that of the quantities that a scene observes:
-its distance from the reference. That is an ensemble of samples, checked by another algorithm. The
-study is a task (:mod:`granphon.runs.execution`) with a budget of time, and is kept once it is
-finished.
+Each point of the study is a method with a knob, such as a simulation of so many balls. A point is
+timed several times after a run to warm up. Its errors are the relative differences of the observed
+quantities from those of the reference. The reference is an ensemble of samples, checked by another
+algorithm. The study is a task (:mod:`granphon.runs.execution`) with a budget of time, and is kept
+once it is finished.
 
 Means over the ensemble have less scatter than the number of samples alone would leave. To second
 order in the differences of diameters, the difference between one sample and the infinite array is
@@ -84,7 +84,7 @@ QUANTITIES = ("longitudinal", "transverse", "frequency")
 _REACH = 3.0
 #: number of shells of near pairs that are controls: so many are within that distance on every
 #: lattice
-_SHELLS = 3
+_N_SHELLS = 3
 #: least number of samples for each coefficient of a regression: with fewer samples the regression
 #: adds more scatter than it removes
 _SAMPLES_PER_COEFFICIENT = 6
@@ -101,26 +101,28 @@ _REFERENCE_SIDES = {2: 64, 3: 14}
 _LOADED_SIDES = {2: 32, 3: 8}
 #: sides, in diameters, of the sample that factors of a list solve as well, as a check
 _CHECKED_SIDES = {2: 24, 3: 6}
-#: number of samples between two checks whether the reference is good enough
+#: number of samples between two checks whether the reference is good enough; not less than
+#: ``_LEAST_SAMPLES``
 _SAMPLES_BETWEEN_LOOKS = 8
 #: largest number of runs that the error of a random point is found from
 _MOST_DRAWS = 100
 #: a reference can judge a point if the error of the point is at least this many times that of the
 #: reference
-BETTER = 100.0
-#: number of openings of a distribution up to which solving the effective medium takes no noticeable
-#: time
-_FEW_OPENINGS = 40
-#: number of diameters in the list whose medium is solved to predict the time of a longer list
-_SHORT_LIST = 20
+JUDGING_RATIO = 100.0
+#: largest number of openings of a distribution with which solving the effective medium takes no
+#: noticeable time
+_MOST_QUICK_OPENINGS = 40
+#: largest number of diameters in the list whose medium is solved to predict the time of a longer
+#: list
+_LENGTH_OF_SHORT = 20
 #: power of the number of openings with which the time of solving the effective medium grows
 _OPENINGS_POWER = 1.1
 #: share of the time of a study in which points are measured; the rest is left to the reference
 _POINTS_SHARE = 0.4
-#: longest time of a run, over those before, that is allowed for
+#: the next run is expected to take at most this many times as long as the runs before
 _TIME_MARGIN = 1.5
-#: runs of a point that are not timed, in units of a timed run: one warms up, and one is slower
-#: because its memory is watched
+#: time of the two runs of a point that are not timed, in units of a timed run: one run warms up,
+#: and one is slower because its memory is watched
 _UNTIMED_RUNS = 4.0
 #: least number of timed runs of a point
 LEAST_RUNS = 5
@@ -129,10 +131,12 @@ _Field = Literal["computed", "paper"]
 
 
 def observe(state: ContactState) -> Array:
-    """Return the :data:`QUANTITIES` of a state, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s.
+    """Return the :data:`QUANTITIES` of a state, (..., 3): two velocities in m/s, and (k/M)^(1/2) in
+    1/s, with the stiffness k of a contact and the mass M of a ball.
 
-    In the plane the velocities are those along x. In space the velocities are those of the moduli
-    averaged over all directions (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
+    On a lattice with two periods the velocities are those along x. With three periods the
+    velocities v are those of the moduli K and G averaged over all directions (W. Voigt, 1889), and
+    of the density rho: rho v^2 is K + 4G/3 of longitudinal waves, and G of transverse waves.
     """
     frequency_scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
     if state.packing.structure.periods == 3:
@@ -152,9 +156,11 @@ class Ensemble:
     """Samples, and estimates of the infinite array from them: :meth:`add` samples, a few at a time,
     then ask for the :meth:`means`.
 
-    All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and
-    ``shape`` (L1, ..., Lp); their seeds count from ``seed``, and their options are those of
-    ``truth``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
+    All samples have the same ``packing``, whose lattice has two or three periods, and the same
+    applied ``load`` (n_loads,). Their ``shape`` (L1, ..., Lp) is the numbers of cells along the p
+    periods. Their seeds count from ``seed``, and their options are those of ``truth``. Bad values
+    are refused by :meth:`add`, which raises what
+    :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
     def __init__(
@@ -172,11 +178,11 @@ class Ensemble:
         self.seed = seed
         self.truth = truth
         #: for each sample an array (n_loads, 3) of the numbers that are averaged: rho v^2 of both
-        #: velocities, Pa, and k, N/m, or 1/k where samples share the force
+        #: velocities, Pa, and k, N/m, if samples share the overlap, or else 1/k, m/N
         self.moduli: list[Array] = []
-        #: effective densities (n_loads,), kg/m^3, which all samples share
+        #: effective densities (n_loads,), kg/m^3, which all samples share; zero without samples
         self._densities = np.zeros(load.size)
-        #: for each sample the controls (1 + shells,) of :func:`measure_excess`
+        #: for each sample the controls (1 + n_shells,) of :func:`measure_excess`
         self._excess: list[Array] = []
 
     @property
@@ -184,21 +190,31 @@ class Ensemble:
         """Number of samples."""
         return len(self.moduli)
 
+    @property
+    def _shares_overlap(self) -> bool:
+        """Whether all samples have the same overlap; otherwise all have the same force.
+
+        As in a state of samples, k is averaged where samples share the overlap, and the compliance
+        1/k where samples share the force.
+        """
+        return self.load.kind == "overlap"
+
     def add(self, count: int = 1) -> None:
-        """Simulate ``count`` more samples, and keep their moduli and controls for the means."""
+        """Simulate ``count`` more samples, one or more, and keep their moduli and controls for the
+        means.
+        """
         first_seed = self.seed + self.samples
         simulation = DirectSimulation(
             self.packing, self.shape, first_seed, count, **self.truth.options
         )
         state = simulation.at(self.load)
-        # (n_loads, samples, n, n) Pa, and (n_loads, samples) N/m
+        # Voigt tensors, Pa, and stiffnesses, N/m: both (n_loads, count, ...)
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         k = state.over_samples(lambda sample: sample.normal_stiffness)
         longitudinal = longitudinal_modulus(tensors)
         shear = bulk_and_shear(tensors)[..., 1]
-        # as in the state, k is averaged, or, where samples share the force, the compliance 1/k
-        averaged_k = k if state.fixed_overlap else 1.0 / k
-        moduli = np.stack([longitudinal, shear, averaged_k], axis=-1)
+        k_or_compliance = k if self._shares_overlap else 1.0 / k
+        moduli = np.stack([longitudinal, shear, k_or_compliance], axis=-1)
         self.moduli.extend(np.moveaxis(moduli, 1, 0))
         self._densities = np.asarray(state.effective_density)
         self._excess.extend(np.array(list(measure_excess(simulation))))
@@ -207,7 +223,7 @@ class Ensemble:
         """Return the :data:`QUANTITIES` (n_loads, 3), SI, of the infinite array, and their relative
         standard errors (n_loads, 3). There must be two samples or more: one has no scatter.
         """
-        moduli = np.array(self.moduli)  # (samples, n_loads, 3)
+        moduli = np.array(self.moduli)  # (n_samples, n_loads, 3)
         flat_moduli = moduli.reshape(self.samples, -1)
         flat_means, flat_errors = regress(flat_moduli, np.array(self._excess))
         means = flat_means.reshape(moduli.shape[1:])
@@ -215,23 +231,25 @@ class Ensemble:
         # quantities are roots of moduli over densities, and of k over the mass of a ball
         masses = np.full(len(means), self.packing.mass)
         inertias = np.stack([self._densities, self._densities, masses], axis=1)
+        # a modulus that vanishes may have a mean below zero, within its error
         squares = np.abs(means) / inertias
-        if self.load.kind != "overlap":  # samples share the force: the mean is one of 1/k
-            squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
+        if not self._shares_overlap:
+            mean_compliances = means[:, 2]
+            squares[:, 2] = 1.0 / mean_compliances / self.packing.mass
         return np.sqrt(squares), 0.5 * errors / np.abs(means)
 
 
 def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
-    """Yield for each sample an array (1 + shells,): the mean of x^2, and the means of x x' over
-    each shell of near pairs, minus those of the infinite array; x are the deviations of diameters
-    over the width.
+    """Yield for each sample an array (1 + n_shells,): the mean of x^2, and the means of x x' over
+    each shell of near pairs, minus those of the infinite array. Here x are the deviations of
+    diameters over the width of their distribution.
     """
     structure = simulation.packing.structure
     shells = find_near_pairs(structure)
     cell_axes = tuple(range(structure.periods))
     for index in range(simulation.samples):
         deviations = simulation.deviations(index)
-        # (n, L1, ..., Lp), with the balls of the cell in front
+        # (n_balls, L1, ..., Lp): the axis of the balls of the cell is there also for one ball
         x = deviations if structure.n_balls > 1 else deviations[None]
         # the width is sqrt 12 times the standard deviation: x has the variance 1/12
         excess = [np.mean(x * x) - 1.0 / 12.0]
@@ -245,25 +263,25 @@ def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
 
 @lru_cache(maxsize=64)
 def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, ...]]]]:
-    """Return the pairs of near balls, shell after shell, of the first three shells: the numbers in
-    a cell of ball i and of ball j, and the shift, in cells, from the cell of ball i to that of ball
-    j.
+    """Return the pairs of near balls, a list for each of the first three shells. A pair is the
+    number of ball i in its cell, the number of ball j in its cell, and the shift (p,), in cells,
+    from the cell of ball i to that of ball j.
 
-    Each pair counts once. Pairs at the same distance are one shell. The lists are kept for the next
-    call, and must not be changed.
+    Each pair counts once. Pairs at the same distance are one shell, and the shells are those of the
+    smallest distances. The lists are kept for the next call, and must not be changed.
     """
     vectors = structure.positions[None] - structure.positions[:, None]
     reach = _REACH + float(np.max(np.linalg.norm(vectors, axis=-1)))
-    steps = steps_within(structure.vectors, reach)  # (steps, p) cells
+    steps = steps_within(structure.vectors, reach)  # (n_steps, p) cells
     distances = np.linalg.norm(vectors[:, :, None] + steps @ structure.vectors, axis=-1)
     is_other_ball = distances > 0.5  # a ball is not near itself
-    # (n, 3): ball i, ball j, number of the step
+    # (n_pairs, 3): ball i, ball j, number of the step; each pair is there from both ends
     near_pairs = np.argwhere(is_other_ball & (distances < _REACH + TOUCH))
-    counted_pairs = select_once(near_pairs[:, 0], near_pairs[:, 1], steps[near_pairs[:, 2]])
-    i, j, step_numbers = near_pairs[counted_pairs].T
-    radii = np.round(distances[i, j, step_numbers], 5)
+    once = select_once(near_pairs[:, 0], near_pairs[:, 1], steps[near_pairs[:, 2]])
+    i, j, step_numbers = near_pairs[once].T
+    radii = np.round(distances[i, j, step_numbers], 5)  # equal but for rounding is one shell
     shells = []
-    for radius in np.unique(radii)[:_SHELLS]:
+    for radius in np.unique(radii)[:_N_SHELLS]:
         pairs = np.flatnonzero(radii == radius)
         shifts = [tuple(shift) for shift in steps[step_numbers[pairs]].tolist()]
         shells.append(list(zip(i[pairs].tolist(), j[pairs].tolist(), shifts, strict=True)))
@@ -271,12 +289,12 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
 
 
 def regress(values: Array, excess: Array) -> tuple[Array, Array]:
-    """Return the means (m,) of the columns of ``values`` (n, m) over n samples, two at least, and
-    their standard errors (m,).
+    """Return the means (n_columns,) of ``values`` (n_samples, n_columns) over two samples or more,
+    and their standard errors (n_columns,).
 
-    A linear regression on the ``excess`` (n, p) of the samples gives the means at zero excess. The
-    means are plain ones if there are fewer than six samples for each coefficient of the regression,
-    or if an excess is zero in all samples.
+    A linear regression on the ``excess`` (n_samples, n_controls) gives the means at zero excess. It
+    has a coefficient for each control, and one for the mean. The means are plain ones if there are
+    fewer than six samples for each coefficient, or if a control is zero in all samples.
     """
     n_samples, n_controls = excess.shape
     design = np.ones((n_samples, 1))
@@ -288,8 +306,8 @@ def regress(values: Array, excess: Array) -> tuple[Array, Array]:
     coefficients = inverse @ values  # the first row is the mean at zero excess
     residuals = values - design @ coefficients
     degrees_of_freedom = n_samples - design.shape[1]
-    variance = np.sum(residuals**2, axis=0) / degrees_of_freedom
-    return coefficients[0], np.sqrt(variance * np.sum(inverse[0] ** 2))
+    variances = np.sum(residuals**2, axis=0) / degrees_of_freedom
+    return coefficients[0], np.sqrt(variances * np.sum(inverse[0] ** 2))
 
 
 class Stopwatch:
@@ -300,16 +318,16 @@ class Stopwatch:
     """
 
     def now(self) -> float:
-        """Time since some fixed moment, s."""
+        """Time since some fixed moment, s. It must go on while a point runs."""
         return time.perf_counter()
 
     def predict(self, cost: Cost) -> float:
-        """Return how long work of this estimated cost takes, s."""
+        """Return how long work of this estimated ``cost`` takes, s."""
         return cost.seconds
 
 
 #: the stopwatch used unless another is given
-SECONDS = Stopwatch()
+WALL_CLOCK = Stopwatch()
 
 
 @dataclass(frozen=True)
@@ -337,10 +355,10 @@ class Point:
     Attributes
     ----------
     method, knob : the method, and the setting, in words.
-    prepare : function of the number of a run that returns what ``solve`` takes; its time is not
-        part of that of a run.
-    solve : function that returns the observed quantities (n_loads, n_observed), SI, which are
-        compared with those of the reference.
+    prepare : function that takes the number of a run and returns the argument of ``solve``; its
+        time is not part of that of a run.
+    solve : function that takes what ``prepare`` returned and returns the observed quantities
+        (n_loads, n_observed), SI, which are compared with those of the reference.
     seconds : predicted time of a run, s; zero if nothing is known of it.
     random : whether every run draws other random numbers.
     """
@@ -373,7 +391,7 @@ class MediaStudy:
     packing, load : balls of different diameters, and the loads at which errors are measured.
     quantities : those of :data:`~granphon.tradeoffs.measure.QUANTITIES` whose errors are measured.
     stopwatch : measures all times.
-    truth : which simulated arrays media are judged by.
+    truth : how the simulated arrays come to their load by which media are judged.
     sides : sides, in diameters, of the samples of simulations; empty for those that belong to the
         dimension of the lattice.
     counts : numbers of samples of simulations; each is combined with each side.
@@ -384,21 +402,23 @@ class MediaStudy:
     packing: Packing
     load: Load
     quantities: tuple[str, ...]
-    stopwatch: Stopwatch = SECONDS
+    stopwatch: Stopwatch = WALL_CLOCK
     truth: FrictionHistory = REST
     sides: tuple[int, ...] = ()
     counts: tuple[int, ...] = (1, 4)
     reference_side: int = 0
 
     @cached_property
-    def _exact_loads(self) -> list[int]:
-        """Indices of the loads at which the arrays of the truth have their exact geometry."""
+    def _exact_load_numbers(self) -> list[int]:
+        """Numbers, from 0, of the loads at which the arrays of the truth have their exact
+        geometry.
+        """
         simulation = DirectSimulation(self.packing, **self.truth.options)
-        exact_loads = list[int]()
+        numbers = list[int]()
         for simulated, load_numbers in simulation.by_geometry(self.load):
             if simulated.is_exact:
-                exact_loads.extend(load_numbers)
-        return exact_loads
+                numbers.extend(load_numbers)
+        return numbers
 
     @property
     def _columns(self) -> list[int]:
@@ -410,10 +430,10 @@ class MediaStudy:
         overlap at the loads where the truth has finite overlap.
         """
         quantities = np.empty((self.load.size, len(QUANTITIES)))
-        exact_loads = self._exact_loads
-        loads_in_limit = [index for index in range(self.load.size) if index not in exact_loads]
+        exact_numbers = self._exact_load_numbers
+        other_numbers = [n for n in range(self.load.size) if n not in exact_numbers]
         # None is the default of a medium
-        for load_numbers, finite_overlap in ((exact_loads, True), (loads_in_limit, None)):
+        for load_numbers, finite_overlap in ((exact_numbers, True), (other_numbers, None)):
             if load_numbers:
                 state = medium.at(self.load[load_numbers], finite_overlap=finite_overlap)
                 quantities[load_numbers] = observe(state)
@@ -421,11 +441,11 @@ class MediaStudy:
 
     @property
     def has_few_openings(self) -> bool:
-        """Whether the distribution has so few openings that solving the effective medium takes no
-        noticeable time.
+        """Whether the distribution has so few openings, between which averages are smooth, that
+        solving the effective medium takes no noticeable time.
         """
         shape = cast("Spread", self.packing.spread).shape
-        return shape.openings.size <= _FEW_OPENINGS
+        return shape.openings.size <= _MOST_QUICK_OPENINGS
 
     @cached_property
     def solving_time(self) -> float:
@@ -436,7 +456,7 @@ class MediaStudy:
             return 0.0
         # only listed diameters have many openings
         shape: Any = cast("Spread", self.packing.spread).shape
-        even_steps = np.linspace(0, len(shape.positions) - 1, _SHORT_LIST)
+        even_steps = np.linspace(0, len(shape.positions) - 1, _LENGTH_OF_SHORT)
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
         short_list = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         # solved as the curve of many openings is, at Xi = 1: the time hardly depends on Xi
@@ -471,7 +491,9 @@ class MediaStudy:
         return float(factor_of_velocity + np.max(np.abs(by_load) + np.abs(by_width)))
 
     def make_points(self) -> list[Point]:
-        """Return the points, in the order of their predicted times."""
+        """Return the points, in the order of their predicted times: those of both averages, of the
+        effective medium, and of simulations.
+        """
 
         def make_averaged_lattice(run: int) -> AveragedLattice:
             """Return the averaged lattice, the same for each run."""
@@ -488,7 +510,7 @@ class MediaStudy:
         ]
         structure = self.packing.structure
         sides = self.sides or _SIDES[structure.periods]
-        histories = dict.fromkeys((REST, self.truth))  # each once
+        histories = dict.fromkeys((REST, self.truth))  # each once: the truth may be at rest
         for history, samples, side in itertools.product(histories, self.counts, sides):
             shape = choose_shape(structure, side)
             points.append(self._make_simulated_point(history, samples, shape))
@@ -542,36 +564,31 @@ class MediaStudy:
     def find_reference(
         self, deadline: Deadline, accepts: Callable[[Reference], bool], step: Step
     ) -> Reference:
-        """Return the reference of samples that are simulated until ``accepts`` is true of the
-        reference, or until the time left may be too short for a further sample before the
-        ``deadline``; ``step`` is told of each sample.
+        """Return the reference of samples that are simulated one after another; ``step`` is told of
+        each sample.
 
-        One smaller sample is solved in another way too, as a check: see :meth:`compare`. Raises
-        :class:`~granphon.base.errors.GranphonError` if there is no time for enough samples.
+        The samples end when ``accepts`` is true of the reference so far, which is asked after every
+        eighth sample, or when a further sample may not end before the ``deadline``. One smaller
+        sample is solved in another way too, as a check: see :meth:`compare`. Raises
+        :class:`~granphon.base.errors.GranphonError` if there is no time for three samples and the
+        check, and where a sample or the check fails.
         """
         now = deadline.stopwatch.now
-        shape = self._reference_shape
-        ensemble = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
         search_start = now()
-        simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
-        sample_time = deadline.stopwatch.predict(estimate(simulation, self.load))
-        least_time = _LEAST_SAMPLES * sample_time
-        if least_time > deadline.left:
-            raise GranphonError(
-                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about"
-                f" {write_duration(least_time)}."
-            )
+        shape = self._reference_shape
+        self._require_time_for_samples(shape, deadline)
         check, differences = self.compare(deadline)
+        ensemble = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
         longest_time = 0.0
         while deadline.left > _TIME_MARGIN * longest_time:
             start = now()
             ensemble.add()
             step.advance()
             longest_time = max(longest_time, now() - start)
-            count = ensemble.samples
-            is_looked_at = count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0
-            if is_looked_at and accepts(self._summarise(ensemble, check, differences)):
-                break
+            if ensemble.samples % _SAMPLES_BETWEEN_LOOKS == 0:
+                reference = self._summarise(ensemble, check, differences)
+                if accepts(reference):
+                    return reference
         if ensemble.samples < _LEAST_SAMPLES:
             spent = write_duration(now() - search_start)
             raise GranphonError(
@@ -580,9 +597,22 @@ class MediaStudy:
             )
         return self._summarise(ensemble, check, differences)
 
+    def _require_time_for_samples(self, shape: tuple[int, ...], deadline: Deadline) -> None:
+        """Raise :class:`~granphon.base.errors.GranphonError` if three samples of the reference, of
+        a ``shape`` (p,) in cells, are predicted to take longer than the time left.
+        """
+        simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
+        sample_time = deadline.stopwatch.predict(estimate(simulation, self.load))
+        least_time = _LEAST_SAMPLES * sample_time
+        if least_time > deadline.left:
+            raise GranphonError(
+                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about"
+                f" {write_duration(least_time)}."
+            )
+
     @property
     def _reference_shape(self) -> tuple[int, ...]:
-        """Numbers of cells of the reference's samples."""
+        """Numbers of cells (p,) of the reference's samples."""
         structure = self.packing.structure
         sides = _LOADED_SIDES if self.truth.is_loaded else _REFERENCE_SIDES
         return choose_shape(structure, self.reference_side or sides[structure.periods])
@@ -611,7 +641,8 @@ class MediaStudy:
         A sample that is loaded with friction is loaded once more, in shorter steps. For a sample at
         rest, equilibrium and response are found by another algorithm, factors of a list of
         contacts; both have the directions of the lattice. Raises
-        :class:`~granphon.base.errors.GranphonError` if the ``deadline`` passes meanwhile.
+        :class:`~granphon.base.errors.GranphonError` if the ``deadline`` has passed before the
+        second solution of a load, and where a solution fails.
         """
         structure = self.packing.structure
         shape = choose_shape(structure, _CHECKED_SIDES[structure.periods])
@@ -667,6 +698,13 @@ def _write_shape(shape: Sequence[int]) -> str:
     return " x ".join(map(str, shape))
 
 
+def _is_judged(error: float, reference_error: float) -> bool:
+    """Return whether a reference with the relative ``reference_error`` can judge an ``error``: is
+    at least :data:`JUDGING_RATIO` times better. It cannot if a number is nan.
+    """
+    return error >= JUDGING_RATIO * reference_error
+
+
 @result_class
 class MeasuredPoint(Result):
     """Errors, times and memory of one point of the study.
@@ -677,17 +715,20 @@ class MeasuredPoint(Result):
     errors : relative errors against the reference, (n_loads, n_observed); empty if there is a
         ``failure``.
     reference_errors : relative errors of that reference itself, of the shape of ``errors``.
-    seconds, spread : median time of the warm runs, and half the range of their middle half, s; 0 if
-        the point was not run.
-    setup : median time of what is prepared before a run, s.
-    memory : largest amount of memory that was allocated at one moment, bytes.
+    seconds, spread : median time of the timed runs, and half the range of their middle half, s; 0
+        if the point was not run.
+    setup : median time of what is prepared before a run, s; 0 if the point was not run.
+    memory : largest amount of memory that was allocated at one moment of a run, bytes; 0 if the
+        point was not run.
     floor : least relative error possible: condition number times rounding, or, if runs are
-        ``random``, the largest scatter of a quantity over runs, relative to its mean.
-    random : whether every run draws other random numbers.
+        ``random``, the largest scatter of a quantity over runs, relative to its mean; 0 without
+        errors.
+    random : whether every run draws other random numbers; False if the point was not run.
     failure : why the point was not run, or has no errors for want of a reference; otherwise empty.
     stderrs : standard errors of ``errors``, of the same shape: if runs are ``random``, the errors
         are rms over runs; otherwise 0.
-    draws : number of runs from which the errors are found.
+    draws : number of runs from which the errors are found, or would be found with a reference; 0
+        if the point was not run.
     """
 
     units: ClassVar[dict[str, str]] = {
@@ -718,7 +759,7 @@ class MeasuredPoint(Result):
     @property
     def ran(self) -> bool:
         """Whether the point was run, with or without a reference to judge it by."""
-        return self.seconds > 0.0
+        return self.draws > 0
 
     @property
     def error(self) -> float:
@@ -746,7 +787,7 @@ class MeasuredPoint(Result):
         """Whether the point has errors, and the reference is at least a hundred times better where
         they are largest.
         """
-        return not self.failure and self.error >= BETTER * self.reference_error
+        return not self.failure and _is_judged(self.error, self.reference_error)
 
     @property
     def note(self) -> str:
@@ -821,18 +862,18 @@ class TradeOff(Result):
         name_entries = [point.method, point.knob]
         cost_entries = [point.seconds, point.spread, point.setup, point.memory, point.floor]
         if point.failure:
-            # no load, quantity, error, its error, draws, error of the reference, resolved
-            empty = ["", "", "", "", "", "", ""]
-            known_costs = cost_entries if point.ran else ["" for _ in cost_entries]
-            yield [*name_entries, *empty, *known_costs, point.failure]
+            # of load, quantity, error, its error, draws, error of the reference, resolved
+            blanks = ["", "", "", "", "", "", ""]
+            costs_or_blanks = cost_entries if point.ran else ["" for _ in cost_entries]
+            yield [*name_entries, *blanks, *costs_or_blanks, point.failure]
             return
         pairs = itertools.product(enumerate(self.loads), enumerate(self.observed))
         for (row, load), (column, quantity) in pairs:
             error = float(point.errors[row, column])
             stderr = float(point.stderrs[row, column])
             reference_error = float(point.reference_errors[row, column])
-            resolved = error >= BETTER * reference_error
-            error_entries = [error, stderr, point.draws, reference_error, resolved]
+            is_judged = _is_judged(error, reference_error)
+            error_entries = [error, stderr, point.draws, reference_error, is_judged]
             yield [*name_entries, load, quantity, *error_entries, *cost_entries, ""]
 
 
@@ -851,7 +892,7 @@ def tradeoff(
     most_loads: int = 3,
     runs: int = LEAST_RUNS,
     progress: Progress = silent,
-    stopwatch: Stopwatch = SECONDS,
+    stopwatch: Stopwatch = WALL_CLOCK,
     executor: Executor | None = None,
     store: Store | None = None,
 ) -> TradeOff:
@@ -868,10 +909,10 @@ def tradeoff(
     friction_history, friction_coefficient, shear_response : whether media are judged by arrays
         loaded with friction, and how, as of a :class:`~granphon.DirectSimulation`; by default by
         arrays at rest without friction.
-    budget : time that measuring may take, s. What does not fit is listed as not run.
-    most_loads : largest number of loads; of more loads the smallest, the largest and some between
-        are taken. One means the smallest load, where media differ most.
-    runs : how often each point is timed, five or more.
+    budget : time that measuring may take, 1e-3 to 1e9 s. What does not fit is listed as not run.
+    most_loads : largest number of loads, 1 to 1000; of more loads the smallest, the largest and
+        some between are taken. One means the smallest load, where media differ most.
+    runs : how often each point is timed, 5 to 1000.
     progress : is told what is under way.
     stopwatch : a :class:`~granphon.tradeoffs.measure.Stopwatch`, which measures all times; a
         subclass may count work instead of seconds.
@@ -886,22 +927,20 @@ def tradeoff(
 
     Raises
     ------
-    InputError : no load, or one that is not valid; equal balls, as all media are exact then; balls
-        on a line, on a lattice or with motions that are not simulated, in a plane whose sound is
-        not isotropic, or with finite overlap, where media have no reference; a history without a
-        friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, no word
-        or an unknown one in ``observe``; an executor without ``submit``; a ``progress``,
-        ``stopwatch`` or ``store`` of another kind.
+    InputError : something else than a :class:`~granphon.Packing`; no load, two loads, or one that
+        is not valid; equal balls, as all media are exact then; balls on a line, on a lattice or
+        with motions that are not simulated, in a plane whose sound is not isotropic, or with finite
+        overlap, where media have no reference; a history without a friction coefficient, an option
+        of a history without a history, or one that is not valid; a budget, a number of loads or a
+        number of runs out of range; no list of words, or an unknown word in ``observe``; a flag
+        that is no truth value; an executor without ``submit``; a ``progress``, ``stopwatch`` or
+        ``store`` of another kind.
     FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a
         sweep.
     """
     applied = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
-    require_executor(executor)
-    require_progress(progress)
-    require_instance("stopwatch", stopwatch, Stopwatch, "Give a Stopwatch")
-    if store is not None:
-        require_store(store)
+    _require_tools(progress, stopwatch, executor, store)
     require("runs", partial(whole, low=LEAST_RUNS, high=1000), runs)
     require("most_loads", partial(whole, low=1, high=1000), most_loads)
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
@@ -911,13 +950,9 @@ def tradeoff(
     history_values = (friction_history, friction_coefficient, shear_response)
     options = dict(zip(REFERENCE_OPTIONS, history_values, strict=True))
     against = require("tradeoff", FrictionHistory.read, options)
-    loads = _thin_out(np.unique(applied.array), most_loads)
     _require_comparable(packing, finite_overlap, against)
-    quantities: tuple[str, ...] = ()
-    if "velocities" in observe:
-        quantities += ("longitudinal", "transverse")
-    if "bands" in observe or "dos" in observe:
-        quantities += ("frequency",)
+    loads = _thin_out(np.unique(applied.array), most_loads)
+    quantities = _list_quantities(observe)
     study = MediaStudy(packing, Load(applied.kind, loads), quantities, stopwatch, against)
     identity = {
         "trade-off of": packing,
@@ -932,6 +967,29 @@ def tradeoff(
     return carry_out(study, budget, runs, progress, executor, store, json.loads(to_json(identity)))
 
 
+def _require_tools(
+    progress: Progress, stopwatch: Stopwatch, executor: Executor | None, store: Store | None
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for what is of another kind than what a
+    trade-off is carried out with; ``executor`` and ``store`` may be None.
+    """
+    require_executor(executor)
+    require_progress(progress)
+    require_instance("stopwatch", stopwatch, Stopwatch, "Give a Stopwatch")
+    if store is not None:
+        require_store(store)
+
+
+def _list_quantities(observe: Sequence[str]) -> tuple[str, ...]:
+    """Return those of the :data:`QUANTITIES` that the words ``observe`` ask for, each once."""
+    quantities: tuple[str, ...] = ()
+    if "velocities" in observe:
+        quantities += ("longitudinal", "transverse")
+    if "bands" in observe or "dos" in observe:
+        quantities += ("frequency",)
+    return quantities
+
+
 def _thin_out(loads: Array, most: int) -> Array:
     """Return at most ``most`` of the ascending ``loads`` (n,): the smallest, the largest and some
     between, whose indices have even steps; for one, the smallest.
@@ -944,9 +1002,9 @@ def _thin_out(loads: Array, most: int) -> Array:
 
 
 def _require_comparable(packing: Packing, finite_overlap: bool, against: FrictionHistory) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the balls differ, and there is a
-    simulated array, loaded as ``against`` says, by which media are judged; and for
-    ``finite_overlap``.
+    """Raise :class:`~granphon.base.errors.InputError` for equal balls, for ``finite_overlap``, for
+    balls on a line, where no array can be simulated that is loaded as ``against`` says, and for a
+    plane in which sound is not isotropic.
     """
     if not packing.width:
         why = "All media are exact for them, and equally fast"
@@ -989,7 +1047,8 @@ def carry_out(
 
     ``progress`` is told of the steps of the study, or, with an executor, of its end alone. A
     finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,
-    plain data; a study that is found there is returned.
+    plain data; a study that is found there is returned. Raises
+    :class:`~granphon.base.errors.FileExistsInRunError` if the store holds other tasks.
     """
     # a study in another process cannot tell its steps
     is_in_process = executor is None
@@ -1093,11 +1152,11 @@ class _StudyTask(Task):
     def _run_points(
         self, points: Sequence[Point], deadline: Deadline
     ) -> tuple[dict[Point, _Runs], dict[Point, str]]:
-        """Return the runs of those of the ``points`` whose runs end before the ``deadline``, by
-        point, and why the others were not run, by point.
+        """Return the runs of those of the ``points`` that fit before the ``deadline``, by point,
+        and why the others were not run or failed, by point.
 
-        The time that is left then is used for further runs of random points, as few runs do not
-        tell their rms error.
+        Half of the time that is left then is used for further runs of random points, as few runs do
+        not tell their rms error.
         """
         runs_of_point = dict[Point, _Runs]()
         failures = dict[Point, str]()
@@ -1122,10 +1181,12 @@ class _StudyTask(Task):
         return runs_of_point, failures
 
     def _run(self, point: Point, least_time: float, deadline: Deadline) -> _Runs:
-        """Return the runs of a point that takes ``least_time``, s, or more: it is run once to warm
-        up, then timed, then once with its memory watched.
+        """Return the runs of a point whose run takes ``least_time``, s, or more: it is run once to
+        warm up, then timed, then once with its memory watched.
 
-        Raises :class:`_BudgetError` if there is no time for these runs until the ``deadline``.
+        Raises :class:`_BudgetError` if there is no time for these runs until the ``deadline``, as
+        ``least_time`` or the first run tells, and :class:`~granphon.base.errors.GranphonError`
+        where the method fails.
         """
         now = self.study.stopwatch.now
         self._require_time(least_time, deadline)
@@ -1149,6 +1210,7 @@ class _StudyTask(Task):
         if (self.runs + _UNTIMED_RUNS) * seconds <= deadline.left:
             return
         problem = "not run, beyond the budget"
+        # infinite after a run of the method that did not fit; a time below 1 ms explains nothing
         if 1e-3 < seconds < math.inf:
             problem += f": {self.runs} runs of about {write_quantity(seconds, 's', 2)}"
         raise _BudgetError(problem)
@@ -1180,9 +1242,7 @@ class _StudyTask(Task):
         stderrs = np.zeros_like(errors)
         floor = float(np.finfo(float).eps) * self.study.condition
         if point.random:
-            # the error is the root of a mean of squares
-            square_errors = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares))
-            stderrs = square_errors / (2.0 * errors)
+            stderrs = _find_standard_errors(squares, errors)
             scatter = np.std(runs.outcomes, axis=0, ddof=1) / np.mean(runs.outcomes, axis=0)
             floor = float(np.max(scatter))
         return replace(
@@ -1242,14 +1302,23 @@ def _square_errors(runs: _Runs, reference: Reference) -> Array:
     return np.asarray(np.square(np.array(runs.outcomes) / reference.values - 1.0))
 
 
+def _find_standard_errors(squares: Array, errors: Array) -> Array:
+    """Return the standard errors of ``errors``, which are the roots of the means of ``squares``
+    (n, ...) over n runs, two at least; zero of an error of zero, of which all squares are zero.
+    """
+    errors_of_means = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares))
+    stderrs = np.zeros_like(errors)
+    np.divide(errors_of_means, 2.0 * errors, out=stderrs, where=errors > 0.0)
+    return stderrs
+
+
 def _judges_all(runs_of_points: Sequence[_Runs], reference: Reference) -> bool:
-    """Return whether the ``reference`` is at least :data:`BETTER` times better than every point,
-    each given by its runs, where the error of the point is largest.
+    """Return whether the ``reference`` can judge every point, each given by its runs, where the
+    error of the point is largest.
     """
     for runs in runs_of_points:
         errors = np.sqrt(np.mean(_square_errors(runs, reference), axis=0))
         largest = int(np.argmax(errors))
-        is_judged = errors.flat[largest] >= BETTER * reference.errors.flat[largest]
-        if not is_judged:  # also of nan
+        if not _is_judged(float(errors.flat[largest]), float(reference.errors.flat[largest])):
             return False
     return True

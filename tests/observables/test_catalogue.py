@@ -108,13 +108,32 @@ def test_an_axis_says_what_and_in_which_unit():
     assert axis_label("of_another_program", "K") == "Of another program (K)"
 
 
-def test_a_complex_value_is_left_out_with_its_reason():
-    """NumPy would drop the imaginary part."""
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        (1j * np.ones(2), "complex"),
+        (["1", "2"], "'1'"),
+        (np.ma.array([1.0, 2.0], mask=[False, True]), "masked"),
+        (np.array([1, 2], "m8[s]"), "array"),
+    ],
+)
+def test_what_is_no_real_number_is_left_out_with_its_reason(value, why):
+    """NumPy would drop the imaginary part and the mask, and read texts and times as numbers."""
     analysis = Analysis(gp.AveragedLattice(PACKING).at_force([1.0, 2.0]))
     try:
-        gp.observables.register("twisted", "1", "a number", lambda of: 1j * of.state.force)
+        gp.observables.register("twisted", "1", "a number", lambda _: value)
         found = find_all(analysis, ["state"])
     finally:
         CATALOGUE.remove("twisted")
     assert "twisted" not in found
-    assert "complex" in analysis.failed["twisted"]
+    assert why in analysis.failed["twisted"]
+
+
+@pytest.mark.parametrize("value", [[True, False], np.array([True, False])])
+def test_truth_values_are_one_and_zero(value):
+    analysis = Analysis(gp.AveragedLattice(PACKING).at_force([1.0, 2.0]))
+    try:
+        gp.observables.register("holds", "1", "whether it holds", lambda _: value)
+        assert find_all(analysis, ["state"])["holds"].tolist() == [1.0, 0.0]
+    finally:
+        CATALOGUE.remove("holds")

@@ -659,6 +659,14 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     "control character": (edit("ala", "a\x07la"), "12", "'\\x07'", "printable text"),
     "empty file": (edit(SCENE, ""), "1", "an empty text", "a scene", "granphon init"),
     "a list": (edit(SCENE, "- a\n- b\n"), "1", "a list", "direction"),
+    "a text with an error": (edit(SCENE, "8 mm +- 4 um\n"), "1", "8 mm +- 4 um", "packing"),
+    "a list with a fit": (edit(SCENE, "- {fit: fit.yaml}\n"), "1", "a list", "packing"),
+    "an error of a measured diameter": (
+        pack("spread: {measured: [8 mm +- 4 um, 8.1 mm]}").replace("diameter: 8 mm, ", ""),
+        "2: packing.spread.measured.diameters.0",
+        "standard error",
+        "results",
+    ),
     "two documents": (edit("medium: ala", "---\nmedium: ala"), "12", "document", "one document"),
     # what no lattice of this kind can do
     "mechanism": (

@@ -30,6 +30,15 @@ def test_a_mistake_in_a_scene_is_one_error(name):
     assert_told(str(caught.value), place, words)
 
 
+@pytest.mark.parametrize("width", ["0 %", "1e400 %"])
+def test_a_width_in_per_cent_is_only_converted_to_a_length_that_can_be(width):
+    text, place, *_ = MISTAKES["width in per cent"]
+    with pytest.raises(SceneError) as caught:
+        check(text.replace("1 %", width))
+    assert_told(str(caught.value), place, [width])
+    assert "write" not in str(caught.value)
+
+
 @pytest.mark.parametrize("name", LATE)
 def test_a_mistake_that_a_run_finds_is_one_error(name, tmp_path):
     text, place, *words = LATE[name]

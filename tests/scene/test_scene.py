@@ -805,6 +805,12 @@ def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     assert again.to_yaml() == scene.to_yaml()
 
 
+def test_motions_that_a_scene_names_are_written_also_where_they_are_the_default():
+    named = Scene.from_text(MINIMAL.replace("8 mm", "8 mm, motions: in_plane"))
+    assert Scene.from_text(named.to_yaml()) == named
+    assert "motions" not in Scene.from_text(MINIMAL).to_yaml()
+
+
 # -- mistakes in Python ----------------------------------------------------------------------------
 
 

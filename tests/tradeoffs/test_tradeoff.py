@@ -31,7 +31,7 @@ from granphon.figures.work_precision import tradeoff_figure
 from granphon.runs.finished_tasks import encode, open_store
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.measure import (
-    BETTER,
+    JUDGING_RATIO,
     Deadline,
     MediaStudy,
     Point,
@@ -291,6 +291,12 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
         assert point.stderr == point.stderrs.flat[np.argmax(point.errors)]
     (one,) = carry_out(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
     assert (one.draws, one.stderr) == (5, 0.0)
+
+
+def test_a_random_point_without_an_error_has_no_error_of_it(clock):
+    (point,) = carry_out(RandomStudy(clock, [("m", "exact", 0.01, 0.0)]), budget=10.0).points
+    assert point.draws > 5
+    assert (point.error, point.stderr, point.floor) == (0.0, 0.0, 0.0)
 
 
 class FailingStudy(RandomStudy):
@@ -821,7 +827,7 @@ def test_the_table_has_every_number(found):
         assert {int(row["memory (B)"]) for row in mine} == {point.memory}
         limits = np.array([float(row["reference_error (1)"]) for row in mine]).reshape(2, 3)
         assert [row["resolved"] == "True" for row in mine] == (
-            errors >= BETTER * limits
+            errors >= JUDGING_RATIO * limits
         ).ravel().tolist()
 
 
