@@ -167,14 +167,16 @@ def test_only_the_same_is_registered_twice():
     gp.register_observable("mine", "1", "one", first)
     for _ in range(2):
         gp.register_observable("again", "1", "one", lambda of: np.ones_like(of.state.force))
+    gp.register_observable("scaled", "1", "one", lambda of, scale=1.0: scale)
     for register in (
         lambda: gp.register_reader("mine", lambda path: path),
+        lambda: gp.register_observable("scaled", "1", "one", lambda of, scale=2.0: scale),
         lambda: gp.register_law(
             "mine", gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 8.0])
         ),
         lambda: gp.register_observable("mine", "1", "one", lambda of: 2.0),
     ):
-        with pytest.raises(InputError, match=r"'mine' exists .*program"):
+        with pytest.raises(InputError, match=r"'(mine|scaled)' exists .*program"):
             register()
 
 

@@ -162,13 +162,12 @@ def choice(value: Any, options: Collection[str]) -> str:
     if is_one_of(value, options):
         return str(value)
     suggestions = []
-    failures = getattr(options, "failures", "")
-    if failures:
-        suggestions.append(failures)
+    if hasattr(options, "describe_failures"):
+        suggestions.append(options.describe_failures())
     guess = closest(value, options) if isinstance(value, str) else None
     if guess:
         suggestions.append(f"Did you mean {guess!r}?")
-    raise Refused(show(value), ", ".join(options), ". ".join(suggestions))
+    raise Refused(show(value), ", ".join(options), ". ".join(filter(None, suggestions)))
 
 
 def text(value: Any) -> str:
