@@ -18,7 +18,7 @@ from typing import Any, Self, TypeGuard
 
 #: the least whole number that is too large for a float: a smaller whole number is rounded to the
 #: largest float at most
-TOO_LARGE = 2**1024 - 2**970
+LEAST_TOO_LARGE = 2**1024 - 2**970
 #: the extras of granphon, each with the packages that it brings, by their names when they are
 #: imported
 EXTRAS = {
@@ -305,7 +305,7 @@ def brief(value: object, most: int = 80) -> str:
 
 def _is_too_large(value: object) -> TypeGuard[int]:
     """Whether a value is a whole number beyond the range of floats."""
-    return isinstance(value, int) and abs(value) >= TOO_LARGE
+    return isinstance(value, int) and abs(value) >= LEAST_TOO_LARGE
 
 
 def one_line(text: str) -> str:
