@@ -546,8 +546,8 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     the ``indent``; without an entry the text is empty.
 
     The values may be mappings, lists, strings, numbers that are not complex, booleans, None and
-    objects with ``tolist`` (numpy); TypeError for any other. Floats are written so that reading them
-    gives the same bits.
+    objects with ``tolist`` (numpy); TypeError for any other. Floats are written so that reading
+    them gives the same bits.
     """
     # PyYAML's own writer, even in C, takes more than twice the time, and writes the text "1e5"
     # without quotes, which YAML 1.2 reads as a number
@@ -853,7 +853,7 @@ def canonical(data: Any) -> str:
 
     Takes mappings, lists, tuples, arrays, strings, whole numbers, floats, complex numbers, booleans
     and None; raises :class:`~granphon.base.errors.InputError` for anything else, and for a whole
-    number that is too large for a float. RecursionError for data that contain themselves.
+    number of more digits than Python writes. RecursionError for data that contain themselves.
     """
     if isinstance(data, Mapping):
         entries = []
@@ -872,9 +872,12 @@ def canonical(data: Any) -> str:
     if data is None or isinstance(data, bool | str):
         return json.dumps(data)
     if isinstance(data, int):
-        if abs(data) >= LEAST_TOO_LARGE:
-            raise InputError(f"plain data cannot hold {brief(data)}")
-        return float(data).hex() if float(data) == data else str(data)
+        if abs(data) < LEAST_TOO_LARGE and float(data) == data:
+            return float(data).hex()
+        try:
+            return str(data)
+        except ValueError:
+            raise InputError(f"plain data cannot hold {brief(data)}") from None
     if isinstance(data, float):
         return data.hex()
     raise InputError(f"plain data cannot hold a {type(data).__name__}")
