@@ -26,6 +26,7 @@ from granphon.base.quantities import (
     VELOCITY,
     find_factor,
     find_written_unit,
+    is_si,
     read_with_error,
     split_error,
 )
@@ -250,14 +251,32 @@ def test_an_error_that_rounds_up_to_a_thousand_has_the_next_multiple():
     assert write_uncertain(1.0, 1000.0, "m/s") == "0.0 +/- 1.0 km/s"
 
 
+def test_a_nautical_mile_is_no_thousand_millionth_of_a_mile():
+    assert LENGTH.read("8 nmi") == LENGTH.read("8 nautical_miles") == 8.0 * 1852.0
+    assert VELOCITY.read("3600 knots") == VELOCITY.read("3600 nmi/h") == 1852.0
+
+
+def test_units_divided_by_several_in_brackets_are_measured():
+    for text in ("m/(N s m)", "m/(N*s*m)", "m / (N * s * m)", "meter / (newton * second * meter)"):
+        assert find_factor(text, "1/(N s)") == 1.0
+        assert is_si(text, "1/(N s)")
+    assert find_factor("s^4/(kg m**2)", "s**4/kg/m^2") == 1.0
+
+
 def test_a_standard_error_is_zero_or_above_and_finite():
     assert read_with_error("8 mm", LENGTH) == (8e-3, 0.0)
     assert read_with_error("8 mm +- 0 um", LENGTH) == (8e-3, 0.0)
     assert read_with_error("-2 N +- 1 N", PUSH) == (-2.0, 1.0)
     value, error = read_with_error("-2 N +- 5 %", PUSH)
     assert (value, error) == (-2.0, pytest.approx(0.1))
-    for text in ("2 N +- -1 N", "2 N +- -5 %", "2 N +- 1e999 %", "2 N +- 1e999 N"):
-        with pytest.raises(Refused, match=r"negative|not finite|not a finite"):
+    for text in (
+        "2 N +- -1 N",
+        "2 N +- -5 %",
+        "2 N +- 1e999 %",
+        "2 N +- 1e999 N",
+        "1e308 N +- 1e5 %",
+    ):
+        with pytest.raises(Refused, match=r"negative|not finite|not a finite|too large"):
             read_with_error(text, PUSH)
 
 
@@ -267,6 +286,7 @@ def test_a_standard_error_is_zero_or_above_and_finite():
         ("um", "m", 1e-6),
         ("kg m^2", "g*cm^2", 1e7),
         ("km/(N s)", "m/N/s", 1e3),
+        ("m/(N/s)", "m", None),
         ("", "1", 1.0),
         ("m", "", None),
         ("m", "N", None),
