@@ -30,7 +30,15 @@ from granphon.base.quantities import (
     read_with_error,
     split_error,
 )
-from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quantity, write_uncertain
+from granphon.base.scales import (
+    HertzPrefix,
+    WidthUnits,
+    prefixed,
+    write_error,
+    write_in,
+    write_quantity,
+    write_uncertain,
+)
 
 
 @given(st.floats(1e-24, 9.99e26))
@@ -237,6 +245,24 @@ def test_few_digits_are_written_without_an_exponent():
         "120 m/s",
         "1 m/s",
     ]
+
+
+def test_a_number_in_a_chosen_unit_has_neither_an_exponent_nor_the_unit_one():
+    assert write_in(1.234, "m", "mm", 2) == "1200 mm"
+    assert write_in(9.9996, "m", "mm", 2) == "10 m"
+    assert write_in(0.5, "1", "1") == "0.5"
+    assert write_error(0.1, 1.0, "1") == "0.1"
+    assert write_error(123.0, 2.0, "m") == "120 m"
+    assert write_error(9999.6, 2.0, "m") == "10 km"
+
+
+def test_a_width_beyond_double_precision_is_refused_with_the_way_out():
+    for units, name, mend in (
+        (WidthUnits(1e308, 1e308), "energy", "smaller"),
+        (WidthUnits(1e300, 1e-300), "stiffness_slope", "larger"),
+    ):
+        with pytest.raises(InputError, match=f"Give a {mend} width"):
+            getattr(units, name)
 
 
 def test_an_error_that_rounds_up_keeps_two_digits():
