@@ -74,6 +74,10 @@ REFUSED = [
         for wrong in (["1", "2"], [None], np.array([True]), np.array([1.0, True], object))
     ),
     (np.array(["2020"], "M8[Y]"), ""),
+    *(
+        (mixed, ".*, which has truth values")
+        for mixed in ([True, 1], [[1.0, 2.0], [0.0, np.True_]], [1.0, np.array(True)])
+    ),
     ([[1.0], [1.0, 2.0]], ""),
     (10**400, ".* 401 digits, .*too large"),
     ([1, 10**5000], "a list .*too large"),
