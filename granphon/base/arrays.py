@@ -16,7 +16,7 @@ Complex = NDArray[np.complex128]
 
 #: relative change of a number in double precision that is no larger than rounding: two neighbouring
 #: numbers are up to 2.2e-16 apart
-ROUNDED = 4e-16
+ROUNDING = 4e-16
 
 
 def pad_columns(arrays: Sequence[Array]) -> list[Array]:

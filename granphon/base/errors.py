@@ -113,10 +113,12 @@ class Refused(InputError):
         return Refused, arguments, attributes
 
     def under(self, *keys: str | int) -> Refused:
-        """Return the same refusal with ``keys`` before its path: the keys lead to the value from
-        the block or list around the value.
+        """Return the same refusal, with its attributes, and with ``keys`` before its path: the keys
+        lead to the value from the block or list around the value.
         """
-        return Refused(self.found, self.allowed, self.mend, (*keys, *self.path))
+        refused = copy(self)
+        refused.path = (*keys, *self.path)
+        return refused
 
 
 class SceneError(InputError):
@@ -219,13 +221,16 @@ def needing(what: str) -> Iterator[None]:
     """Raise :class:`MissingPackageError` where a block imports a package that is not installed.
 
     ``what`` is the subject of the message: a file or feature that needs the package. The message
-    names the extra of granphon that brings the package, or else the package itself.
+    names the extra of granphon that brings the package, or else the package itself. A module that
+    granphon or an installed package lacks is another error, which passes as it is.
     """
     try:
         yield
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         if package in ("None", "granphon"):  # a module of granphon itself, or an unnamed one
+            raise
+        if error.name != package and package in sys.modules:  # a module of an installed package
             raise
         to_install = package
         for extra, packages in EXTRAS.items():
@@ -247,7 +252,9 @@ def require_installed(what: str, *packages: str) -> None:
 
 
 def warn_caller(text: str, category: type[Warning]) -> None:
-    """Issue a warning at the line, outside of granphon, from which granphon was called."""
+    """Issue a warning at the line, outside of granphon, from which granphon was called, or at the
+    outermost line if all are granphon's.
+    """
     level = 1
     frame = sys._getframe()
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == "granphon":

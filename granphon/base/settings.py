@@ -47,9 +47,9 @@ SCALES = ("log", "linear")
 _MOST_POINTS = 200_000
 #: size of the largest number that Python may give for a quantity of any sign, far above that of any
 #: such quantity in SI
-_LARGEST = 1e300
+_LARGEST_NUMBER = 1e300
 #: key of the metadata of an attribute under which its declaration stands
-_DECLARED = "setting"
+_DECLARATION_KEY = "setting"
 #: characters in a line of a docstring, without the indentation of its class
 _DOCSTRING_WIDTH = 96
 
@@ -111,7 +111,7 @@ def with_unit(kind: Quantity) -> Kind:
     """
     rule: Rule
     if kind.least == "any":
-        rule = partial(number, low=-_LARGEST, high=_LARGEST)
+        rule = partial(number, low=-_LARGEST_NUMBER, high=_LARGEST_NUMBER)
     elif kind.least == "above zero":
         rule = partial(above_zero, unit=kind.unit)
     else:
@@ -124,7 +124,9 @@ def with_unit(kind: Quantity) -> Kind:
 
 
 def with_unit_unless_zero(kind: Quantity) -> Kind:
-    """Return the kind of :func:`with_unit`, except that zero needs no unit."""
+    """Return the kind of :func:`with_unit` of a quantity that may be zero, except that zero needs
+    no unit.
+    """
     number_kind = with_unit(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
@@ -265,8 +267,9 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
 
 
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a ``scale``, "log" or "linear", from exactly
-    ``first`` to exactly ``last``; of one number, ``first``.
+    """Return ``count`` numbers, one or more, evenly spaced on a ``scale``, "log" or "linear", from
+    exactly ``first`` to exactly ``last``, which on "log" are both above zero; of one number,
+    ``first``. Numbers between ends whose difference is beyond double precision may be nan.
     """
     space = np.geomspace if scale == "log" else np.linspace
     with np.errstate(all="ignore"):
@@ -333,7 +336,7 @@ def setting(
         quantity = f"{', '.join(texts)} {kind.unit}".rstrip()
         words = f"`{quantity}`"
     declared = Setting(kind, meaning, words, title, is_optional=default is None)
-    return dataclasses.field(default=default, metadata={_DECLARED: declared})
+    return dataclasses.field(default=default, metadata={_DECLARATION_KEY: declared})
 
 
 def _add_attributes(docstring: str, settings: Mapping[str, Setting]) -> str:
@@ -381,9 +384,9 @@ class Block:
         ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
         # a subclass of a user may have fields that are declared nowhere
         cls._settings = {
-            field.name: field.metadata[_DECLARED]
+            field.name: field.metadata[_DECLARATION_KEY]
             for field in ordered
-            if _DECLARED in field.metadata
+            if _DECLARATION_KEY in field.metadata
         }
         docstring = cleandoc(cls.__doc__ or "")
         unsaid_settings = {
@@ -424,7 +427,8 @@ def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rul
 
 def read_block(block_class: type[BlockClass], value: Any, context: ValueContext) -> BlockClass:
     """Return the settings of a ``block_class`` that a ``value`` gives: a block of keys, or the
-    settings themselves, which are returned as they are.
+    settings themselves, which are returned as they are. Refused for another value, and errors of
+    the ``block_class``.
     """
     if isinstance(value, block_class):
         return value

@@ -10,6 +10,7 @@ import warnings
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -18,7 +19,14 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.errors import (
+    InputError,
+    MissingPackageError,
+    Refused,
+    brief,
+    message,
+    needing,
+)
 from granphon.base.standard_errors import read_errors
 from granphon.base.validation import above_zero, each, real_array, texts
 from granphon.dynamics.local_field import local_field
@@ -399,3 +407,19 @@ def test_bytes_are_no_texts():
     for wrong in (b"", b"ab", bytearray(b"")):
         with pytest.raises(InputError, match="labels"):
             texts("labels", wrong)
+
+
+def test_a_module_that_an_installed_package_lacks_is_no_package_that_is_missing():
+    with pytest.raises(MissingPackageError, match="needs no_such_package"), needing("It"):
+        import_module("no_such_package.part")
+    with pytest.raises(ModuleNotFoundError) as caught, needing("It"):
+        import_module("json.no_such_module")
+    assert caught.type is ModuleNotFoundError
+
+
+def test_a_refusal_keeps_its_attributes_under_a_key():
+    refused = Refused("2", "1", path=("a",))
+    refused.load_index = 3
+    inner = refused.under("b", 0)
+    assert (inner.path, inner.load_index, str(inner)) == (("b", 0, "a"), 3, str(refused))
+    assert refused.path == ("a",)
