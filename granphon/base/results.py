@@ -51,7 +51,7 @@ _RANGES: dict[str, Callable[[Any], Any]] = {
 #: the kinds of entries that are numbers
 _NUMBER_KINDS = "iufc"
 #: types of values that plain data hold as they are
-_SCALARS = frozenset({str, float, int, bool, NoneType})
+_SCALARS: frozenset[type] = frozenset({str, float, int, bool, NoneType})
 
 
 def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
@@ -497,7 +497,7 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
 
 def _are_equal(value: Any, other: Any) -> bool:
     """Whether two values of a field are equal, entry by entry; nan, which stands for "not known",
-    equals nan.
+    equals nan, and a list or an array equals a tuple of the same entries.
     """
     if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
         # NumPy cannot look for nan in arrays of other kinds
@@ -639,8 +639,8 @@ def _restore_scalar(value: Any, kind: Any, name: str) -> Any:
 
 
 def _is_scalar_of(value: Any, kind: Any) -> bool:
-    """Whether a value is a scalar of a ``kind``, one of ``_SCALARS``, Any or object: for float a
-    whole number too. A truth value is no number, and no value is of another kind.
+    """Whether a value is a scalar of a ``kind``: one of ``_SCALARS``, or Any or object for all of
+    these; false for any other ``kind``. A whole number is a float too, and a truth value no number.
     """
     if kind in (Any, object):
         return isinstance(value, (*_SCALARS, np.generic))

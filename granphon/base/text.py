@@ -97,15 +97,8 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
         is larger than ``limit``, grows while it is read, or cannot be read for another reason.
     """
     require_path(path)
-
-    def open_at_once(name: str, flags: int) -> int:
-        """Return the descriptor of the file ``name``, opened without waiting for a writer."""
-        # without O_NONBLOCK, opening a pipe that nobody writes to would never return
-        more_flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
-        return os.open(name, flags | more_flags)
-
     try:
-        with open(path, "rb", opener=open_at_once) as stream:
+        with open(path, "rb", opener=_open_at_once) as stream:
             status = os.fstat(stream.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise InputError(
@@ -134,6 +127,15 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
             f"{path} has grown while it was read", "Somebody is writing it", "Read it again"
         )
     return raw
+
+
+def _open_at_once(name: str, flags: int) -> int:
+    """Return the descriptor of the file ``name``, opened with ``flags``, and without waiting for a
+    writer.
+    """
+    # without O_NONBLOCK, opening a pipe that nobody writes to would never return
+    more_flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+    return os.open(name, flags | more_flags)
 
 
 def write_limit(limit: int) -> str:
