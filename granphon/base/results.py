@@ -219,11 +219,11 @@ def result_class(cls: type[ResultT]) -> type[ResultT]:
     """Make a subclass of :class:`Result` the dataclass of its fields, each declared by
     :func:`held`; TypeError names fields that are not.
     """
-    made: type[ResultT] = dataclass(frozen=True, eq=False, repr=False)(cls)
-    undeclared = [f.name for f in fields(made) if "kind" not in f.metadata]
-    if undeclared:
-        raise TypeError(f"{cls.__name__} does not declare by held: {', '.join(undeclared)}")
-    return made
+    new_class: type[ResultT] = dataclass(frozen=True, eq=False, repr=False)(cls)
+    undeclared_names = [f.name for f in fields(new_class) if "kind" not in f.metadata]
+    if undeclared_names:
+        raise TypeError(f"{cls.__name__} does not declare by held: {', '.join(undeclared_names)}")
+    return new_class
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -612,9 +612,9 @@ def _restore_array(value: Any, dtype: np.dtype[Any] | None, name: str) -> np.nda
 
 
 def _restore_tuple(value: Any, kinds: tuple[Any, ...], name: str) -> tuple[Any, ...]:
-    """Return the list ``value``, called ``name``, as a tuple, each entry restored as its own of the
-    ``kinds``, or all as the first if the second is ``...``; InputError for what is no list, and for
-    a list of another length.
+    """Return the list ``value``, called ``name``, as a tuple. Each entry is restored by the kind at
+    its place in ``kinds``, or all by the first kind if ``...`` follows it. InputError for what is
+    no list, and for a list that has not one entry for each kind.
     """
     if not isinstance(value, list | tuple):
         raise _make_kind_error(name, value, "a list")
@@ -677,7 +677,8 @@ def _restore_object(value: Any, kind: Any, name: str) -> Any:
         return value
     if not isinstance(value, Mapping) or _read_class_name(value) != kind.__name__:
         raise _make_kind_error(name, value, kind.__name__)
-    is_from_to_dict = any(key in value for key in _ABOUT)  # of the object itself
+    # a result in the field of another one is stored without these keys, and has nothing to check
+    is_from_to_dict = any(key in value for key in _ABOUT)
     if is_from_to_dict and issubclass(kind, Result):
         return kind.from_dict(value)
     return _build_object(value, kind)

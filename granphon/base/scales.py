@@ -230,7 +230,8 @@ class Units:
 
     @classmethod
     def from_info(cls, info: Mapping[str, Any]) -> Units:
-        """Read the scales, SI, from the ``info`` of Atoms that :func:`~granphon.atoms` made.
+        """Read the scales, SI, from a mapping that has the entries of :meth:`to_info`, such as the
+        ``info`` of Atoms that :func:`~granphon.atoms` made.
 
         Raises :class:`InputError` if a scale is missing, or is not a finite number above zero.
         """

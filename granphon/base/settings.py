@@ -279,14 +279,16 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
     """Return plain data that :func:`read_values` reads as the same one or more ``values``: a single
-    value, a range whose points are the values to the last bit, or else a list, as of more values
-    than a range may have points. ``write`` returns the plain data of one value.
+    value, a range whose points are the values to the last bit but for the sign of a zero, or else a
+    list, as of more values than a range may have points. ``write`` returns the plain data of one
+    value.
     """
     first = values[0]
     last = values[-1]
     count = len(values)
     if count == 1:
         return write(first)
+    # a list of two is shorter than their range; a range of equal ends has one point
     may_be_range = 2 < count <= _MOST_POINTS and first != last
     for scale in SCALES if may_be_range else ():
         has_scale = scale == "linear" or min(first, last) > 0.0

@@ -245,7 +245,7 @@ def real_number(value: Any) -> float:
 
 def _make_number_refusal(value: Any, allowed: str, unit: str = "") -> Refused:
     """Return the refusal of a ``value`` that is no number of the kind that the words ``allowed``
-    describe, in an SI ``unit``; a number without a unit if that is empty.
+    describe, in an SI ``unit``, or without a unit if ``unit`` is empty.
     """
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
     return Refused(show(value), f"{allowed}, {unit}" if unit else allowed, mend)
@@ -546,7 +546,9 @@ def _is_masked(value: Any) -> bool:
 
 
 def _is_masked_or_of_truth(value: Any) -> bool:
-    """Whether a value is an array with a masked entry, a truth value, or an array of these."""
+    """Whether a value is an array with a masked entry, a truth value, or an array of truth
+    values.
+    """
     if isinstance(value, np.ndarray):
         return value.dtype.kind == "b" or _is_masked(value)
     return isinstance(value, bool | np.bool_)
