@@ -96,7 +96,8 @@ LIGHT_VELOCITY = 299_792_458.0
 _MOST_SIGNS = 100
 #: the least size of numbers that, up to the inverse of this size, stay far from the ends of the
 #: floating range when any unit is applied to them
-_LEAST_SAFE = 1e-200
+_LEAST_SAFE_SIZE = 1e-200
+#: a number, the space behind it, and what follows
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 #: what stands between a quantity and its standard error, and both before the unit that they share
 PLUS_MINUS = re.compile(r"\+-|\+/-|±")
@@ -112,6 +113,7 @@ _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
 #: number of letters of a name, above which a last s may be that of the plural
 _MOST_LETTERS_OF_SINGULAR = 3
+#: a whole unit: factors with signs between them, or one over such factors
 _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 _SUPERSCRIPTS = {"²": "2", "³": "3"}
 #: what messages say of the numbers that are taken
@@ -242,7 +244,7 @@ class Quantity:
         texts_of_zeros = {numbers[index] for index in np.flatnonzero(is_zero).tolist()}
         if not all(_is_zero(text) for text in texts_of_zeros):
             return None  # a number below the floating range was rounded to zero
-        is_far_from_ends = (sizes > _LEAST_SAFE) & (sizes < 1.0 / _LEAST_SAFE)
+        is_far_from_ends = (sizes > _LEAST_SAFE_SIZE) & (sizes < 1.0 / _LEAST_SAFE_SIZE)
         if self.least == "above zero":
             is_allowed = values > 0.0
         elif self.least == "zero or above":
@@ -347,7 +349,7 @@ def _multiply(text: str, factor: Fraction) -> float:
     whole numbers once. A number near the ends of the floating range is returned without the factor.
     """
     number = float(text)
-    if not _LEAST_SAFE < abs(number) < 1.0 / _LEAST_SAFE:
+    if not _LEAST_SAFE_SIZE < abs(number) < 1.0 / _LEAST_SAFE_SIZE:
         # read_many takes zero alone of such numbers; the exact power of ten of others may be huge
         return number
     digits, _, exponent = text.lower().partition("e")

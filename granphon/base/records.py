@@ -95,11 +95,16 @@ class RecordFile:
         self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Write a record: of each variable that grows its entry in ``values``, whose shape is that
-        which the constructor was given. The record is in the file when the method returns. OSError
-        if the file cannot be written.
+        """Write a record: of each variable that grows its entry in ``values``. The record is in the
+        file when the method returns.
+
+        Raises KeyError and ValueError, before anything is written, if an entry is missing or has
+        another shape than the constructor was given; OSError if the file cannot be written.
         """
         entries = [np.asarray(values[name]).astype(">f8") for name in self._growing]
+        for entry, (name, (shape, _)) in zip(entries, self._growing.items(), strict=True):
+            if entry.shape != shape:
+                raise ValueError(f"{name} has the shape {entry.shape} instead of {shape}")
         self._file.write(b"".join(entry.tobytes() for entry in entries))
         # the count is raised after the record is in the file: readers see whole records alone
         self._file.flush()

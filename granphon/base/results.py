@@ -394,7 +394,9 @@ class Result:
         return restored
 
     def _field_units(self) -> dict[str, str]:
-        """Return the SI unit of each field and property that has one, as :meth:`to_dict` does."""
+        """Return the SI unit of each field and property that has one; a subclass in which units
+        depend on the values overrides the method.
+        """
         return dict(self.units)
 
     def _check(self) -> None:
@@ -408,7 +410,7 @@ class Result:
             self._check_shape(name, layout, sizes)
         for name, allowed_range in self._ranges.items():
             values = np.asarray(getattr(self, name))
-            if values.dtype.kind not in _NUMBER_KINDS:
+            if values.dtype.kind not in _NUMBER_KINDS:  # None, of a field that may be None
                 continue
             is_wrong = ~_RANGES[allowed_range](values)
             if np.any(is_wrong):

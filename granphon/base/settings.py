@@ -382,12 +382,12 @@ class Block:
         not tell to the docstring.
         """
         super().__init_subclass__()
-        of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
-        ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
+        new_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
+        ordered_fields = sorted(fields(new_class), key=lambda field: bool(field.kw_only))
         # a subclass of a user may have fields that are declared nowhere
         cls._settings = {
             field.name: field.metadata[_DECLARATION_KEY]
-            for field in ordered
+            for field in ordered_fields
             if _DECLARATION_KEY in field.metadata
         }
         docstring = cleandoc(cls.__doc__ or "")

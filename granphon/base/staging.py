@@ -593,8 +593,8 @@ def _require_different(targets: Sequence[Path]) -> None:
 
 
 def _require_no_null_character(*paths: StrPath) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if a null character is part of one of the
-    ``paths``, or names of files, which are to be written.
+    """Raise :class:`~granphon.base.errors.OutputError` if one of the ``paths`` that are to be
+    written, which may be names of files alone, has a null character.
     """
     for path in map(str, paths):
         if "\0" in path:
@@ -614,7 +614,8 @@ def _require_regular_file(target: Path) -> None:
 
 def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
     """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is no regular file or, unless
-    it may ``replace`` any file, a file of another kind than the one that begins with ``new_head``.
+    it may ``replace`` any file, a file of another kind than the one that begins with ``new_head``;
+    OSError if the file cannot be read.
     """
     _require_regular_file(target)
     if replace or not os.path.lexists(target):
@@ -643,7 +644,7 @@ def _are_of_one_kind(old_head: bytes, new_head: bytes) -> bool:
 
 
 @contextmanager
-def _turning_name_errors() -> Iterator[None]:
+def _name_errors_as_oserrors() -> Iterator[None]:
     """Raise OSError where the block, which takes a path, raises ValueError: the path has a
     character that no name of a file can have, such as a null character.
     """
@@ -662,15 +663,15 @@ def put_beside(target: Path) -> Iterator[Path]:
     is a folder, a device or a pipe, and for a failure of the file system, also one in the block;
     other errors of the block pass as they are.
     """
-    with explaining(target), _turning_name_errors():
+    with explaining(target), _name_errors_as_oserrors():
         _require_regular_file(target)
     temporary = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):
         try:
-            with _turning_name_errors():
+            with _name_errors_as_oserrors():
                 target.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
-            with _turning_name_errors():
+            with _name_errors_as_oserrors():
                 os.replace(temporary, target)
         finally:
             with suppress(OSError, ValueError):

@@ -242,7 +242,8 @@ class Table:
         whatever unit ``name`` carries; nan and inf are taken.
 
         Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if
-        there are more than one, or if a cell is not a number.
+        there are more than one, or if a cell is not a number. The error does not name the file, as
+        callers do.
         """
         indices = self._find_columns(name)
         if not indices:

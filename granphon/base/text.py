@@ -168,7 +168,9 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
 
 
 def join_numbers(numbers: Iterable[float]) -> str:
-    """Return plain ``numbers`` as text on one line, parted by spaces, with all of their digits."""
+    """Return ``numbers`` of Python, not of NumPy, as text on one line, parted by spaces, with all
+    of their digits.
+    """
     return " ".join(map(repr, numbers))
 
 
@@ -352,7 +354,9 @@ class _Builder:
             raise self._make_parser_error(error) from None
 
     def _refuse_characters(self) -> None:
-        """Raise :class:`InputError` if the text has a character that is refused in every text."""
+        """Raise :class:`InputError` if the text has a character that is refused in every text;
+        ``error_line`` is then the line of the character.
+        """
         refused_character = _REFUSED_IN_TEXTS.search(self.text)
         if refused_character:
             self.error_line = self.text.count("\n", 0, refused_character.start()) + 1

@@ -53,3 +53,14 @@ def test_a_file_whose_header_is_damaged_is_no_file_of_records(tmp_path):
     path.write_bytes(damaged)
     with pytest.raises(InputError, match="not a file of records"):
         read_records(path, {"kind": "test"})
+
+
+def test_a_record_of_another_shape_is_not_written(tmp_path):
+    path = tmp_path / "x.nc"
+    writer = begin(path)
+    for wrong, error in (({"x": [1.0]}, ValueError), ({}, KeyError)):
+        with pytest.raises(error, match="x"):
+            writer.append(wrong)
+    writer.append({"x": [1.0, 2.0]})
+    writer.close()
+    assert_array_equal(read_records(path, {"kind": "test"})[0]["x"], [[1.0, 2.0]])
