@@ -198,9 +198,10 @@ class Check(Result):
         """Return the warning for the user, a sentence or two; None if the condition holds at every
         load.
 
-        ``where`` says in words at which of several loads the condition fails, and stands in
-        brackets; a warning that does not depend on the load leaves it out. ``force_unit`` is the
-        unit of contact forces; if it is empty, the unit is N, if need be with a prefix.
+        ``where`` says in words at which loads the condition fails, and stands in brackets. The
+        words are left out for a network, for a condition that does not depend on the load, and for
+        a single load unless the condition is that of the medium. ``force_unit`` is the unit of
+        contact forces; if it is empty, the unit is N, if need be with a prefix.
         """
         if not self.failing:
             return None
