@@ -108,10 +108,11 @@ def _write_force(force: float, chosen_unit: str = "") -> str:
     """
     if chosen_unit:
         return write_in(force, "N", chosen_unit, 4)
-    if force == 0.0 or 0.01 <= force < 1e4:
-        return f"{force:.4g} N"
-    size, unit = prefixed(force, "N")
-    return f"{force / size:.4g} {unit}"
+    rounded = float(f"{force:.4g}")
+    if rounded == 0.0 or 0.01 <= rounded < 1e4:
+        return f"{rounded:.4g} N"
+    size, unit = prefixed(rounded, "N")
+    return f"{rounded / size:.4g} {unit}"
 
 
 @result_class
