@@ -491,12 +491,14 @@ def _join_factors(unit: str) -> str:
     second ** 2" as "meter/second**2", "kg m^2" as "kg*m^2", and "m/(N s)" as "m/N/s". Brackets that
     hold another division stay.
     """
+
+    def divide_by_each(divisor: re.Match[str]) -> str:
+        """Return "/N/s" for the match of "/(N s)"."""
+        factors = re.split(r" |(?<!\*)\*(?!\*)", divisor[1].strip())  # not at the ** of a power
+        return "".join(f"/{factor}" for factor in factors)
+
     without_spaces = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())
-    without_brackets = re.sub(
-        r"/\(([^()/]*)\)",
-        lambda divisor: "/" + re.sub(r" |(?<!\*)\*(?!\*)", "/", divisor[1]),
-        without_spaces,
-    )
+    without_brackets = re.sub(r"/\(([^()/]*)\)", divide_by_each, without_spaces)
     return without_brackets.replace(" ", "*")
 
 

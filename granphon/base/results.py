@@ -531,9 +531,9 @@ def _is_object_of_dataclass(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as plain data: a dataclass becomes a mapping of its class name and fields, an
-    array a list, a complex array a mapping of its "real" and "imag" lists. An empty array of
-    several axes, whose lists would not tell its shape, becomes a mapping of its "shape".
+    """Return a value as plain data: an object of a dataclass becomes a mapping of its class name
+    and fields, an array a list, a complex array a mapping of its "real" and "imag" lists. An empty
+    array of several axes, whose lists would not tell its shape, becomes a mapping of its "shape".
 
     A scalar of NumPy becomes one of Python. Lists, tuples and mappings become lists and mappings of
     plain data. Values of other kinds are returned as they are.

@@ -333,8 +333,8 @@ class ResultFiles:
     def _make_existing_error(
         self, existing: Sequence[str], written: Mapping[str, str]
     ) -> FileExistsInRunError:
-        """Return the error that names the ``existing`` files of an earlier result, and the files
-        that are missing of it.
+        """Return the error that names the ``existing`` files of an earlier result, and those of its
+        files that are missing; ``written`` is that of :meth:`_require_own`.
         """
         missing = [name for name in self.names if name in written and name not in existing]
         problem = f"{_show_folder(self._target)} already holds {', '.join(existing)}"

@@ -283,7 +283,13 @@ def test_a_nautical_mile_is_no_thousand_millionth_of_a_mile():
 
 
 def test_units_divided_by_several_in_brackets_are_measured():
-    for text in ("m/(N s m)", "m/(N*s*m)", "m / (N * s * m)", "meter / (newton * second * meter)"):
+    for text in (
+        "m/(N s m)",
+        "m/( N s m )",
+        "m/(N*s*m)",
+        "m / (N * s * m)",
+        "meter / (newton * second * meter)",
+    ):
         assert find_factor(text, "1/(N s)") == 1.0
         assert is_si(text, "1/(N s)")
     assert find_factor("s^4/(kg m**2)", "s**4/kg/m^2") == 1.0
