@@ -69,7 +69,8 @@ class Registry(Mapping[str, T]):
         """Add an entry of granphon itself, in place of a former entry of this ``name``."""
         entries: dict[str, Any] = self._entries  # where a Later keeps the place of its entry
         entries[name] = entry
-        self._later.pop(name, None)
+        for notes in (self._later, self._sources, self._identities):  # on a former entry
+            notes.pop(name, None)
         if isinstance(entry, Later):
             self._later[name] = entry
 
@@ -200,12 +201,13 @@ class Registry(Mapping[str, T]):
 
 def _identify(made: Any) -> Any:
     """Return what identifies an object, and is equal where the object is defined twice: module and
-    name of a function or class; code, closure and defaults of a lambda or local function; or else
-    the object itself.
+    name of a function or class, and of a method also what identifies its object; code, closure and
+    defaults of a lambda or local function; or else the object itself.
     """
     name = getattr(made, "__qualname__", None)
     if name is not None and "<" not in name:  # "<lambda>", "<locals>" are no names
-        return made.__module__, name
+        owner = getattr(made, "__self__", None)
+        return made.__module__, name, None if owner is None else _identify(owner)
     code = getattr(made, "__code__", None)
     if code is None:
         return made
