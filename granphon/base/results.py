@@ -36,6 +36,8 @@ _ROUNDING = 1e-14
 _ABOUT = ("schema", "units", "digest")
 #: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
 _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
+#: these kinds in words
+_KIND_WORDS = {"b": "truth values", "i": "whole numbers", "f": "numbers", "c": "complex numbers"}
 #: the kinds of entries of arrays, by the classes of one entry
 _DTYPES = {float: np.float64, int: np.intp, bool: np.bool_, complex: np.complex128}
 #: product of the lengths of an empty array that are not zero, at most: NumPy makes no array, not
@@ -436,7 +438,7 @@ class Result:
         layouts = layout.rstrip("?").split("|")
         if not any(_fits(words.split(), shape, sizes) for words in layouts):
             known_sizes = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
-            allowed = layout.replace("|", ") or (")
+            allowed = ") or (".join(layouts)
             problem = (
                 f"{name} of the {type(self).__name__} has the shape {shape} instead of ({allowed})"
             )
@@ -607,9 +609,8 @@ def _restore_array(value: Any, dtype: np.dtype[Any] | None, name: str) -> np.nda
     """
     array = _make_array(value, dtype)
     if array is None:
-        is_of_numbers = dtype is None or dtype.kind in _NUMBER_KINDS
-        needed = "an array of numbers" if is_of_numbers else "an array of truth values"
-        raise _make_kind_error(name, value, needed)
+        entries = "numbers" if dtype is None else _KIND_WORDS[dtype.kind]
+        raise _make_kind_error(name, value, f"an array of {entries}")
     return array
 
 

@@ -767,7 +767,7 @@ def test_a_shape_that_does_not_fit_says_nothing_of_the_others():
 def test_whole_numbers_that_an_array_cannot_hold_are_refused():
     assert restore([2**62], np.dtype(np.int64)).tolist() == [2**62]
     for wrong in ([2**63], [1, 2**64 - 1], [2**64]):
-        with pytest.raises(InputError, match="array of numbers"):
+        with pytest.raises(InputError, match="array of whole numbers"):
             restore(wrong, np.dtype(np.int64))
 
 
