@@ -147,8 +147,8 @@ class ResultFiles:
         unless they are among ``names``; if one has been changed since, or is read by the run, an
         error is raised.
     inputs : files that the run reads, which are never replaced or removed.
-    known : texts of files; a file with such a text counts as written by granphon, whatever the list
-        of the folder says.
+    known_texts : texts of files; a file with such a text counts as written by granphon, whatever
+        the list of the folder says.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class ResultFiles:
     _: KW_ONLY
     earlier: Sequence[str] = ()
     inputs: Collection[StrPath] = ()
-    known: Collection[str] = ()
+    known_texts: Collection[str] = ()
 
     def __post_init__(self) -> None:
         """Check that the folder is a path."""
@@ -310,13 +310,15 @@ class ResultFiles:
 
     def _require_own(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
         """Raise :class:`FileExistsInRunError` if one of the ``existing`` files is read by this run,
-        was not written by granphon, or has been changed since. A file with one of the texts
-        ``known`` counts as written. ``written`` holds the SHA-256 of each file that granphon wrote,
-        by its name.
+        was not written by granphon, or has been changed since. A file with one of the
+        ``known_texts`` counts as written. ``written`` holds the SHA-256 of each file that granphon
+        wrote, by its name.
         """
         target = self._target
         why = "Such a file is never replaced, not even with --force"
-        known_digests = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
+        known_digests = [
+            hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known_texts
+        ]
         for name in existing:
             if self._is_read(name):
                 problem = f"{target / name} is read by this run, and would be overwritten"

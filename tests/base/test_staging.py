@@ -272,15 +272,15 @@ def test_a_list_that_cannot_be_read_names_no_file(tmp_path: Path, text: str) -> 
 
 def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("a preset")
-    ResultFiles(tmp_path, ["a"], force=True, known=["another", "a preset"]).require_free()
+    ResultFiles(tmp_path, ["a"], force=True, known_texts=["another", "a preset"]).require_free()
     with pytest.raises(FileExistsInRunError, match="--force"):
-        ResultFiles(tmp_path, ["a"], known=["a preset"]).require_free()
+        ResultFiles(tmp_path, ["a"], known_texts=["a preset"]).require_free()
     (tmp_path / "a").write_text("a preset, edited")
     with pytest.raises(FileExistsInRunError, match="no record"):
-        ResultFiles(tmp_path, ["a"], force=True, known=["a preset"]).require_free()
+        ResultFiles(tmp_path, ["a"], force=True, known_texts=["a preset"]).require_free()
     # what may be replaced when the folder is opened may be replaced at the end
     (tmp_path / "a").write_text("a preset")
-    files = ResultFiles(tmp_path, ["a"], force=True, known=["a preset"])
+    files = ResultFiles(tmp_path, ["a"], force=True, known_texts=["a preset"])
     with files.open(), files.staging() as place:
         (place / "a").write_text("new")
     assert (tree(tmp_path), list(read_written_files(tmp_path))) == ({"a": "new"}, ["a"])
