@@ -240,8 +240,8 @@ def load_plugins() -> dict[str, str | None]:
 
 
 def _load_plugin(point: EntryPoint) -> None:
-    """Load one plug-in, and call it if it is a function; note in ``_loaded`` why it failed, and
-    take out its entries then.
+    """Load one plug-in, and call it if it can be called, as a function; note in ``_loaded`` why it
+    failed, and take out its entries then.
     """
     source = f"the plug-in {point.name}"
     if point.dist:
