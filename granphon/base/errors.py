@@ -61,6 +61,7 @@ class GranphonError(Exception):
     reached: Any = None
 
     def __init__(self, what: str = "", why: str = "", mend: str = "") -> None:
+        """Make the text of the error from its sentences."""
         # args is set here, as OSError would take several arguments for a number and a file
         self.args = (message(what, why, mend),)
 

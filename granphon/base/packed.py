@@ -66,6 +66,7 @@ def _unpack_members(name: str, raw: bytes, limit: int, make_unpacker: Any) -> tu
             raise InputError(fault, "The packed file is damaged", "Make it again") from None
         parts.append(content)
         n_left -= len(content)
+        # at the limit the unpacker stops before the end of a member, which need not be cut
         is_cut = not member.eof and n_left > 0
         if is_cut:
             return b"".join(parts), False

@@ -484,17 +484,17 @@ def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
 def frequencies(
     values: Any, low: Low = "zero or above", in_order: bool = True
 ) -> NDArray[np.float64]:
-    """Return one frequency or a list of n, one or more, as an array (n,), Hz, none above
-    :data:`HIGHEST_FREQUENCY`, and of the sign that ``low`` says; with ``in_order`` each must be
-    above the frequency before.
+    """Return one frequency or a list of n, one or more, as an array (n,), Hz, each of the sign that
+    ``low`` says and of a size up to :data:`HIGHEST_FREQUENCY`; with ``in_order`` each must be above
+    the frequency before.
     """
     numbers = finite_numbers(values, "Hz", low)
     if numbers.ndim > 1:
         raise Refused(f"frequencies of the shape {numbers.shape}", "a list of them, (n,)")
     array = np.atleast_1d(numbers)
-    highest = float(array.max())
-    if highest > HIGHEST_FREQUENCY:
-        raise Refused(f"{highest:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
+    largest = float(array[np.argmax(np.abs(array))])
+    if abs(largest) > HIGHEST_FREQUENCY:
+        raise Refused(f"{largest:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
     falls = np.flatnonzero(np.diff(array) <= 0.0)  # places of those that the next is not above
     if in_order and falls.size:
         frequency, following = array[falls[0] : falls[0] + 2].tolist()

@@ -28,7 +28,7 @@ from granphon.base.errors import (
     needing,
 )
 from granphon.base.standard_errors import read_errors
-from granphon.base.validation import above_zero, each, real_array, texts
+from granphon.base.validation import above_zero, each, frequencies, real_array, texts
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
@@ -415,6 +415,13 @@ def test_a_module_that_an_installed_package_lacks_is_no_package_that_is_missing(
     with pytest.raises(ModuleNotFoundError) as caught, needing("It"):
         import_module("json.no_such_module")
     assert caught.type is ModuleNotFoundError
+
+
+def test_frequencies_of_any_sign_are_limited_in_size():
+    assert frequencies([-1e30, 1.0], low="").tolist() == [-1e30, 1.0]
+    for wrong in ([-1e31, 1.0], 1e31):
+        with pytest.raises(Refused, match="e\\+31 Hz"):
+            frequencies(wrong, low="")
 
 
 def test_a_refusal_keeps_its_attributes_under_a_key():
