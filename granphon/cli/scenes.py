@@ -88,7 +88,7 @@ def write_preset(
     # a file with the text of any preset is one that granphon wrote, which --force may replace
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
-    with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
+    with ResultFiles(target.parent, [target.name], force, known_texts=texts.values()).open():
         write_text(target, texts[preset], replace=True)
     say(f"Wrote {path}. Next: granphon check {path}")
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.balls.neighbours import steps_within
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDING, Array
 from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError, brief
 from granphon.base.validation import finite_array
 from granphon.dynamics.blocks import DEGENERATE
@@ -486,7 +486,7 @@ def _find_maximum(
     one of :data:`_PIECES` pieces, until its ends are neighbours among floats.
     """
     references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
-    while high - low > ROUNDED * high:
+    while high - low > ROUNDING * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest_modes(lattice, points, along, references)
         is_rising = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`

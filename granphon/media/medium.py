@@ -24,7 +24,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive, require_of_packing
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDING, Array
 from granphon.base.differences import Course, differentiate
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
@@ -409,7 +409,7 @@ class LawMedium(Medium[ContactState]):
             force, slope = self._ask_force(load, overlap)
             step = (law.force(overlap) - force) / (law.stiffness(overlap) - slope)
             overlap = overlap - step
-            if np.all(np.abs(step) <= ROUNDED * np.abs(overlap)):
+            if np.all(np.abs(step) <= ROUNDING * np.abs(overlap)):
                 break
         return overlap
 
