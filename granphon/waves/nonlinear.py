@@ -141,7 +141,7 @@ class Drive:
 
     Parameters
     ----------
-    balls : index of a ball or body, or several indices.
+    balls : index of a ball or body, or several indices, each once.
     direction : (3,), or as many numbers as the network has dimensions; its length does not matter.
     displacement : function of the time, s, that returns the displacement of the balls, m, zero at
         the time zero. The balls move so whatever acts on them; bodies that are held may be moved.
@@ -194,7 +194,8 @@ class NonlinearWaves:
     Raises
     ------
     InputError : if there is no network; for contacts without force, whose overlap is not known; for
-        what is no contact law, and a law that needs the balls of a crystal; for another word than
+        what is no contact law, a law that needs the balls of a crystal, and any law beside a
+        crystal; for another word than
         those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network with ``prestress``
         and the geometry "lattice", in which its static forces act sideways; for one with
         ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity of
@@ -271,7 +272,7 @@ class NonlinearWaves:
         if isinstance(law, Crystal) and not is_unloaded:
             return self._make_crystal_laws(law, is_unloaded)
         if is_unloaded or isinstance(law, DMT | JKR):
-            why = "The materials of the balls are needed, or contacts have no load and known laws"
+            why = "The contacts of a crystal, and of balls that adhere, have the law of the crystal"
             raise InputError(
                 f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here"
             )
@@ -389,8 +390,8 @@ class NonlinearWaves:
         return _Laws(powers, powers, stiffness, find_mean_law, sizes)
 
     def _find_punch(self, laws: ContactLaws) -> Array:
-        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under their forces at rest; if
-        the ``laws`` know no radii a of contacts, their normal stiffnesses.
+        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under the forces of the
+        network; if the ``laws`` know no radii a of contacts, their normal stiffnesses.
         """
         network = self.network
         if laws.know_radii:
@@ -472,8 +473,8 @@ class NonlinearWaves:
             the network. Or give ``displacements`` from there, m, which keep digits that positions
             lose.
         velocities, rotations, spins : those of the balls at the start, (n, 3) or (n, d), m/s, rad
-            and rad/s; zero by default. Contacts have come from rest to the start without sliding,
-            but for Coulomb's limit.
+            and rad/s; zero by default. Contacts come from rest to the start in one step, in
+            which they slide only as far as Coulomb's limit makes them.
         drive : a :class:`Drive`, or several.
         frames : number of times at which the motion is kept; the first is the start, the last the
             end.
@@ -517,7 +518,7 @@ class NonlinearWaves:
             or is named twice, along which balls do not move, or whose function is not finite at the
             time zero; for a displacement that does not begin at zero, a force on a body that is
             held, two drives of a ball of which one is a displacement, and drives that displace all
-            balls; if no contact is pressed at the start, no ball moves and no step is given; for a
+            balls; if no contact resists a motion of the balls and no step is given; for a
             ``step`` too long for the stiffest contact, more than ten million steps, and steps too
             short, balls too fast or contacts too stiff for double precision; and for a ``file``
             that is no path.
@@ -560,24 +561,27 @@ class NonlinearWaves:
         velocities v (size,), and a bound of the frequencies of contacts, rad/s.
 
         The step is the ``step`` of the user, s, or the default. Raises
-        :class:`~granphon.base.errors.InputError` if the user's step is too long, and in all cases
-        what :meth:`_System.find_pressed_stiffness` and :meth:`_System.choose_step` raise.
+        :class:`~granphon.base.errors.InputError` if the user's step is no time, or too long, and
+        what :meth:`_System.find_pressed_stiffness`, :meth:`_System.choose_step` and
+        :meth:`_System.find_rate` raise.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
             largest_energy = 0.5 * float(np.max(squares, initial=0.0))  # of a ball, J
             stiffness = system.find_pressed_stiffness(x, largest_energy)
-            default_step = system.choose_step(stiffness)
             top = system.bound.find(stiffness)
-        chosen_step = default_step if step is None else positive("step", step, "s")
-        if chosen_step * _LEAST_STABLE_STEPS > _STEPS_PER_PERIOD * default_step:
+            if step is None:
+                return system.choose_step(stiffness), top
+            rate = system.find_rate(stiffness)
+        given_step = positive("step", step, "s")
+        if given_step * rate * _LEAST_STABLE_STEPS > 2.0 * math.pi:
             raise InputError(
-                f"the step of {chosen_step:.3g} s is too long for the stiffest contact, or its"
+                f"the step of {given_step:.3g} s is too long for the stiffest contact, or its"
                 f" damping",
                 "It would not be stable",
                 "Leave step out",
             )
-        return chosen_step, top
+        return given_step, top
 
     def find_step(self, speed: float = 0.0, force: float = 0.0, displacement: float = 0.0) -> float:
         """Return an estimate of the time step, s, of a :meth:`run` that is given none.
@@ -593,8 +597,8 @@ class NonlinearWaves:
         stiffer.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no finite number, zero or
-        above; if no contact is pressed, neither at rest nor by these numbers; and for balls too
-        fast, or contacts too stiff, for double precision.
+        above; if no contact resists a motion of the balls; and for balls too fast, or contacts too
+        stiff, for double precision.
         """
         speed = not_negative("speed", speed, "m/s")
         force = not_negative("force", force, "N")
@@ -862,8 +866,9 @@ class _Laws(NamedTuple):
     normal : laws of the contacts, as functions of their elongation since rest.
     springs : the same laws, as groups of contacts with one law; :class:`Powers` if one exponent is
         given for all contacts.
-    punch : (n_c,) stiffnesses 2 E* a of the contacts at rest, N/m; normal stiffnesses if laws know
-        no radii a of contacts.
+    punch : (n_c,) stiffnesses 2 E* a, N/m, of the contacts under the forces of the network; normal
+        stiffnesses if laws know no radii a of contacts. Balls that touch without load have the
+        small forces of :meth:`Crystal.touch` here.
     find_pair_law : function of the names of two kinds of balls. It returns the law of such balls
         that meet, kappa/(2 E* a) and E*, Pa, or raises InputError if the law is not known. If one
         exponent is given for all contacts, it returns the coefficient over the root of the radius
@@ -1276,19 +1281,27 @@ class _System:
         """Return the default time step, s, for contacts with the normal ``stiffness`` (n_c,), N/m:
         :data:`_STEPS_PER_PERIOD` steps make the shortest period.
 
-        Raises :class:`~granphon.base.errors.InputError` for contacts too stiff for double
-        precision, and if all stiffnesses and losses are zero and no spring holds a ball.
+        Raises :class:`~granphon.base.errors.InputError` if nothing resists or slows down a motion,
+        as where a ball touches none but its own images, and what :meth:`find_rate` raises.
         """
-        top = self._bound_rates(stiffness)
-        if not top < math.inf:
+        rate = self.find_rate(stiffness)
+        if not rate > 0.0:
+            raise InputError(
+                "no contact resists a motion of the balls", "There is no time scale", "Give a step"
+            )
+        return 2.0 * math.pi / _STEPS_PER_PERIOD / rate
+
+    def find_rate(self, stiffness: Array) -> float:
+        """Return the rate of :meth:`_bound_rates`, rad/s; raise
+        :class:`~granphon.base.errors.InputError` if contacts with the ``stiffness`` (n_c,), N/m,
+        are too stiff for double precision.
+        """
+        rate = self._bound_rates(stiffness)
+        if not rate < math.inf:
             raise InputError(
                 "contacts become too stiff for double precision", mend="Compare the units"
             )
-        if not top > 0.0:
-            raise InputError(
-                "no contact is pressed, and no ball moves", "There is no time scale", "Give a step"
-            )
-        return 2.0 * math.pi / _STEPS_PER_PERIOD / top
+        return rate
 
     def find_pressed_stiffness(
         self, x: Array, energy: float, force: float = 0.0, displacement: float = 0.0
