@@ -18,7 +18,7 @@ from granphon.base.validation import finite_array, whole_number
 from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.lowest_modes import size_block
 from granphon.waves.lowest import find_lowest
-from granphon.waves.modes import DENSE, ZERO, find_allowed_fall
+from granphon.waves.modes import MOST_DENSE_MOTIONS, ZERO, find_allowed_fall
 from granphon.waves.operator import WaveOperator, explain_instability
 
 
@@ -38,7 +38,7 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     squares = np.empty((len(wavevectors), count))
     for row, wavevector in zip(squares, wavevectors, strict=True):
         matrix = operator.at_wavevector(wavevector)
-        if size <= DENSE:
+        if size <= MOST_DENSE_MOTIONS:
             row[:] = np.linalg.eigvalsh(matrix.toarray())[:count]
         else:
             row[:] = find_lowest(operator, matrix, count, q=wavevector).values
@@ -58,7 +58,7 @@ def read_count(operator: WaveOperator, count: int) -> int:
     count = whole_number("count", count, 1)
     size = operator.size
     # an iteration of the block has a space of three blocks: vectors, residuals and last changes
-    exceeds_space = size > DENSE and 3 * size_block(count) > size
+    exceeds_space = size > MOST_DENSE_MOTIONS and 3 * size_block(count) > size
     if count > size or exceeds_space:
         fault = f"{counted(count, 'branch is', 'branches are')} asked for, of {size:,}"
         raise InputError(fault, "Only the lowest ones are found", "Ask for fewer")

@@ -83,7 +83,7 @@ def dense(disordered):
 @pytest.fixture
 def estimated(monkeypatch):
     """Densities of states of small networks are found as those of large ones, by random vectors."""
-    monkeypatch.setattr("granphon.waves.waves.DENSE", 0)
+    monkeypatch.setattr("granphon.waves.waves.MOST_DENSE_MOTIONS", 0)
 
 
 # -- the kernel ------------------------------------------------------------------------------------
