@@ -29,8 +29,8 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     Raises what :func:`read_count` and :func:`read_wavevectors` raise;
     :class:`~granphon.base.errors.InstabilityError` at the first wave vector at which a squared
     frequency is below zero; and :class:`~granphon.base.errors.ConvergenceError` if the branches of
-    a large network are not found. Networks with static tangential forces have no such instability
-    (:func:`_require_stable`): their squared frequencies below zero are returned as zero.
+    a large network are not found. In networks with static tangential forces no square raises an
+    error (:func:`_require_stable`): squares below zero are returned as frequencies of zero.
     """
     count = read_count(operator, count)
     wavevectors = read_wavevectors(operator, q)
@@ -51,9 +51,9 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
 def read_count(operator: WaveOperator, count: int) -> int:
     """Return the number of branches that ``count`` gives.
 
-    Raises :class:`~granphon.base.errors.InputError` for a number that is not whole or below 1, for
-    more branches than there are, and for more than the block of vectors of a large network can
-    find, about a third.
+    Raises :class:`~granphon.base.errors.InputError` for what is no whole number, 1 or more; for
+    more branches than there are; and for more than the block of vectors of a large network can
+    find, about a third of all.
     """
     count = whole_number("count", count, 1)
     size = operator.size
@@ -67,7 +67,8 @@ def read_count(operator: WaveOperator, count: int) -> int:
 
 def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
     """Return the wave vectors (n_q, p), in fractions of the reciprocal cell, that ``q`` (n_q, p) or
-    (p,) gives; p is the number of axes along which the network repeats.
+    (p,) gives; p is the number of axes along which the network repeats. If p is 1, a number is one
+    wave vector.
 
     Raises :class:`~granphon.base.errors.InputError` for ``q`` of another shape, without a wave
     vector or not finite, and for a network that does not repeat; and

@@ -19,6 +19,7 @@ deviation in theta is pi / 2M with M moments.
 
 from __future__ import annotations
 
+import decimal
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -48,6 +49,8 @@ _ROUNDING = 1e-12
 #: most bytes of vectors that a result keeps, so that more moments go on from these vectors; a
 #: result whose vectors would take more keeps none, and for more moments begins the recursion again
 _MOST_KEPT_BYTES = 2**28
+#: digits of a resolution in a message
+_N_DIGITS = 3
 #: share by which rounding may raise a moment above that of order zero, and the norm of T_n x above
 #: that of x; greater ones have a squared frequency below zero
 GROWTH = 1e-6
@@ -88,20 +91,18 @@ class Kernel:
         # the resolution of M moments is pi top / 2M
         least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if least_count > _MOST_MOMENTS:
-            fault = (
-                f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
-                f" go up to {top:g} Hz"
-            )
+            finest = _round(cls(top, _MOST_MOMENTS).resolution, decimal.ROUND_CEILING)
             raise InputError(
-                fault, mend=f"Give {math.pi * top / (2.0 * _MOST_MOMENTS):.3g} Hz or more"
+                f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
+                f" go up to {top:g} Hz",
+                mend=f"Give {finest:g} Hz or more",
             )
         if least_count < _LEAST_MOMENTS:
-            fault = (
-                f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
-                f" {top:g} Hz"
-            )
+            coarsest = _round(cls(top, _LEAST_MOMENTS).resolution, decimal.ROUND_FLOOR)
             raise InputError(
-                fault, mend=f"Give {math.pi * top / (2.0 * _LEAST_MOMENTS):.3g} Hz or less"
+                f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
+                f" {top:g} Hz",
+                mend=f"Give {coarsest:g} Hz or less",
             )
         # a whole number that rounding lifted a little is not rounded up to the next one
         return cls(top, math.ceil(least_count * (1.0 - _ROUNDING)))
@@ -193,12 +194,18 @@ class Kernel:
             raise InputError(fault, mend="Compute the spectrum again")
 
 
+def _round(resolution: float, rounding: str) -> float:
+    """Return a ``resolution`` in :data:`_N_DIGITS` digits, by a ``rounding`` of :mod:`decimal`."""
+    context = decimal.Context(_N_DIGITS, rounding)
+    return float(context.create_decimal_from_float(resolution))
+
+
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is ``start``, a vector
     (size,) or m vectors (size, m).
 
-    Each array that is yielded holds its numbers until the next array has been computed from it, and
-    is then overwritten: a caller that needs the numbers for longer copies them.
+    Each array that is yielded holds its numbers until the next array has been yielded, and may then
+    be overwritten: a caller that needs the numbers for longer copies them.
     """
     previous = np.array(start, float)
     yield previous

@@ -72,7 +72,6 @@ from granphon.base.validation import (
     label,
     number,
     read_inside,
-    real_number,
     zero_or_above,
 )
 from granphon.dynamics.damping import LEAST_RESTITUTION, read_loss
@@ -114,8 +113,8 @@ RESPONSES = {
 }
 #: the faces of an array
 FACES = ("lower", "upper")
-#: text of a receiver that is a contact: the indices of its two balls
-_CONTACT = re.compile(r"([0-9]+)-([0-9]+)")
+#: text of a receiver that is a contact: the indices of its two balls, of at most nine digits
+_CONTACT = re.compile(r"([0-9]{1,9})-([0-9]{1,9})")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
 #: words that say whether dashpots may pull in a motion
@@ -198,7 +197,7 @@ def _read_place(value: Any) -> str:
     words = value.split() if isinstance(value, str) else []
     if words in (["plane"], [FLOOR]) or (len(words) == 1 and _CONTACT.fullmatch(words[0])):
         return words[0]
-    if len(words) > 1 and words[0].isdecimal():
+    if len(words) > 1 and re.fullmatch("[0-9]{1,9}", words[0]):
         direction = words[1:]
         is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
         if is_axis or _is_vector(direction):
@@ -224,24 +223,20 @@ def find_place(text: str) -> Any:
     return int(ball), [float(component) for component in direction]
 
 
-def _is_vector(words: list[Any]) -> bool:
-    """Return whether ``words`` are one to three finite numbers, or texts of such numbers, not all
-    zero.
-    """
-    components: list[Any] = []
-    for word in words:
-        is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
-        components.append(float(word) if is_number else word)
-    if not 1 <= len(components) <= 3 or not any(components):
+def _is_vector(words: list[str]) -> bool:
+    """Return whether ``words`` are one to three finite numbers, not all zero."""
+    if not 1 <= len(words) <= 3 or not all(re.fullmatch(NUMBER, word) for word in words):
         return False
-    return all(math.isfinite(real_number(component)) for component in components)
+    components = [float(word) for word in words]
+    return any(components) and all(map(math.isfinite, components))
 
 
 def read_direction(value: Any) -> tuple[float, ...]:
     """Return the one to three components of a Cartesian vector, read from a list of numbers or
     fractions such as "1/2", or from a text of these.
 
-    Raises :class:`Refused` for another number of components, and for zeros.
+    Raises :class:`Refused` for another number of components, for zeros alone, and for what is no
+    such number or fraction, or a number above 1000 in magnitude.
     """
     words: Any = value.split() if isinstance(value, str) else value
     if not isinstance(words, list | tuple):
@@ -392,7 +387,9 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def has_dashpots(self) -> bool:
-        """Whether contacts have dashpots: a damping, a dashpot or a restitution."""
+        """Whether contacts have dashpots: a damping or a dashpot above zero, or a restitution, even
+        one of 1.
+        """
         dashpots = (self.damping, self.dashpot)
         return self.restitution is not None or any(loss and np.any(loss) for loss in dashpots)
 
@@ -805,8 +802,9 @@ class Signal:
     def __post_init__(self) -> None:
         """Make tuples of numbers of both lists.
 
-        Raises :class:`Refused` for entries that are no finite numbers, for lists of fewer than two
-        entries or of different lengths, and for times that are below 0 s or do not ascend.
+        Raises :class:`InputError` for what is no list of one or more finite numbers; and
+        :class:`Refused` for lists of one entry or of different lengths, and for times that are
+        below 0 s or do not ascend.
         """
         object.__setattr__(self, "times", finite_list("times", self.times, "s"))
         object.__setattr__(self, "values", finite_list("values", self.values, ""))
@@ -932,9 +930,9 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
 class DriveSettings(Block):
     """A drive of some balls along a direction, of one of four kinds.
 
-    A face of the array is its floor, or if there is none its clamped balls, or if there are none
-    the balls of its outer layer. Exactly one of ``impact``, ``shaker``, ``force`` and
-    ``displacement`` is not None.
+    A face of the array is its floor; without a floor its clamped balls, if no ball of its outer
+    layer moves; else the balls of its outer layer. Exactly one of ``impact``, ``shaker``, ``force``
+    and ``displacement`` is not None: :class:`MotionSettings` refuses other drives.
     """
 
     block = "drive"
