@@ -399,7 +399,10 @@ class Refinable(Result):
         return self._require_finder()(Kernel.of(self.top, moments=moments).moments)
 
     def with_resolution(self, resolution: float) -> Self:
-        """Return the result whose resolution is at least as fine as ``resolution``, Hz, above zero;
-        what :meth:`with_moments` says of moments and of errors is true here too.
+        """Return the result whose resolution is at least as fine as ``resolution``, Hz, with the
+        fewest moments; see :meth:`with_moments`.
+
+        Raises :class:`~granphon.base.errors.InputError` if this result was read from data, and for
+        a resolution that is not above zero, or takes too many moments or fewer than four.
         """
         return self._require_finder()(Kernel.of(self.top, resolution).moments)

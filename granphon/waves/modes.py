@@ -1637,7 +1637,8 @@ def _find_lowest_of_whole(
 
 def _search_lowest(operator: WaveOperator) -> float:
     """Return the lowest Ritz value, (rad/s)^2, of D in the Krylov space of a random vector, by
-    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion. It is not below the lowest eigenvalue.
+    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion. It is not below the lowest eigenvalue but
+    for rounding.
     """
     from scipy.linalg import eigvalsh_tridiagonal
 
@@ -1712,8 +1713,8 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     :func:`_prove_complete` finds no mode missing. If more than a third of all modes would be
     sought, :func:`_find_dense` finds all instead. In packings most zero modes are of single balls,
     which turn about the line through their two contacts. These modes are known, and Lanczos's
-    vectors are kept free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes
-    cost energy.
+    vectors are kept free of them. Raises what :func:`_find_dense` and
+    :meth:`Problem.factorise_shifted` raise.
     """
     size = problem.live.size
     top = problem.top

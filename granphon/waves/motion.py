@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, Self
 
@@ -219,9 +220,7 @@ class Motion(Result):
         i, j = self.met.T
         centres = network.positions[i]
         periods = network.cell[list(network.pbc)]
-        vectors = network.positions[j] - centres
-        cells = np.rint(vectors @ np.linalg.pinv(periods))
-        to_nearest_image = vectors - cells @ periods
+        to_nearest_image = _shorten(network.positions[j] - centres, periods)
         met_positions = centres + 0.5 * to_nearest_image
         for wall, (point, normal) in network.walls.items():
             is_at_wall = j == wall
@@ -543,6 +542,19 @@ class Motion(Result):
             raise InputError(fault, why, mend)
 
 
+def _shorten(vectors: Array, periods: Array) -> Array:
+    """Return the shortest vectors (m, 3) that differ from ``vectors`` (m, 3) by whole ``periods``
+    (p, 3), m.
+    """
+    vectors = vectors - np.rint(vectors @ np.linalg.pinv(periods)) @ periods
+    # in a tilted cell the shortest vector may be one period beside the one that rounding finds;
+    # that one comes first, so that it stays where others are as short
+    steps = np.array(list(product((0.0, 1.0, -1.0), repeat=len(periods))))
+    candidates = vectors[:, None] + steps @ periods  # (m, 3^p, 3)
+    shortest = np.argmin(np.linalg.norm(candidates, axis=2), axis=1)
+    return np.asarray(candidates[np.arange(len(vectors)), shortest])
+
+
 def _find_first_maxima(heights: Array) -> Index:
     """Return for each contact the frame (n_c,) of the first maximum of its ``heights`` (n_f, n_c)
     that is at least half as high as its greatest height; 0 if there is no such maximum.
@@ -562,9 +574,9 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     (n,), s, and an empty text; n is 2 or more.
 
     If the points are on no straight line that rises, the slope is nan, and the text is the reason:
-    times do not grow with the distance; they scatter about the line, with a correlation of
-    :data:`_LEAST_CORRELATION` or less; or they lie on a line that bends, as those of a signal that
-    diffuses do.
+    times do not grow with the distance, or one is nan; they scatter about the line, with a
+    correlation of :data:`_LEAST_CORRELATION` or less; or they lie on a line that bends, as those of
+    a signal that diffuses do.
     """
     # each condition is negated, so that nan does not pass as a straight line
     covariances = np.cov(times, distances)
@@ -579,8 +591,8 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     n_distances = len(np.unique(np.round(distances / farthest, 9)))
     if n_distances > 3:  # a parabola goes through three points, whatever their scatter
         # times = curvature s^2 + slope s + constant, where s are relative distances
-        relative = (distances - np.mean(distances)) / farthest
-        curvature, slope, _ = np.polyfit(relative, times, 2)
+        relative_distances = (distances - np.mean(distances)) / farthest
+        curvature, slope, _ = np.polyfit(relative_distances, times, 2)
         if not abs(curvature) * np.ptp(distances) / farthest <= _MOST_BENDING * abs(slope):
             return math.nan, "distances over times are no straight line"
     return float(covariance / time_variance), ""

@@ -122,9 +122,9 @@ _CHANGE_BY_ROUNDING = 1e-9
 _MOST_ITERATIONS = 50
 #: relative difference up to which the coefficients of contacts, over the roots of their radii, are
 #: those of one material
-_SAME_MATERIAL = 1e-2
-#: share of a step to which the instant of a jump is found: contacts that join or part within such a
-#: share do so at once, and no larger share of the energy of the jump is lost by that
+_MATERIAL_SPREAD = 1e-2
+#: share of a step to which the instant of a jump is found. Contacts that join or part within one
+#: such share do so together, which loses no larger share of the energy of the jump
 _SWITCH_SHARE = 1e-6
 #: displacement of a ball since pairs were listed, over the margin of the list, above which they are
 #: listed anew. At a half, two balls that are not listed may touch; the difference is for what balls
@@ -376,12 +376,12 @@ class NonlinearWaves:
             over the contacts of a ``pair`` of kinds, and 1 in place of E*.
 
             Raises :class:`~granphon.base.errors.InputError` if the coefficients over the root
-            differ by more than :data:`_SAME_MATERIAL` times their mean.
+            differ by more than :data:`_MATERIAL_SPREAD` times their mean.
             """
             contacts = pairs.get(pair, slice(None))
             coefficients = coefficient_per_root[contacts]
             mean_coefficient = np.mean(coefficients)
-            if np.ptp(coefficients) > _SAME_MATERIAL * mean_coefficient:
+            if np.ptp(coefficients) > _MATERIAL_SPREAD * mean_coefficient:
                 raise InputError(
                     f"contacts of {pair} have no law that is known", mend="Give a Crystal"
                 )
@@ -434,8 +434,8 @@ class NonlinearWaves:
         return Powers(laws.exponent, coefficient, overlap), ratio, unknown_groups
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
-        """Return for each pair of kinds of balls, by their names, the indices of the contacts
-        between balls ``i`` and ``j`` (n,) of these kinds.
+        """Return for each pair of kinds of balls, by their names in alphabetical order, the indices
+        of those contacts between balls ``i`` and ``j`` (k,) that join these kinds.
         """
         is_plane = np.isinf(self.network.radii)
         kinds = self.network.kinds or np.where(is_plane, RIGID_PLANE.name, _BALL)
@@ -1880,6 +1880,7 @@ class _System:
             j = np.append(j, np.full(len(near_balls), wall))
             shift = np.concatenate([shift, np.zeros((len(near_balls), 3), np.intp)])
         pairs = np.column_stack([i, j, shift])[network.moving[i] | network.moving[j]]
+        # a pair that is also a contact of the network has one row, the first of which is a contact
         contacts = self._list_contacts_as_pairs()
         table, first_rows = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
         return np.asarray(table[first_rows >= network.n_contacts])

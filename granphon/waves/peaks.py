@@ -345,8 +345,8 @@ def _approach_lines(
 
 def _place_points(pole: Complex, low: Array, high: Array) -> Array:
     """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,), complex: its
-    real part, clipped to the interval from ``low`` to ``high`` (n,), and half a width to either
-    side.
+    real part, clipped to the interval from ``low`` to ``high`` (n,), and half a width of its line
+    to either side, but no more than a quarter of the interval.
     """
     centre = np.clip(pole.real, np.maximum(low, _LEAST_WIDTH * high), high)
     widest = 0.5 * _LEAST_STEPS * (high - low)
@@ -402,8 +402,8 @@ def _find_windows(
     ``frequencies`` (n_f,), Hz; ``is_peak`` (n, n_r) says which receivers have a peak there.
 
     To either side the window ends at the frequency at which the square of the magnitude has fallen
-    to half, or if it does not fall so far, at the next frequency; it holds the windows of all
-    receivers with a peak.
+    to half, or if it rises before or does not fall so far, at the next frequency. A window holds
+    those of all receivers with a peak in its row.
     """
     low, high = np.full((2, rows.size), np.nan)
     windows = _Windows(low, high, float(frequencies[0]), float(frequencies[-1]))

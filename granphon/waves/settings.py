@@ -868,9 +868,9 @@ def _read_table(folder: Path, file: str, name: str, quantity: Quantity) -> Signa
 
 
 def _signal_kind(name: str, quantity: Quantity) -> Kind:
-    """Return the kind of a signal of what ``name`` names, with the unit of the ``quantity``. The
-    signal is read from the name of a file with a table, from a block of two lists, "time" and
-    ``name``, or from a signal, and is written as such a block.
+    """Return the kind of a signal of a force or a displacement, which ``name`` says; the
+    ``quantity`` has its unit. The signal is read from the name of a file with a table, from a block
+    of two lists, "time" and ``name``, or from a signal, and is written as such a block.
     """
     columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(quantity))}
     lists = block_of(columns, tuple(columns))

@@ -317,6 +317,37 @@ def test_a_motion_replaces_one_that_was_cut_off_without_a_warning(tmp_path):
     assert gp.Motion.read(path) == motion
 
 
+def test_contacts_that_came_about_are_between_nearest_images_in_a_tilted_cell():
+    ball = gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)
+    network = gp.Crystal.on("triangular", [ball]).at_force(1.0).network.repeat((4, 4))
+    n = network.n_balls
+    met = np.array([(0, j) for j in range(1, n)])
+    zeros, vectors = np.zeros(1), np.zeros((1, n, 3))
+    forces = np.zeros((1, network.n_contacts + len(met)))
+    motion = gp.Motion(
+        times=zeros,
+        displacements=vectors,
+        velocities=vectors,
+        rotations=vectors,
+        spins=vectors,
+        forces=forces,
+        shears=forces,
+        translation=zeros,
+        rotation=zeros,
+        stored=zeros,
+        lost=zeros,
+        work=zeros,
+        step=1.0,
+        network=network,
+        met=met,
+    )
+    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2)
+    images = network.positions[1:, None] - network.positions[0] + steps @ network.cell[:2]
+    lengths = np.min(np.linalg.norm(images, axis=2), axis=1)
+    arms = motion.middles[network.n_contacts :] - network.positions[0]
+    assert_allclose(2.0 * np.linalg.norm(arms, axis=1), lengths, rtol=1e-12)
+
+
 def test_a_file_of_a_motion_is_no_sweep(tmp_path):
     make().write(tmp_path / "motion.nc")
     with pytest.raises(InputError, match=r"motion.*gp.plot\(gp.Motion"):
