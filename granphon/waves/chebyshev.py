@@ -91,18 +91,18 @@ class Kernel:
         # the resolution of M moments is pi top / 2M
         least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if least_count > _MOST_MOMENTS:
-            finest = _round(cls(top, _MOST_MOMENTS).resolution, decimal.ROUND_CEILING)
+            finest_resolution = _round(cls(top, _MOST_MOMENTS).resolution, decimal.ROUND_CEILING)
             raise InputError(
                 f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
                 f" go up to {top:g} Hz",
-                mend=f"Give {finest:g} Hz or more",
+                mend=f"Give {finest_resolution:g} Hz or more",
             )
         if least_count < _LEAST_MOMENTS:
-            coarsest = _round(cls(top, _LEAST_MOMENTS).resolution, decimal.ROUND_FLOOR)
+            coarsest_resolution = _round(cls(top, _LEAST_MOMENTS).resolution, decimal.ROUND_FLOOR)
             raise InputError(
                 f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
                 f" {top:g} Hz",
-                mend=f"Give {coarsest:g} Hz or less",
+                mend=f"Give {coarsest_resolution:g} Hz or less",
             )
         # a whole number that rounding lifted a little is not rounded up to the next one
         return cls(top, math.ceil(least_count * (1.0 - _ROUNDING)))

@@ -197,8 +197,8 @@ class SpectralDensity(Refinable):
         of these frequencies, or if there are no such frequencies.
         """
         start = int(np.searchsorted(self.frequencies, _ZERO_WIDTH * self.resolution))
-        reduced = self.reduced[start:]
-        peak = int(np.argmax(reduced)) if reduced.size else 0
+        reduced_densities = self.reduced[start:]
+        peak = int(np.argmax(reduced_densities)) if reduced_densities.size else 0
         # a maximum at the first frequency is no peak: it may be the flank of the line at zero
         return float(self.frequencies[start + peak]) if peak else math.nan
 

@@ -485,7 +485,7 @@ class _Window:
         progress of the ``operator`` is told of each product.
         """
         size, m = starts.shape
-        filtered = np.zeros((size, self.n_filters, m))
+        filtered_vectors = np.zeros((size, self.n_filters, m))
         recursion = polynomials(operator, starts)  # yields T_n x, of one order n after the other
         kept_polynomials = np.empty((_KEPT_POLYNOMIALS, size, m))
         with operator.progress.step("modes of a window", self.order + 1) as step:
@@ -499,9 +499,9 @@ class _Window:
                     block = slice(row, row + _ROWS)
                     polynomials_of_block = kept_polynomials[:count, block].reshape(count, -1)
                     sums = coefficients @ polynomials_of_block  # (filters, rows x m)
-                    filtered[block] += sums.reshape(self.n_filters, -1, m).swapaxes(0, 1)
+                    filtered_vectors[block] += sums.reshape(self.n_filters, -1, m).swapaxes(0, 1)
                 step.advance(count)
-        return filtered.reshape(size, -1)
+        return filtered_vectors.reshape(size, -1)
 
 
 class _Density:
@@ -1042,8 +1042,8 @@ class NetworkModes(Result):
         """
         network = self.network
         groups = number_equal(self.frequencies)  # modes of one frequency have one number
-        moving = np.flatnonzero(network.moving)
-        square_motions = self.vectors[:, moving] ** 2
+        moving_balls = np.flatnonzero(network.moving)
+        square_motions = self.vectors[:, moving_balls] ** 2
 
         def average(values: Array) -> Array:
             """Return values (m, ...) of modes, each replaced by the mean over the modes of the same
@@ -1054,15 +1054,15 @@ class NetworkModes(Result):
         square_deformations = {
             kind: average(squares.T) for kind, squares in self._square_deformations().items()
         }
-        shares_frequency = np.bincount(groups)[groups] > 1
+        is_shared = np.bincount(groups)[groups] > 1
         energies = ModeEnergies(
             2.0 * math.pi * self.frequencies,
-            shares_frequency,
+            is_shared,
             square_deformations,
             average(square_motions),
         )
         si_units = Units(1.0, 1.0, 1.0)
-        place = Place(network, si_units, moving, np.arange(network.n_contacts))
+        place = Place(network, si_units, moving_balls, np.arange(network.n_contacts))
         return find_frequency_sensitivities(energies, place, self.warnings)
 
     @cached_property
@@ -1145,9 +1145,9 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         pairs = _find_factored(problem, count, target)
     else:
         pairs = _find_large(problem, count, target)
-    # the sign of a mode is free: the largest number is above zero
-    largest = np.argmax(np.abs(pairs.vectors), axis=0)
-    signs = np.sign(pairs.vectors[largest, np.arange(count)])
+    # the sign of a mode is free: the number that is largest in size is above zero
+    largest_motion = np.argmax(np.abs(pairs.vectors), axis=0)
+    signs = np.sign(pairs.vectors[largest_motion, np.arange(count)])
     return NetworkModes(
         frequencies=pairs.omega / (2.0 * math.pi),
         vectors=_list_by_balls(operator, signs * pairs.vectors),
@@ -1215,22 +1215,22 @@ def find_damped(
         # by real parts: strong losses turn the highest modes into creep, of real part zero
         order = np.argsort(omega)
         vectors = modes.vectors[order].astype(complex)
-        highest = float(modes.frequencies[-1])
+        highest_frequency = float(modes.frequencies[-1])
         return DampedModes(
             frequencies=omega[order] / (2.0 * math.pi),
             vectors=vectors,
-            warnings=losses.find_warnings(highest),
+            warnings=losses.find_warnings(highest_frequency),
         )
     count, target = read_request(operator, count, nearest)
     omega, shapes = _find_unevenly_damped(operator, losses, count, target)
     # warnings need the highest frequency without losses: Rayleigh's quotient of each shape
     forces = np.asarray(operator.matrix @ shapes)
     squares = np.sum(shapes.conj() * forces, axis=0).real
-    highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
+    highest_frequency = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
     return DampedModes(
         frequencies=omega / (2.0 * math.pi),
         vectors=_list_by_balls(operator, shapes),
-        warnings=losses.find_warnings(highest),
+        warnings=losses.find_warnings(highest_frequency),
     )
 
 
@@ -1368,13 +1368,13 @@ def _find_zero_motions(problem: Problem, count: int) -> Array:
     while n_searched * _ALL_OVER_FOUND <= problem.live.size:
         _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve)
         omega, modes, _ = problem.refine(vectors)
-        costs_nothing = omega <= ZERO * problem.top
-        if np.count_nonzero(costs_nothing) == n_zeros:
-            return modes[problem.live][:, costs_nothing]
+        is_zero = omega <= ZERO * problem.top
+        if np.count_nonzero(is_zero) == n_zeros:
+            return modes[problem.live][:, is_zero]
         n_searched *= 2
     squares, vectors = _diagonalise(problem, count)
-    costs_nothing = find_roots(problem.operator, squares) <= ZERO * problem.top
-    return np.asarray(vectors[:, costs_nothing])
+    is_zero = find_roots(problem.operator, squares) <= ZERO * problem.top
+    return np.asarray(vectors[:, is_zero])
 
 
 @single_products()

@@ -321,7 +321,7 @@ class Motion(Result):
         greatest change, so that a later echo does not count. If there is no such maximum, it is the
         greatest change. Times between frames are interpolated linearly; the time is infinite where
         a force does not change. Raises :class:`~granphon.base.errors.InputError` for a ``share``
-        below 1e-9 or above 1.
+        that is no number from 1e-9 to 1.
         """
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
@@ -354,7 +354,8 @@ class Motion(Result):
         are too few to tell when the pulse passes.
 
         Raises :class:`~granphon.base.errors.InputError` for another word than "peak" and "front",
-        and for a ``share`` of a front below 1e-9 or above 1; for a peak the share is not used.
+        and for a ``share`` of a front that is no number from 1e-9 to 1; for a peak the share is not
+        used.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
@@ -486,11 +487,11 @@ class Motion(Result):
             )
         window = np.hanning(n_frames)
         mean = np.average(displacements, weights=window)
-        windowed = window * (displacements - mean)
+        windowed_displacements = window * (displacements - mean)
         interval = float(self.times[1] - self.times[0])
         frequencies = np.asarray(np.fft.rfftfreq(n_frames, interval), float)
         # half of the amplitude is at the negative frequency
-        amplitudes = 2.0 / np.sum(window) * np.abs(np.fft.rfft(windowed))
+        amplitudes = 2.0 / np.sum(window) * np.abs(np.fft.rfft(windowed_displacements))
         return frequencies, amplitudes
 
     def harmonics(
@@ -587,13 +588,13 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
         return math.nan, "it comes no later to contacts that are farther away"
     if not covariance > _LEAST_CORRELATION * math.sqrt(time_variance * distance_variance):
         return math.nan, "times scatter about a straight line"
-    farthest = float(np.max(np.abs(distances)))
-    n_distances = len(np.unique(np.round(distances / farthest, 9)))
+    greatest_distance = float(np.max(np.abs(distances)))
+    n_distances = len(np.unique(np.round(distances / greatest_distance, 9)))
     if n_distances > 3:  # a parabola goes through three points, whatever their scatter
         # times = curvature s^2 + slope s + constant, where s are relative distances
-        relative_distances = (distances - np.mean(distances)) / farthest
+        relative_distances = (distances - np.mean(distances)) / greatest_distance
         curvature, slope, _ = np.polyfit(relative_distances, times, 2)
-        if not abs(curvature) * np.ptp(distances) / farthest <= _MOST_BENDING * abs(slope):
+        if not abs(curvature) * np.ptp(distances) / greatest_distance <= _MOST_BENDING * abs(slope):
             return math.nan, "distances over times are no straight line"
     return float(covariance / time_variance), ""
 
@@ -850,7 +851,7 @@ def _pad(values: Any, shape: tuple[int, ...]) -> Array:
     """
     if np.shape(values) == shape:
         return np.asarray(values, float)
-    padded = np.zeros(shape)
+    padded_array = np.zeros(shape)
     region = tuple(slice(size) for size in np.shape(values))
-    padded[region] = values
-    return padded
+    padded_array[region] = values
+    return padded_array

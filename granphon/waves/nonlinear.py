@@ -231,8 +231,8 @@ class NonlinearWaves:
         self.mu = (
             mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
         )
-        given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
-        self.losses = Losses.of(network, given)
+        given_losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
+        self.losses = Losses.of(network, given_losses)
         require_slip(self.mu, has_slip=resists_slip(network))
         if coulomb == "total" and self.mu == math.inf:
             why = "Without a friction_coefficient contacts do not slide"
@@ -829,9 +829,9 @@ def _record(
     before the first frame is raised, and what :meth:`_System.integrate` raises but :class:`_Stop`.
     """
     # numbers that leave the floating range end the run later, by _require_short
-    floating = np.errstate(over="ignore", invalid="ignore")
+    floating_errors = np.errstate(over="ignore", invalid="ignore")
     motion_progress = request.progress.step("motion", schedule.n_frames - 1)
-    with recorder, single_products(), floating, motion_progress as frame_progress:
+    with recorder, single_products(), floating_errors, motion_progress as frame_progress:
         try:
             for is_after_start in system.integrate(x, v, schedule, request.scheme, recorder):
                 if is_after_start:
@@ -989,9 +989,11 @@ def _read_drives(
         if not np.all(network.moving[balls]):
             raise InputError("a force acts on a body that is held", mend="Give its displacement")
         pushed_balls.append((balls, direction))
-    all_moved = np.concatenate([balls for balls, _ in moved_bodies] or [np.zeros(0, np.intp)])
-    is_moved_twice = len(np.unique(all_moved)) < len(all_moved)
-    if is_moved_twice or any(np.any(np.isin(balls, all_moved)) for balls, _ in pushed_balls):
+    all_moved_bodies = np.concatenate(
+        [balls for balls, _ in moved_bodies] or [np.zeros(0, np.intp)]
+    )
+    is_moved_twice = len(np.unique(all_moved_bodies)) < len(all_moved_bodies)
+    if is_moved_twice or any(np.any(np.isin(balls, all_moved_bodies)) for balls, _ in pushed_balls):
         raise InputError(
             "a ball has two drives, of which one is a displacement",
             "It moves as the displacement says, whatever acts on it",
@@ -1064,9 +1066,9 @@ class _RateBound:
         *_, normal, side, root = losses.dashpots
         rate = np.max(losses.drag)
         # most often there are no dashpots
-        longest = np.max(losses.damping)
-        if longest > 0.0:
-            rate = rate + longest * np.max(self._bound(stiffness, stiffness))
+        longest_time = np.max(losses.damping)
+        if longest_time > 0.0:
+            rate = rate + longest_time * np.max(self._bound(stiffness, stiffness))
         if np.any(normal) or np.any(side) or np.any(root):
             root_dashpots = root * np.sqrt(stiffness)
             viscous = self._bound(normal + root_dashpots, (side + root_dashpots) * self._per_slip)
@@ -1177,9 +1179,9 @@ class _System:
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._drag = operator.drag(waves.losses)
         self._has_drag = bool(np.any(self._drag))
-        moving = self.network.moving
-        self._least_root_mass = math.sqrt(float(np.min(masses[moving], initial=np.inf)))
-        self._mean_radius = float(np.mean(self.network.radii[moving]))
+        is_moving = self.network.moving
+        self._least_root_mass = math.sqrt(float(np.min(masses[is_moving], initial=np.inf)))
+        self._mean_radius = float(np.mean(self.network.radii[is_moving]))
         # margin of the list of pairs that may meet, m
         self._skin = _SKIN * 2.0 * self._mean_radius
 
@@ -1413,10 +1415,11 @@ class _System:
         mean diameter.
         """
         displacements = self.operator.to_balls(self.x)[:, :3]
-        largest = float(np.max(np.abs(displacements), initial=0.0))
-        if not largest < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
+        largest_displacement = float(np.max(np.abs(displacements), initial=0.0))
+        if not largest_displacement < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
             raise _Stop(
-                f"a ball has left its place by {largest:.3g} m, which needs geometry: exact"
+                f"a ball has left its place by {largest_displacement:.3g} m, which needs geometry:"
+                f" exact"
             )
 
     def _begin(self, x: Array, v: Array, step: float, scheme: str) -> None:
@@ -1511,11 +1514,11 @@ class _System:
         Raises :class:`_Stop` if a contact joins or parts too many times, and as :meth:`_try_step`
         does.
         """
-        remaining = self.step
+        remaining_time = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
         n_switches: Index = np.zeros(len(self.current.e) if has_jumps else 0, np.intp)
-        while remaining > 0.0:
-            trial = self._try_step(remaining, end)
+        while remaining_time > 0.0:
+            trial = self._try_step(remaining_time, end)
             if has_jumps and self._find_overshoot(trial.end_moment) > 0.0:
                 trial = self._cut_to_switch(trial, end)
             speeds = (trial.strokes - self.strokes) / trial.step
@@ -1532,7 +1535,7 @@ class _System:
             self._spare = last_moment  # its arrays are free for the next step
             self.strokes = trial.strokes
             self.drive_forces = trial.drive_forces
-            remaining -= trial.step
+            remaining_time -= trial.step
             if has_jumps and self._find_overshoot(self.current) > 0.0:
                 self.joined, contacts, loss = self.contacts.switch(self.current, self.joined)
                 self.energies.jumps += loss

@@ -355,12 +355,12 @@ def find_packing_points(
     wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
     for leg in legs:
         # half the distance of two points, with room for rounding
-        farthest = 0.5 * leg.length / (count - 1) + _ROUNDING * leg.length
+        largest_deviation = 0.5 * leg.length / (count - 1) + _ROUNDING * leg.length
         waves_along_periods = np.rint(leg.place_points(count) @ periods.T / (2.0 * np.pi))
         for numbers in waves_along_periods:
             q = numbers @ reciprocal
             distance, deviation = leg.measure(q)
-            if np.any(numbers) and deviation <= farthest:
+            if np.any(numbers) and deviation <= largest_deviation:
                 wavevectors.setdefault(tuple(numbers.astype(int).tolist()), (distance, q))
     if not wavevectors:
         fault = "the path has no wave vector of the packing but zero"

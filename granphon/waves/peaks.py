@@ -425,10 +425,10 @@ def _count_fall(values: Array, level: float) -> tuple[int, bool]:
     The number is 0 if they do not come to the level, or rise again before.
     """
     rises = np.flatnonzero(np.diff(values) > 0.0)
-    falling = values[: rises[0] + 1] if rises.size else values
-    low = np.flatnonzero(falling <= level)
-    if low.size:
-        return int(low[0]), False
+    falling_values = values[: rises[0] + 1] if rises.size else values
+    low_steps = np.flatnonzero(falling_values <= level)
+    if low_steps.size:
+        return int(low_steps[0]), False
     return 0, not rises.size
 
 

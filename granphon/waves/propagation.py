@@ -403,10 +403,10 @@ class Spans:
         """Return the spans of a network with its ``losses`` under a ``burst``; ``top``, rad/s, is
         the bound of its angular frequencies.
         """
-        greatest_damping = np.max(losses.times) * top**2 + np.max(losses.drag)
+        greatest_rate = np.max(losses.times) * top**2 + np.max(losses.drag)
         _, omegas = burst.waves
         radius = max(top, float(np.max(omegas)))
-        return cls(0.5 * float(greatest_damping), radius)
+        return cls(0.5 * float(greatest_rate), radius)
 
     @property
     def longest(self) -> float:

@@ -321,8 +321,9 @@ def _write_edges(edges: tuple[str | Wall, str | Wall], context: ValueContext) ->
     """Return both ``edges`` as a scene file has them: one text of two words, or a list if one is a
     wall.
     """
-    written = [_write_edge(edge, context) for edge in edges]
-    return written if any(isinstance(edge, dict) for edge in written) else " ".join(written)
+    written_edges = [_write_edge(edge, context) for edge in edges]
+    has_wall = any(isinstance(edge, dict) for edge in written_edges)
+    return written_edges if has_wall else " ".join(written_edges)
 
 
 #: kind of one edge: a word that says how it is held, or a wall
@@ -421,7 +422,7 @@ class LossSettings(Block, kw_only=True):
 
         If only the first of a pair gets a value, the second gets it too.
         """
-        changed: dict[str, Any] = {}
+        new_losses: dict[str, Any] = {}
         for name in dict.fromkeys(LOSS_PARAMETERS[parameter] for parameter in values):
             if not hasattr(self, name):
                 continue
@@ -432,8 +433,8 @@ class LossSettings(Block, kw_only=True):
                 second = first
             # a loss that is never a pair has no second parameter
             second = values.get(SECOND_LOSSES.get(name, ""), second)
-            changed[name] = first if second == first else (first, second)
-        return replace(self, **changed)
+            new_losses[name] = first if second == first else (first, second)
+        return replace(self, **new_losses)
 
 
 class LinearLossSettings(LossSettings, kw_only=True):
@@ -531,15 +532,15 @@ class EdgeSettings(Block, kw_only=True):
                 wall = walls[wall_name]
                 material = replace(wall.solid, **{parameter: value})
                 walls[wall_name] = replace(wall, material=material)
-        changed = list[str | Wall]()
+        new_edges = list[str | Wall]()
         named_edges = name_walls(self.edges, kinds, ())
         for edge, named_edge in zip(self.edges, named_edges, strict=True):
             if isinstance(edge, Wall) and isinstance(named_edge, Wall):
                 # a wall without a name stays without one, as a wall of the state at rest may have
                 # the name that this wall has among the edges of the block
                 edge = replace(walls[f"{self.block}.{named_edge.name}"], name=edge.name)
-            changed.append(edge)
-        return self.with_edges(changed)
+            new_edges.append(edge)
+        return self.with_edges(new_edges)
 
 
 def is_of_wall(name: str) -> bool:
