@@ -237,17 +237,21 @@ class Moments:
     ----------
     operator : D.
     starts : functions that make the vectors x, (size,) each.
-    keep : whether to keep the last two vectors T_n x of each recursion, so that a request for more
-        moments goes on from these vectors. Without them the recursion begins again; the moments are
-        the same to the last bit.
+    is_kept : whether the last two vectors T_n x of each recursion are kept, so that a request for
+        more moments goes on from these vectors. Without them the recursion begins again; the
+        moments are the same to the last bit.
     """
 
     def __init__(
-        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], *, keep: bool = False
+        self,
+        operator: WaveOperator,
+        starts: Sequence[Callable[[], Array]],
+        *,
+        is_kept: bool = False,
     ) -> None:
         block_size = operator.vectors_at_once
         self._recursions = [
-            _Recursion(operator, starts[first : first + block_size], keep)
+            _Recursion(operator, starts[first : first + block_size], is_kept)
             for first in range(0, len(starts), block_size)
         ]
 
@@ -267,11 +271,11 @@ class _Recursion:
     """
 
     def __init__(
-        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], keep: bool
+        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], is_kept: bool
     ) -> None:
         self._operator = operator
         self._starts = starts
-        self._keep = keep
+        self._is_kept = is_kept
         self._moments: list[Array] = []  # of each order, those of all vectors, (m,)
         self._vectors: Iterator[Array] | None = None  # yields T_n x; None before it has begun
         self._last: Array | None = None  # the T_n x that was yielded last
@@ -294,7 +298,7 @@ class _Recursion:
         while len(moments) < count:
             self._add_two()
             step.advance(len(self._starts))
-        if not self._keep:
+        if not self._is_kept:
             self._vectors = None
             self._last = None
         return np.array(moments[:count]).T

@@ -329,7 +329,7 @@ class RandomVectors:
         # of each part of a vector, whether the part has the rotations or the translations
         self._has_rotations = (False, True) if operator.motions.rotate else (False,)
         n_parts = len(self._has_rotations)
-        self._keep = keeps_vectors(operator, vectors * n_parts)
+        self._is_kept = keeps_vectors(operator, vectors * n_parts)
         # most random vectors in a group, whose parts share products with D
         self._group_size = max(operator.vectors_at_once // n_parts, 1)
         # of each group, the number of its random vectors, and their moments
@@ -367,7 +367,7 @@ class RandomVectors:
                     for vector in range(first, first + size)
                     for has_rotations in self._has_rotations
                 ]
-                group = size, Moments(self._operator, draws, keep=self._keep)
+                group = size, Moments(self._operator, draws, is_kept=self._is_kept)
                 self._groups[number : number + 1] = [group]  # appends, or replaces
             _, group_moments = self._groups[number]
             groups.append(group_moments)

@@ -448,7 +448,7 @@ def _refine_peaks(
     )
     nodes = np.cos(np.pi * (np.arange(2 * _DEGREE + 1) + 0.5) / (2 * _DEGREE + 1))
     is_settled = ~is_peak
-    may_widen = np.ones(is_peak.shape, bool)
+    can_widen = np.ones(is_peak.shape, bool)
     for _ in range(_WINDOW_ROUNDS):
         # of the windows whose peaks are not all settled
         numbers = np.flatnonzero(~np.all(is_settled, axis=1))
@@ -465,9 +465,9 @@ def _refine_peaks(
             for receiver in np.flatnonzero(is_peak[number]).tolist():
                 peak = number, receiver
                 quotient = _Quotient.through(nodes, samples[:, column, receiver])
-                change = _set_peak(fits, peak, window, quotient, has_room & may_widen[peak])
+                change = _set_peak(fits, peak, window, quotient, has_room & can_widen[peak])
                 is_settled[peak] = change.is_settled
-                may_widen[peak] &= change.may_widen
+                can_widen[peak] &= change.can_widen
                 ends.append(change.ends)
             windows.replace(number, np.transpose(ends))
     return fits, is_settled & is_peak
@@ -480,12 +480,12 @@ class _Change(NamedTuple):
     ----------
     is_settled : whether the peak no longer changes.
     ends : lower and upper end of its next window, Hz.
-    may_widen : whether a later window of the peak may become wider than the one before.
+    can_widen : whether a later window of the peak may become wider than the one before.
     """
 
     is_settled: bool
     ends: tuple[float, float]
-    may_widen: bool
+    can_widen: bool
 
 
 def _set_peak(
@@ -493,22 +493,22 @@ def _set_peak(
     index: tuple[int, int],
     window: tuple[float, float],
     quotient: _Quotient,
-    may_widen: NDArray[np.bool_],
+    can_widen: NDArray[np.bool_],
 ) -> _Change:
     """Set the peak of ``fits`` with this ``index``, of a row and a receiver, to the peak of the
     ``quotient``, and return what this changes; without a peak of the quotient, ``fits`` stay.
 
     The quotient runs over the ``window``, given by its middle and its half width, Hz; the next
-    window may be wider at those ends for which ``may_widen`` (2,) is true.
+    window may be wider at those ends for which ``can_widen`` (2,) is true.
     """
     middle, half_width = window
     last_frequency = math.sqrt(fits.squares[index])
     last_quality = fits.quality[index]
     last_height = fits.heights[index]
-    peak = quotient.find_peak((last_frequency - middle) / half_width, may_widen)
+    peak = quotient.find_peak((last_frequency - middle) / half_width, can_widen)
     if peak is None:
         same_window = middle - half_width, middle + half_width
-        return _Change(is_settled=False, ends=same_window, may_widen=False)
+        return _Change(is_settled=False, ends=same_window, can_widen=False)
     frequency = middle + half_width * peak.position
     quality = frequency / (half_width * (peak.high - peak.low))
     fits.squares[index] = frequency**2
@@ -523,7 +523,7 @@ def _set_peak(
         is_settled=bool(is_settled) and not peak.is_wider,
         ends=(middle + half_width * low, middle + half_width * high),
         # a peak whose magnitude rises again has no width, and looks for one no more
-        may_widen=peak.is_wider or not math.isnan(quality),
+        can_widen=peak.is_wider or not math.isnan(quality),
     )
 
 
@@ -597,7 +597,7 @@ class _Quotient(NamedTuple):
         return float((find_rate(self.numerator) - find_rate(self.denominator)).real)
 
     def find_peak(
-        self, expected_position: float, may_widen: NDArray[np.bool_]
+        self, expected_position: float, can_widen: NDArray[np.bool_]
     ) -> _PeakShape | None:
         """Return the peak nearest to the ``expected_position``; None if there is no peak within -1
         and 1.
@@ -605,7 +605,7 @@ class _Quotient(NamedTuple):
         The next window of the peak holds the positions at which the square of the magnitude is half
         of that of the peak, with a margin. If the magnitude still falls at an end of this window,
         and has not come to the half, the next window is wider at this end, provided that
-        ``may_widen`` (2,) is true there. If the magnitude rises again before it comes to the half,
+        ``can_widen`` (2,) is true there. If the magnitude rises again before it comes to the half,
         the next window is half as wide as this one.
         """
         from scipy.optimize import brentq
@@ -625,7 +625,7 @@ class _Quotient(NamedTuple):
         low, falls_below = self._find_end(mesh[top::-1], squares[top::-1], half_square)
         high, falls_above = self._find_end(mesh[top:], squares[top:], half_square)
         has_end = np.isfinite([low, high])
-        is_open = np.array([falls_below, falls_above]) & may_widen
+        is_open = np.array([falls_below, falls_above]) & can_widen
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
         if np.all(has_end):
             margin = 0.5 * (_MARGIN - 1.0) * (high - low)

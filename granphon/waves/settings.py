@@ -259,11 +259,16 @@ _POINTS = whole_from(2, 10_000)
 # -- how a network is repeated and cut -------------------------------------------------------------
 
 
+def _is_nothing(value: Any) -> bool:
+    """Whether a ``value`` is the empty tuple; an empty list or array is not."""
+    return isinstance(value, tuple) and not value
+
+
 def _read_repeat(value: Any) -> tuple[int, ...]:
     """Return the numbers of cells along each period, from 1 to a million each, as
     :func:`read_counts` reads them; an empty tuple, which repeats nothing, stays empty.
     """
-    return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
+    return () if _is_nothing(value) else read_counts(value, "numbers of cells", 1, 1_000_000)
 
 
 def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str | Wall, str | Wall]]:
@@ -347,7 +352,7 @@ _CUTS = one_or_more(
 REPEAT = Kind.plain(_read_repeat, lambda counts: list(counts) or None)
 #: kind of the cuts of a crystal or network; an empty tuple is written as nothing
 CUT = Kind(
-    lambda value, context: () if value == () else _CUTS.read(value, context),
+    lambda value, context: () if _is_nothing(value) else _CUTS.read(value, context),
     lambda cuts, context: _CUTS.write(cuts, context) if cuts else None,
 )
 

@@ -68,3 +68,10 @@ def test_a_cut_has_an_axis_layers_and_edges_and_no_more():
 def test_an_index_of_thousands_of_digits_is_one_error(receiver):
     with pytest.raises(InputError, match="number of a ball"):
         ResponseSettings(frequencies=(1e3, 2e3), source="plane", receiver=receiver)
+
+
+@pytest.mark.parametrize("value", [np.array([2, 2]), np.array([2]), np.array([])])
+@pytest.mark.parametrize("key", ["repeat", "cut"])
+def test_an_array_in_place_of_a_tuple_is_one_error(key, value):
+    with pytest.raises(InputError, match=key):
+        ModesSettings(**{key: value})

@@ -178,9 +178,9 @@ def test_moments_are_those_of_the_matrix(waves, dense):
     exact = (vectors @ dense.vectors) ** 2 @ kernel.moments_of(dense.frequencies)
     starts = [vector.copy for vector in vectors]
     for keep in (True, False):
-        moments = Moments(waves.operator, starts, keep=keep)
+        moments = Moments(waves.operator, starts, is_kept=keep)
         np.testing.assert_allclose(moments.first(43), exact, atol=1e-11 * exact[0, 0])
-        parts = Moments(waves.operator, starts, keep=keep)
+        parts = Moments(waves.operator, starts, is_kept=keep)
         for count in (1, 2, 10, 11, 5, 43):
             np.testing.assert_array_equal(parts.first(count), moments.first(count))
 
