@@ -245,8 +245,8 @@ class DensityRequest(NamedTuple):
         """Return the request with these arguments of ``Waves.dos`` for the network of the
         ``operator``.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than
-        :data:`MOST_MOMENTS` moments of all random vectors.
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, for more than
+        :data:`MOST_MOMENTS` moments of all random vectors, and as :meth:`Kernel.of` does.
         """
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // kernel.moments)

@@ -770,7 +770,7 @@ class Frames:
 
 def _require_stream(stream: Any) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless ``stream`` is an open binary file that
-    is empty and can seek to where it has been written.
+    is empty and can seek to where it has been written. A stream that can seek is set to its end.
     """
     is_usable = False
     # text files, closed ones, those that are read alone, and pipes raise one of these errors

@@ -193,13 +193,13 @@ class NonlinearWaves:
 
     Raises
     ------
-    InputError : if there is no network; for contacts without force, whose overlap is not known; for
-        what is no contact law, a law that needs the balls of a crystal, and any law beside a
-        crystal; for another word than
-        those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network with ``prestress``
-        and the geometry "lattice", in which its static forces act sideways; for one with
-        ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity of
-        another shape, or along an axis along which no ball moves; for a coefficient of friction
+    InputError : if there is no network; for contacts that are not pressed, whose overlap does not
+        follow by a power; for what is no contact law, a law that needs the balls of a crystal, a
+        crystal that does not have the kinds of balls of the network, and any law beside a crystal;
+        for another word than those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network
+        with ``prestress`` and the geometry "lattice", in which its static forces act sideways; for
+        one with ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity
+        of another shape, or along an axis along which no ball moves; for a coefficient of friction
         above zero where no contact resists slip, and ``coulomb="total"`` without a coefficient.
     """
 
@@ -350,7 +350,7 @@ class NonlinearWaves:
         """Return laws that are powers of the overlap: their exponent is that of a ``law``, by
         default Hertz's, and their coefficients follow from forces and stiffnesses at rest.
 
-        Raises :class:`~granphon.base.errors.InputError` for contacts without force.
+        Raises :class:`~granphon.base.errors.InputError` for contacts that are not pressed.
         """
         network = self.network
         force = network.normal_force
@@ -359,7 +359,7 @@ class NonlinearWaves:
         eta = network.shear_stiffness / stiffness
         if not np.all(force > 0.0):
             raise InputError(
-                f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force",
+                f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts are not pressed",
                 "Their overlap is not known",
                 "Press the network, leave them out, or give a Crystal",
             )
@@ -382,9 +382,8 @@ class NonlinearWaves:
             coefficients = coefficient_per_root[contacts]
             mean_coefficient = np.mean(coefficients)
             if np.ptp(coefficients) > _MATERIAL_SPREAD * mean_coefficient:
-                raise InputError(
-                    f"contacts of {pair} have no law that is known", mend="Give a Crystal"
-                )
+                kinds = " and ".join(pair)
+                raise InputError(f"the contacts of {kinds} have no one law", mend="Give a Crystal")
             return mean_coefficient, np.mean(eta[contacts]), 1.0
 
         return _Laws(powers, powers, stiffness, find_mean_law, sizes)

@@ -313,8 +313,8 @@ def _write_edge(edge: str | Wall, context: ValueContext) -> Any:
 
 
 def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wall]:
-    """Return the lower and the upper edge, read from a list of two or from one text or block; each
-    is a word that says how it is held, or a wall.
+    """Return the lower and the upper edge, read from a list of one or two or from one text or
+    block; each is a word that says how it is held, or a wall.
     """
     read_wall = partial(_read_wall, context=context)
     given_edges = value if isinstance(value, list | tuple) else [value]

@@ -1006,7 +1006,7 @@ def test_numbers_beyond_double_precision_leave_as_one_error_or_a_short_motion():
 
 def test_what_has_no_overlap_is_refused():
     network = line(10.0, 4)
-    with pytest.raises(InputError, match="have no force"):
+    with pytest.raises(InputError, match="not pressed"):
         gp.NonlinearWaves(replace(network, normal_force=np.zeros(3)))
     with pytest.raises(InputError, match="sideways"):
         gp.NonlinearWaves(replace(network, prestress=True))
