@@ -1283,7 +1283,8 @@ def _find_damped_dense(
     All frequencies are in units of the top frequency. ``stiffness`` and ``viscous`` (live, live)
     are the matrices of x and of x' in x'' + viscous x' + stiffness x = 0; ``is_coupled`` says
     whether the viscous matrix couples motions that cost no energy to the others. Raises
-    :class:`~granphon.base.errors.InputError` if fewer modes cost energy.
+    :class:`~granphon.base.errors.InputError` if fewer modes cost energy, and what
+    :func:`_diagonalise`, :func:`find_roots` and :func:`damp_unevenly` raise.
     """
     squares, shapes = _diagonalise(problem, count)
     costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
