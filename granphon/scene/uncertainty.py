@@ -33,6 +33,7 @@ from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_
 from granphon.base.settings import space_evenly
 from granphon.base.text import Document, list_names, show
 from granphon.base.validation import real_number
+from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.tasks import to_json
 from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.file_keys import Context
@@ -62,18 +63,19 @@ _OF_NODES = "dos_frequency"
 #: the last dimension of variables whose numbers stand by rank, and the variable with the frequency
 #: of each rank: peaks of a response, and waves of an edge
 _RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
-#: the observables whose numbers have the derivatives of small changes, and how the names of these
-#: begin
+#: the observables whose numbers have the derivatives of small changes, and the names of these
+#: numbers in data sets and summaries: those of waves of an edge, of gaps, and of peaks
 _BY_SMALL_CHANGES = {
-    "surface": ("surface_",),
-    "gaps": ("gap_",),
-    "response": (
-        "peaks_",
-        *(f"peak_{word}" for word in ("frequency", *RESPONSES.values(), "quality")),
-    ),
+    "surface": [name for name, entry in CATALOGUE.items() if entry.cost == "surface"],
+    "gaps": ["gaps", "gap_lower", "gap_upper"],
+    "response": [
+        f"{peak}_{name}"
+        for peak in ("peak", "peaks")
+        for name in ("frequency", *RESPONSES.values(), "quality")
+    ],
 }
-#: the beginnings of all these names
-_BEGINNINGS = tuple(chain.from_iterable(_BY_SMALL_CHANGES.values()))
+#: all these names
+_NAMES_BY_SMALL_CHANGES = frozenset(chain.from_iterable(_BY_SMALL_CHANGES.values()))
 #: small change of a parameter, over its value: frequencies of waves change by far more than the
 #: 1e-10 to which they are known, and by so little that no other wave comes between
 _SMALL = 1e-4
@@ -305,7 +307,7 @@ def is_by_small_change(name: str) -> bool:
     """Return whether the standard error of the number called ``name``, of a summary or a data set,
     is found by a small change of each parameter: that of a wave of an edge, a gap or a peak.
     """
-    return name == "gaps" or name.startswith(_BEGINNINGS)
+    return name in _NAMES_BY_SMALL_CHANGES
 
 
 def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
