@@ -247,11 +247,12 @@ class Scene(SceneValues):
 
         Raises
         ------
-        InputError : a ``folder``, ``progress`` or ``executor`` of another kind, a flag that is no
-            truth value, or more memory than there is.
+        InputError : a ``folder``, ``progress`` or ``executor`` of another kind, or a flag that is
+            no truth value; a scene that takes more memory or time than :meth:`cost` allows, or that
+            no file can hold (:meth:`to_yaml`).
         FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part
             of another scene or version would be discarded; or a file may not be replaced at all.
-            Raised before anything is computed.
+            Raised before anything is computed, but for a file that is put there meanwhile.
         OutputError : the folder cannot be written, or another run is writing into it.
         GranphonError : the computation fails; then no result has been written. If a path of loads
             with friction ends early, the loads before it are in sweep_incomplete.nc and
@@ -526,7 +527,8 @@ class Scene(SceneValues):
         """Return the state of the contacts under the load.
 
         :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
-        scene is a sweep.
+        scene is a sweep; :class:`~granphon.base.errors.ConvergenceError` if a computation does not
+        reach the load.
         """
         return self.plan.state()
 
@@ -537,9 +539,11 @@ class Scene(SceneValues):
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
         and effective media of long lists are left out.
-        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        :class:`~granphon.base.errors.InputError` for a ``quick`` that is no truth value, and at the
+        first medium that cannot carry the loads;
+        :class:`~granphon.base.errors.ConvergenceError` at one that does not reach them.
         """
-        return self.plan.states(quick)
+        return self.plan.states(require("quick", truth, quick))
 
     def sweep(
         self,
@@ -688,7 +692,7 @@ def _draw_figures(
 ) -> tuple[dict[str, str], list[str]]:
     """Draw the figures of a ``result`` that are called ``files`` into a ``folder``. Return one
     sentence with the reason for each figure that cannot be drawn, by its name, and the remarks of
-    the figures that were drawn.
+    the figures, each behind the name of its figure.
     """
     if not files:
         return {}, []
