@@ -782,14 +782,23 @@ def _read_pairs(name: str, value: Any) -> tuple[tuple[Any, Any], ...]:
 
 
 def _require_paths(errors: Sequence[tuple[Any, Any]]) -> None:
-    """Raise InputError unless the first of each pair in ``errors`` is a path in a scene file: keys,
-    and indices in lists.
+    """Raise InputError unless the first of each pair in ``errors`` is a path in a scene file, keys
+    and indices in lists from zero, and each path is given once.
     """
+    paths = set()
     for path, _ in errors:
-        is_path = isinstance(path, tuple) and all(isinstance(key, str | int) for key in path)
-        if not is_path or not path:
+        if not isinstance(path, tuple) or not path or not all(map(_is_key, path)):
             mend = 'Give the keys that lead to the quantity, as ("material", "young_modulus")'
             raise InputError(f"errors has the path {brief(path)}", mend=mend)
+        if path in paths:
+            raise InputError(f"errors has the path {brief(path)} twice", mend="Give each one once")
+        paths.add(path)
+
+
+def _is_key(key: object) -> bool:
+    """Whether ``key`` is a key of a mapping in a scene file, or an index of a list, from zero."""
+    is_index = isinstance(key, int) and not isinstance(key, bool) and key >= 0
+    return is_index or isinstance(key, str)
 
 
 def _find_wave_path(packing: Any) -> BandPath:

@@ -314,6 +314,12 @@ DIAMETER = ("packing", "diameter")
         ({"material.young_modulus": 1e9}, "path 'material.young_modulus'"),
         ({5: 1.0}, "path 5"),
         ({(): 1.0}, "path ()"),
+        ({("load", "force", -1): 1.0}, "-1"),
+        ({("load", "force", True): 1.0}, "True"),
+        (((YOUNG, 1e9), (YOUNG, 2e9)), "twice"),
+        # what is no list has no index
+        ({("material", 0): 1.0}, "standard error"),
+        ({(*YOUNG, 0, 1): 1.0}, "standard error"),
     ],
 )
 def test_errors_in_python_are_refused_by_what_is_wrong(errors, word):
