@@ -853,7 +853,7 @@ class RunResult(Results):
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None for another medium, and for equal balls.
-        InputError if the scene is a sweep of balls that differ, or differ in a part of the sweep.
+        InputError if the scene is a sweep of balls that differ, or over how they differ.
         """
         if not self.scene.balls_differ:
             return None

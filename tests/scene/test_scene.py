@@ -1228,3 +1228,27 @@ def test_a_progress_of_another_kind_is_refused_before_a_folder_is_made(tmp_path,
     with pytest.raises(InputError, match="progress"):
         Scene.from_text(MINIMAL).run(tmp_path / "out", progress=progress)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_spectrum_without_settings_has_the_default_ones(packing):
+    assert Scene(packing, Load("force", 1.0), spectrum=None) == Scene(packing, Load("force", 1.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"band": "0 0 0 1/2 0 0"}, "BandPath"),
+        ({"source": 5}, "path is 5"),
+        ({"parameters": [("width", [1e-6]), ("width", [2e-6])]}, "swept twice"),
+        ({"parameters": [(["width"], [1e-6])]}, "name of a parameter"),
+    ],
+)
+def test_a_path_a_source_and_parameters_of_another_kind_are_refused(packing, arguments, word):
+    with pytest.raises(InputError, match=word):
+        Scene(packing, Load("force", 1.0), **arguments)
+
+
+def test_the_source_of_a_scene_may_be_a_text(packing):
+    assert str(Scene(packing, Load("force", 1.0), source="of/lot.yaml")).startswith(
+        "Scene lot.yaml"
+    )
