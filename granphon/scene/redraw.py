@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
-from granphon.base.text import read_bytes, read_yaml
+from granphon.base.text import read_bytes, read_yaml, require_path
 from granphon.figures.plot import OF_STATES, choose_figure
 from granphon.scene.outputs import (
     OUTPUTS,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 #: endings of the files of figures
-_FORMATS = (".pdf", ".png", ".svg")
+_FIGURE_ENDINGS = (".pdf", ".png", ".svg")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class View:
 #: all states of a sweep, in the panels that granphon chooses
 WHOLE = View()
 #: why some figures do not take an option, by the name of the option
-_WHY_REFUSED = {
+_REASONS_OF_REFUSALS = {
     "asymptotes": "Long waves are drawn beside bands only",
     "variable": "Only the curves of a sweep have a variable",
     "where": "Only states of a sweep are chosen",
@@ -83,9 +83,9 @@ def redraw(
     folder : folder of the run or fit.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. The name of a figure of
         the table of outputs, as surface, spectrum or motion, or one of a plug-in, means that
-        figure. By default, in the folder, the figure that comes first: bands.png (dos.png without
-        bands); of one state without bands that of its motion, surface or response; else sweep.png
-        or, of a sweep without velocities, the figure of what it observes; or fit.png.
+        figure. By default, in the folder, the figure that comes first: design.png, bands.png, or
+        dos.png without bands; of one state without these that of its motion, surface or response;
+        else sweep.png or, of a sweep without curves, the figure of what it observes; or fit.png.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -98,11 +98,15 @@ def redraw(
     Raises
     ------
     MissingFileError : there is no such folder, or a file of the run that is drawn is missing there.
-    InputError : the folder holds nothing to draw, its files are damaged, the format or the variable
-        is unknown, or an option belongs to another kind of result.
+    InputError : ``folder`` or ``out`` is no path; the folder holds nothing to draw, its files are
+        damaged, or change meanwhile; the format, the variable or a state of the ``view`` is
+        unknown; or an option belongs to another kind of result.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
+    require_path(folder)
+    if out is not None:
+        require_path(out)
     source = Path(folder)
     asks_for_sweep = variable is not None or view != WHOLE
     row = _choose_output(
@@ -133,7 +137,7 @@ def _require_options(row: Export, source: Path, names: Sequence[str]) -> None:
         refused_names.append("asymptotes")
     if refused_names:
         words = " and ".join(refused_names)
-        reasons = dict.fromkeys(_WHY_REFUSED[name] for name in refused_names)
+        reasons = dict.fromkeys(_REASONS_OF_REFUSALS[name] for name in refused_names)
         problem = f"{row.figure} of {source} cannot be drawn with {words}"
         raise InputError(problem, ". ".join(reasons), f"Leave {words} out")
 
@@ -257,12 +261,14 @@ def draw_together(
     Raises
     ------
     MissingFileError : there is no such folder or file, or a file of a run is missing.
-    InputError : a folder or file is given twice, the runs cannot share an axis, no run has the
-        states of the ``view``, a file is damaged, or the format is unknown; nothing is written
-        then.
+    InputError : one of ``sources``, or ``out``, is no path; a folder or file is given twice, the
+        runs cannot share an axis, no run has the states of the ``view``, a file is damaged, or the
+        format is unknown; nothing is written then.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
+    for path in sources if out is None else (*sources, out):
+        require_path(path)
     names = [str(source) for source in sources]
     # the same folder or file may be written in several ways, as "run" and "./run/"
     real_paths = [os.path.realpath(name) for name in names]
@@ -355,9 +361,9 @@ def _draw(
     FileExistsInRunError if there is a file ``target`` that ``force`` may not replace. The figure
     arrives whole or not at all.
     """
-    if target.suffix not in _FORMATS:
-        problem = f"{target.name} has an ending that names no figure format"
-        raise InputError(problem, mend="Use " + ", ".join(_FORMATS))
+    if target.suffix not in _FIGURE_ENDINGS:
+        problem = f"{target} has an ending that names no figure format"
+        raise InputError(problem, mend="Use " + ", ".join(_FIGURE_ENDINGS))
     # the folder is locked before anything is read, so that no run replaces the results meanwhile
     with ResultFiles(target.parent, [target.name], force, inputs=inputs).open() as locked:
         records = [read_written_files(folder) for folder in folders]
@@ -377,11 +383,14 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     """Return the results in ``source``, the folder of a run or one of its files; summary.yaml means
     the sweep.nc beside it. A fit beside a sweep is left out.
 
-    Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, and
-    :class:`~granphon.base.errors.InputError` if ``source`` holds no results, or damaged ones.
+    Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, or if
+    a file that a run wrote into the folder, and that would be drawn, is missing; and
+    :class:`~granphon.base.errors.InputError` if ``source`` is no path, or holds no results, or
+    damaged ones.
     """
     from granphon.figures.curves import Run
 
+    require_path(source)
     path = Path(source)
     name = str(source)
     if path.name == "summary.yaml" and path.is_file():
