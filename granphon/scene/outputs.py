@@ -697,12 +697,12 @@ def _list_strongest(run: Any) -> dict[str, Any]:
     parameters = data["sensitivity_to"].values.tolist()
     # (quantities, parameters); a derivative that is not known counts as zero
     magnitudes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
-    strongest = {
+    strongest_parameters = {
         quantity: parameters[int(np.argmax(magnitudes_of_quantity))]
         for quantity, magnitudes_of_quantity in zip(quantities, magnitudes, strict=True)
         if np.any(magnitudes_of_quantity)
     }
-    return {"matters_most": strongest}
+    return {"matters_most": strongest_parameters}
 
 
 # -- what it costs ---------------------------------------------------------------------------------

@@ -60,8 +60,8 @@ _REASONS_OF_REFUSALS = {
     "asymptotes": "Long waves are drawn beside bands only",
     "variable": "Only the curves of a sweep have a variable",
     "where": "Only states of a sweep are chosen",
-    "rows": "Only the curves of a sweep have rows and columns",
-    "columns": "Only the curves of a sweep have rows and columns",
+    "rows": "Only curves over the load or a parameter have rows and columns",
+    "columns": "Only curves over the load or a parameter have rows and columns",
 }
 
 
@@ -115,7 +115,10 @@ def redraw(
     options: dict[str, Any] = {name: value for name, value in vars(view).items() if value}
     if variable is not None:
         options["variable"] = variable
-    _require_options(row, source, [*options, "asymptotes"] if asymptotes else list(options))
+    names_of_options = list(options)
+    if asymptotes:
+        names_of_options.append("asymptotes")
+    _require_options(row, source, names_of_options)
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:

@@ -166,7 +166,7 @@ def _read_numbers(source: Path) -> list[Block]:
             text = _write_directions(value)
         else:
             error = summary.get(f"{name}_error")
-            text = _write_value(value, units.get(name, ""), error, are_ends=is_of_sweep)
+            text = _write_value(value, units.get(name, ""), error, is_range=is_of_sweep)
         entry = CATALOGUE.get(name)
         if entry is not None and entry.zero and not np.any(value):
             text = entry.zero
@@ -188,12 +188,12 @@ def _write_directions(value: list[Any]) -> str:
     return _write_rows(np.atleast_2d(np.array(value, float)), 5)
 
 
-def _write_value(value: Any, unit: str, error: Any = None, *, are_ends: bool = False) -> str:
+def _write_value(value: Any, unit: str, error: Any = None, *, is_range: bool = False) -> str:
     """Return the text of a value of a summary in the SI ``unit``; empty for a number that is not
     finite, and for a value of another type.
 
     The value is a word, a number, a mapping of numbers without units, or a list as
-    :func:`_write_list` takes it together with ``are_ends``. The standard ``error`` has the shape of
+    :func:`_write_list` takes it together with ``is_range``. The standard ``error`` has the shape of
     the value, and is None if there is none; that of a single number is written if it is above zero.
     """
     if isinstance(value, bool):
@@ -209,14 +209,14 @@ def _write_value(value: Any, unit: str, error: Any = None, *, are_ends: bool = F
     if isinstance(value, Mapping):
         entries = [f"{spell(str(key))} {_write_value(entry, '')}" for key, entry in value.items()]
         return ", ".join(entries)
-    return _write_list(value, unit, error, are_ends=are_ends) if isinstance(value, list) else ""
+    return _write_list(value, unit, error, is_range=is_range) if isinstance(value, list) else ""
 
 
-def _write_list(values: list[Any], unit: str, error: Any, *, are_ends: bool) -> str:
+def _write_list(values: list[Any], unit: str, error: Any, *, is_range: bool) -> str:
     """Return the text of a list in the SI ``unit``, with its standard ``error``, a list of the same
     shape, if that is not None; "none" for an empty list.
 
-    The ``values`` are the least and the greatest number of a sweep if ``are_ends``. Otherwise they
+    The ``values`` are the least and the greatest number of a sweep if ``is_range``. Otherwise they
     are numbers, such as those of branches or of directions; or lists: a tensor (n, n) for n above
     two, or else intervals (n, 2).
     """
@@ -227,7 +227,7 @@ def _write_list(values: list[Any], unit: str, error: Any, *, are_ends: bool) -> 
         if is_tensor:
             return _write_tensor(np.array(values, float), unit, error)
         return _write_intervals(values, unit, error)
-    if are_ends:
+    if is_range:
         range_text = _write_range(values, unit)
         if not isinstance(error, list):
             return range_text

@@ -189,16 +189,14 @@ class Scene(SceneValues):
             balls = f"{structure.name} lattice of balls of {write_quantity(packing.diameter, 'm')}"
             if packing.width:
                 balls += f" that differ by {write_quantity(packing.width, 'm')}"
-        swept = [
+        swept_texts = [
             counted(len(values), f"value of {name}", f"values of {name}")
             for name, values in self.parameters
         ]
         media = [choice.label for choice in self.media]
         name = "" if self.source is None else f" {self.source.name}"
-        return (
-            f"Scene{name}: {balls}\n  {'; '.join([self._write_load(), ', '.join(media), *swept])}\n"
-            f"  observes {', '.join(self.observe)}"
-        )
+        conditions = "; ".join([self._write_load(), ", ".join(media), *swept_texts])
+        return f"Scene{name}: {balls}\n  {conditions}\n  observes {', '.join(self.observe)}"
 
     def _write_load(self) -> str:
         """Return the load in words: its kind, its least and greatest value, and of several loads

@@ -93,7 +93,7 @@ def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
     zero; and for the error of a parameter that is a whole number, or is not a single quantity.
     """
     blocks = _write(scene)
-    settled = []
+    settled_errors = []
     for keys, error in scene.errors:
         number, unit = _split_plain(_look_up(blocks, keys), keys)
         size = _read_error(error, number, unit, keys)
@@ -105,8 +105,8 @@ def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
                 "one below the value, as errors are of first order",
                 path=keys,
             )
-        settled.append((keys, size))
-    return tuple(settled)
+        settled_errors.append((keys, size))
+    return tuple(settled_errors)
 
 
 def _read_error(error: Any, number: float, unit: str, keys: Keys) -> float:
@@ -149,15 +149,15 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
     correlations whose matrix is not positive semidefinite, which no errors have.
     """
     names = [name_keys(keys) for keys, _ in scene.errors]
-    settled: dict[frozenset[str], tuple[str, str, float]] = {}
+    correlation_of_pair: dict[frozenset[str], tuple[str, str, float]] = {}
     for first, second, value in scene.correlations:
         path = ("correlations", f"{first}, {second}")
         pair = [_find_name(name, names, path) for name in (first, second)]
-        if len(set(pair)) < 2 or frozenset(pair) in settled:
+        if len(set(pair)) < 2 or frozenset(pair) in correlation_of_pair:
             twice = "a pair twice" if len(set(pair)) > 1 else f"{pair[0]} twice"
             raise Refused(twice, "each pair of two parameters once", path=path)
-        settled[frozenset(pair)] = (*pair, value)
-    correlations = tuple(settled.values())
+        correlation_of_pair[frozenset(pair)] = (*pair, value)
+    correlations = tuple(correlation_of_pair.values())
     smallest_eigenvalue = float(
         np.linalg.eigvalsh(make_matrix(names, correlations)).min(initial=0.0)
     )
@@ -352,16 +352,16 @@ def _list_gap_errors(dataset: Dataset) -> tuple[list[list[float]], Any]:
     parameter acts on the upper; no errors and None if no parameter acts on any edge.
     """
     variables = [dataset.get(f"{edge}{_ERROR_ENDING}") for edge in ("gap_lower", "gap_upper")]
-    known = [variable for variable in variables if variable is not None]
-    if not known:
+    known_variables = [variable for variable in variables if variable is not None]
+    if not known_variables:
         return [], None
     # edges on which no parameter acts, as the lower one at zero, have no variable
     errors = [
-        np.zeros(known[0].size) if variable is None else variable.values.ravel()
+        np.zeros(known_variables[0].size) if variable is None else variable.values.ravel()
         for variable in variables
     ]
     is_gap = np.isfinite(dataset["gap_lower"].values.ravel())
-    return np.transpose(errors)[is_gap].tolist(), known[-1]
+    return np.transpose(errors)[is_gap].tolist(), known_variables[-1]
 
 
 def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
@@ -486,9 +486,9 @@ class ErrorPropagation:
         """Return the same propagation with ``change(results)`` in place of the results of each
         shifted scene. Both add to the same ``lacking`` names.
         """
-        changed = copy(self)
-        changed.pairs = [(change(lower), change(upper)) for lower, upper in self.pairs]
-        return changed
+        propagation = copy(self)
+        propagation.pairs = [(change(lower), change(upper)) for lower, upper in self.pairs]
+        return propagation
 
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
@@ -516,7 +516,7 @@ class ErrorPropagation:
         Densities of states have errors at the frequencies of the ``dataset``. Errors of peaks of a
         response, and of waves of an edge, are nan as :meth:`_leave_out_changed` says.
         """
-        added = {}
+        error_variables = {}
         propagation = self
         if _NODE_FREQUENCIES in dataset:
             propagation = self._change_results(
@@ -537,8 +537,8 @@ class ErrorPropagation:
                 attributes = {"units": unit} if unit else {}
                 attributes["mostly_from"] = parameter
                 errors = self._leave_out_changed(errors, dataset, str(name))
-                added[f"{name}{_ERROR_ENDING}"] = (variable.dims, errors, attributes)
-        return dataset.assign(added)
+                error_variables[f"{name}{_ERROR_ENDING}"] = (variable.dims, errors, attributes)
+        return dataset.assign(error_variables)
 
     def _leave_out_changed(self, errors: Array, dataset: Dataset, name: str) -> Array:
         """Return the ``errors`` of the variable ``name`` of the ``dataset``. Those of peaks and of
@@ -633,7 +633,7 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
         return results
     base_frequencies = base[_NODE_FREQUENCIES].values  # (..., n)
     frequencies = results[_NODE_FREQUENCIES].values  # (..., m)
-    changed = {}
+    resampled_variables = {}
     for name, variable in results.data_vars.items():
         if _NODE_DIMENSION in variable.dims and name != _NODE_FREQUENCIES:
             values = variable.values
@@ -642,11 +642,11 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
                 columns = {_NODE_FREQUENCIES: frequencies[state], str(name): values[state]}
                 resampled = _resample(columns, _NODE_FREQUENCIES, base_frequencies[state])
                 densities[state] = resampled[str(name)]
-            changed[name] = (base[_NODE_FREQUENCIES].dims, densities, variable.attrs)
+            resampled_variables[name] = (base[_NODE_FREQUENCIES].dims, densities, variable.attrs)
     return (
-        results.drop_vars([_NODE_FREQUENCIES, *changed])
+        results.drop_vars([_NODE_FREQUENCIES, *resampled_variables])
         .drop_dims(_NODE_DIMENSION, errors="ignore")
-        .assign(changed)
+        .assign(resampled_variables)
     )
 
 
@@ -670,8 +670,8 @@ def _pad_ranks(numbers: Array, length: int) -> Array:
     """Return ``numbers`` with a last dimension of this ``length``: it is cut there, or goes on with
     nan.
     """
-    missing = max(0, length - numbers.shape[-1])
-    widths = [(0, 0)] * (numbers.ndim - 1) + [(0, missing)]
+    n_missing = max(0, length - numbers.shape[-1])
+    widths = [(0, 0)] * (numbers.ndim - 1) + [(0, n_missing)]
     return np.pad(numbers, widths, constant_values=np.nan)[..., :length]
 
 

@@ -389,9 +389,11 @@ class SceneValues:
         """Return rows (name, value, unit) of the directions of sound, of more than
         ``_MOST_DIRECTIONS`` the first and the number of the others; directions have no unit.
         """
-        described = self.directions[:_MOST_DIRECTIONS]
-        rows: list[tuple[str, Any, str]] = [("direction", direction, "") for direction in described]
-        n_others = len(self.directions) - len(described)
+        first_directions = self.directions[:_MOST_DIRECTIONS]
+        rows: list[tuple[str, Any, str]] = [
+            ("direction", direction, "") for direction in first_directions
+        ]
+        n_others = len(self.directions) - len(first_directions)
         if n_others:
             rows.append(("further directions", n_others, ""))
         return rows
@@ -438,7 +440,7 @@ class SceneValues:
         """Return every reason for which long waves, or their sensitivities, cannot be observed,
         whether or not it holds in this scene.
         """
-        held = Conflict(
+        velocities_of_held = Conflict(
             "velocities",
             self.packing.is_held or not HOLDING_PARAMETERS.isdisjoint(dict(self.parameters)),
             "of balls that are held",
@@ -447,9 +449,9 @@ class SceneValues:
             " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
         has_frequencies = not file_keys.DIFFERENTIATED.isdisjoint(self.observe)
-        sensitivities_of_held = held._replace(
+        sensitivities_of_held = velocities_of_held._replace(
             name="sensitivities",
-            holds=held.holds and not has_frequencies,
+            holds=velocities_of_held.holds and not has_frequencies,
             allowed="cutoffs beside sensitivities of these",
             mend="Derivatives are those of long waves, which these lack, and of what is observed"
             " beside them: write observe: [sensitivities, cutoffs].",
@@ -462,14 +464,14 @@ class SceneValues:
             "Files have no parameters to change: gp.Phonons(network).sensitivities has"
             " derivatives by each contact and ball.",
         )
-        return [held, sensitivities_of_held, sensitivities_of_files]
+        return [velocities_of_held, sensitivities_of_held, sensitivities_of_files]
 
     def _list_conflicts(self) -> list[Conflict]:
         """Return every reason for which an observable cannot be observed, whether or not it holds
         in this scene.
         """
         first_block = next(iter(NETWORK_BLOCKS))
-        without_period = [
+        conflicts_without_period = [
             Conflict(
                 name,
                 not self.packing.repeats,
@@ -497,7 +499,7 @@ class SceneValues:
         return [
             *self._list_conflicts_of_sound(),
             onsets,
-            *without_period,
+            *conflicts_without_period,
             *self._list_conflicts_of_surface(),
             pulse,
             *self._list_conflicts_of_networks(),
@@ -538,7 +540,7 @@ class SceneValues:
         """Return the reasons for which what the blocks of networks ask for, such as a response, a
         motion or modes, cannot be observed, whether or not they hold in this scene.
         """
-        without_settings = [
+        conflicts_without_settings = [
             Conflict(
                 name,
                 getattr(self, name) is None,
@@ -548,7 +550,7 @@ class SceneValues:
             )
             for name in NETWORK_BLOCKS
         ]
-        of_mixed_media = [
+        conflicts_of_mixed_media = [
             Conflict(
                 name,
                 len({choice.simulates for choice in self.media}) > 1,
@@ -558,7 +560,7 @@ class SceneValues:
             )
             for name in NETWORK_BLOCKS
         ]
-        return without_settings + of_mixed_media
+        return conflicts_without_settings + conflicts_of_mixed_media
 
     def _list_conflicts_of_bands(self) -> list[Conflict]:
         """Return the reasons for which bands cannot be observed, whether or not they hold in this
@@ -643,11 +645,11 @@ class SceneValues:
         if not isinstance(self.packing, Arrangement):
             return settings
         kinds = find_kinds(self.packing)
-        unknown = sorted(settings.kinds_of_walls - set(kinds))
-        if unknown:
+        unknown_kinds = sorted(settings.kinds_of_walls - set(kinds))
+        if unknown_kinds:
             path = (settings.block, settings.key_of_edges)
             allowed = f"a wall of a material, or of that of a kind of balls: {', '.join(kinds)}"
-            raise Refused(repr(unknown[0]), allowed, path=path)
+            raise Refused(repr(unknown_kinds[0]), allowed, path=path)
         names_in_crystal = self.packing.kind_names
         return settings.with_materials(
             {name: ball for name, ball in kinds.items() if name not in names_in_crystal}
@@ -719,11 +721,11 @@ class SceneValues:
             return
         from granphon.media.arrangement import find_kinds  # other scenes have no kinds
 
-        observed = [self.observed_settings(block) for block in WAVE_BLOCKS]
+        settings_of_blocks = [self.observed_settings(block) for block in WAVE_BLOCKS]
         for name, _ in self.parameters:
             with file_keys.refusing(name, _WORDS_FOR_SWEEP, "sweep"):
-                require_losses([name], observed)
-                require_walls([name], observed, find_kinds(self.packing))
+                require_losses([name], settings_of_blocks)
+                require_walls([name], settings_of_blocks, find_kinds(self.packing))
 
     def _require_supercell(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the supercell is so small that two of its
@@ -735,8 +737,8 @@ class SceneValues:
         if self.dim is None or touch_once(self.dim):
             return
         supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
-        smallest = next(supercell for supercell in supercells if touch_once(supercell))
-        allowed = f"{file_keys.write_grid(smallest)} or more"
+        smallest_supercell = next(supercell for supercell in supercells if touch_once(supercell))
+        allowed = f"{file_keys.write_grid(smallest_supercell)} or more"
         raise Refused(file_keys.write_grid(self.dim), allowed, path=("phonopy", "dim"))
 
 
@@ -745,8 +747,8 @@ def _require_planes(settings: ResponseSettings) -> None:
     ``settings`` give and that has no use (:func:`~granphon.waves.sensors.find_unused`): a distance
     where no plane is heard, a direction or polarisation where no plane is driven or heard.
     """
-    given = {name: getattr(settings, name) for name in KEYS_OF_PLANES}
-    name = find_unused(settings.source, settings.receiver, given)
+    given_values = {name: getattr(settings, name) for name in KEYS_OF_PLANES}
+    name = find_unused(settings.source, settings.receiver, given_values)
     if not name:
         return
     path = ("response", name)

@@ -110,8 +110,8 @@ def test_limits_say_on_which_side_they_are(folders):
 )
 def test_an_error_has_the_unit_of_its_value(value, error, text):
     unit = "Pa" if "GPa" in text else "m/s"
-    are_ends = isinstance(value[0], float) and " to " in text
-    assert report._write_value(value, unit, error, are_ends=are_ends) == text
+    is_range = isinstance(value[0], float) and " to " in text
+    assert report._write_value(value, unit, error, is_range=is_range) == text
 
 
 @pytest.mark.parametrize(
