@@ -53,8 +53,22 @@ class View:
     columns: str | None = None
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """What a figure of several runs compares. The attributes are the arguments of the same names of
+    :func:`granphon.figures.curves.plot_together`; ``distance`` is in metres.
+    """
+
+    x: str | None = None
+    y: str | None = None
+    data: Sequence[str | os.PathLike[str]] = ()
+    distance: float | tuple[float, float] | None = None
+
+
 #: all states of a sweep, in the panels that granphon chooses
 WHOLE = View()
+#: the quantities that granphon chooses, without measured values
+USUAL_COMPARISON = Comparison()
 #: why some figures do not take an option, by the name of the option
 _REASONS_OF_REFUSALS = {
     "asymptotes": "Long waves are drawn beside bands only",
@@ -237,10 +251,7 @@ def draw_together(
     out: str | os.PathLike[str] | None = None,
     *,
     force: bool = False,
-    x: str | None = None,
-    y: str | None = None,
-    data: Sequence[str | os.PathLike[str]] = (),
-    distance: float | tuple[float, float] | None = None,
+    comparison: Comparison = USUAL_COMPARISON,
     backend: str | None = None,
     view: View = WHOLE,
     tell: Tell | None = None,
@@ -253,8 +264,7 @@ def draw_together(
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default
         comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data, distance : as in :func:`granphon.figures.curves.plot_together`; ``distance`` is in
-        metres.
+    comparison : the quantities that are compared, and measured values beside them.
     backend : matplotlib backend that draws; by default the one that belongs to the ending of
         ``out``.
     view : which states of the runs are drawn; a run that is swept over none of the names of
@@ -285,20 +295,17 @@ def draw_together(
 
         runs = _choose_states_of_runs([read_run(name) for name in names], view)
         # measured loads may be side forces on a hexagonal frame
-        balls_per_side = _find_balls_per_side(names) if data else None
+        balls_per_side = _find_balls_per_side(names) if comparison.data else None
         return comparison_figure(
             runs,
-            x=x,
-            y=y,
-            data=data,
+            **vars(comparison),
             balls_per_side=balls_per_side,
-            distance=distance,
             rows=view.rows,
             columns=view.columns,
             tell=tell,
         )
 
-    paths = [Path(name) for name in (*names, *map(str, data))]
+    paths = [Path(name) for name in (*names, *map(str, comparison.data))]
     folders = [path for path in map(Path, names) if path.is_dir()]
     files = [path for path in paths if path.is_file()]
     target = Path("comparison.png" if out is None else out)
