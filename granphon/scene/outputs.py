@@ -48,6 +48,13 @@ if TYPE_CHECKING:
 
 #: version number of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
+#: keys of summary.yaml that no observable can have as its name: the outputs of granphon, or the
+#: writer of the summary, have them for something else
+SUMMARY_KEYS = frozenset({
+    "schema", "versions", "source", "observe", "finite_overlap", "medium", "sizes", "states",
+    "peaks", "matters_most", "design", "local_field", "errors_from", "ok", "validity", "warnings",
+    "files", "units",
+})  # fmt: skip
 #: name of the table of measured diameters that are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
 #: most variables of a design that the summary lists
@@ -277,7 +284,7 @@ class Export:
         """Return the matplotlib figure of the ``results``, drawn with the ``options``, whose names
         are among :attr:`options`. ``tell`` is called with a sentence that says which panels the
         figure has chosen, if it chooses any. InputError if the output has no figure, or if its
-        function ``draw`` returns none.
+        function ``draw`` returns none; and the errors of this function.
         """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
@@ -882,10 +889,10 @@ def _write_fields(
     them. The ``columns`` are triples of heading, unit and attribute.
     """
     _write_json(run[name], folder / f"{name}.json")
-    headings = [Heading(heading, unit) for heading, unit, _ in columns]
-    heading_of_name = {heading.name: heading for heading in headings}
+    headings = [Heading(text_of_heading, unit) for text_of_heading, unit, _ in columns]
+    heading_of_text = {heading.name: heading for heading in headings}
     errors = run.find_errors(name)
-    headings += [heading_of_name[heading].of_error for heading in errors]
+    headings += [heading_of_text[text_of_heading].of_error for text_of_heading in errors]
     values = [*_list_fields(name, columns, run).values(), *errors.values()]
     rows = np.transpose(values).tolist()
     (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
@@ -1618,7 +1625,7 @@ def register_output(
     ----------
     name : its name in scenes and results, a word of letters, digits and underscores; it may be that
         of an observable that was registered before, which a scene then observes too.
-    files : names of its files. One may be a figure, whose name ends in .png.
+    files : names of its files, or its only name. One may be a figure, whose name ends in .png.
     words : what the files hold, in a few words.
     when : function of the :class:`~granphon.Scene` that says whether its run has the output; by
         default a run has it if the scene observes the ``name``.
@@ -1689,8 +1696,9 @@ def _read_file_names(name: str, files: Any) -> tuple[str, ...]:
     if not file_names:
         raise InputError(f"the output {name!r} has no files", mend=mend)
     if len(set(file_names)) < len(file_names):
-        repeated = next(file for file in file_names if file_names.count(file) > 1)
-        raise InputError(f"the output {name!r} has the file {repeated} twice", mend="Give it once")
+        repeated_name = next(file for file in file_names if file_names.count(file) > 1)
+        problem = f"the output {name!r} has the file {repeated_name} twice"
+        raise InputError(problem, mend="Give it once")
     n_figures = sum(file.endswith(_FIGURE_ENDING) for file in file_names)
     if n_figures > 1:
         raise InputError(f"the output {name!r} has {n_figures} figures", mend=mend)
@@ -1774,6 +1782,17 @@ def require_folder(folder: Path) -> None:
         if os.path.lexists(folder):
             problem = f"{folder} is no folder"
         raise MissingFileError(problem, mend="Give the folder of a run")
+
+
+def require_names_of_numbers() -> None:
+    """Raise InputError if an observable was registered under one of the :data:`SUMMARY_KEYS`, so
+    that summary.yaml cannot have its number.
+    """
+    for name in CATALOGUE.added:
+        if name in SUMMARY_KEYS:
+            problem = f"{CATALOGUE.describe(name)} cannot stand in summary.yaml"
+            why = "It has this key for something else"
+            raise InputError(problem, why, "Register it by another name")
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

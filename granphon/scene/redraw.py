@@ -176,9 +176,9 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     ``stem`` is the name of the figure's file without its ending, None if the user names no file;
     the name of a figure in the table of outputs chooses this output. Otherwise:
 
-    - A sweep is drawn as curves if ``asks_for_sweep``, that is if the user gives an option of
-      sweeps.
-    - Else the output that comes first by its rank is drawn; but curves of a sweep that observes
+    - States, also a single one, are drawn as curves over the load if ``asks_for_sweep``, that is
+      if the user gives an option of sweeps.
+    - Else the output that comes first by its rank is drawn; but curves of a run that observes
       nothing for curves are drawn only if the folder holds no other figure.
     - If the figure of this output draws each state by itself, and there are several states, the
       curves are drawn in its place.
@@ -223,7 +223,7 @@ def _find_first(rows: Sequence[Export]) -> Export:
 
 
 def _observes_curves(source: Path) -> bool:
-    """Whether the run in the folder ``source``, which holds a sweep, observes something that is
+    """Whether the run in the folder ``source``, which holds its states, observes something that is
     drawn as curves over the load.
     """
     return shows_curves(json.loads(Results(source).dataset.attrs["observe"]))
@@ -280,8 +280,10 @@ def draw_together(
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
-    for path in sources if out is None else (*sources, out):
-        require_path(path)
+    for source in sources:
+        require_path(source)
+    if out is not None:
+        require_path(out)
     names = [str(source) for source in sources]
     # the same folder or file may be written in several ways, as "run" and "./run/"
     real_paths = [os.path.realpath(name) for name in names]

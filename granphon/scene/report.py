@@ -32,15 +32,19 @@ from granphon.base.text import (
 from granphon.figures.style import pick_evenly
 from granphon.observables.catalogue import CATALOGUE
 from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
-from granphon.scene.outputs import OUTPUTS, Export, list_told, read_summary, require_folder
+from granphon.scene.outputs import (
+    OUTPUTS,
+    SUMMARY_KEYS,
+    Export,
+    list_told,
+    read_summary,
+    require_folder,
+)
 
 #: endings of the files of figures that a page can hold
 _PICTURE_ENDINGS = (".png", ".svg")
 #: keys of summary.yaml that are no numbers of the result, or that other parts of the report show
-_KEYS_WITHOUT_NUMBER = {
-    "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
-    "units", "validity", "ok", "medium", "peaks", "errors_from", "design",
-}  # fmt: skip
+_KEYS_WITHOUT_NUMBER = SUMMARY_KEYS - {"states", "matters_most", "local_field"}
 #: greatest number of rows of the table of states, and of that of the variables of a design: about a
 #: page
 MOST_STATES = 40
@@ -396,8 +400,8 @@ def _write_column(dataset: Any, name: str, state_numbers: Any) -> tuple[str, lis
     heading = _SHORT_NAMES.get(name, _name_number(name))
     size = 1.0
     if unit not in ("", "1"):
-        finite = values[np.isfinite(values)]
-        size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
+        finite_values = values[np.isfinite(values)]
+        size, prefixed_unit = prefixed(float(np.max(np.abs(finite_values), initial=0.0)), unit)
         heading += f" ({prefixed_unit})"
     cells = zip(values[state_numbers].tolist(), errors[state_numbers].tolist(), strict=True)
     return heading, [_write_cell(value, error, size) for value, error in cells]
@@ -465,7 +469,7 @@ def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
 
 
 def _read_scene(source: Path) -> list[Block]:
-    """Return the scene as it was run."""
+    """Return the text of the scene as it was run, from scene.yaml in the folder ``source``."""
     return [Code(read_text(source / "scene.yaml"))]
 
 

@@ -66,6 +66,7 @@ from granphon.scene.outputs import (
     expected_files,
     list_files,
     list_outputs,
+    require_names_of_numbers,
 )
 from granphon.scene.values import SceneValues
 from granphon.waves.settings import NETWORK_BLOCKS
@@ -246,7 +247,8 @@ class Scene(SceneValues):
         Raises
         ------
         InputError : a ``folder``, ``progress`` or ``executor`` of another kind, or a flag that is
-            no truth value; a scene that takes more memory or time than :meth:`cost` allows, or that
+            no truth value; a registered observable whose name summary.yaml has for something else;
+            a scene that takes more memory or time than :meth:`cost` allows, or that
             no file can hold (:meth:`to_yaml`).
         FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part
             of another scene or version would be discarded; or a file may not be replaced at all.
@@ -261,6 +263,7 @@ class Scene(SceneValues):
         require_path(folder)
         for name, flag in (("force", force), ("figures", figures), ("resume", resume)):
             require(name, truth, flag)
+        require_names_of_numbers()
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)
@@ -531,8 +534,8 @@ class Scene(SceneValues):
         return self.plan.state()
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, one after the
-        other.
+        """Return an iterator over every medium at every combination of parameters, which gives its
+        label and its state.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
@@ -878,7 +881,8 @@ class RunResult(Results):
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of all outputs of the scene in SI units, by name as the attributes of
-        the library are named: those of a single state are numbers, words, lists and arrays.
+        the library are named: those of a single state are numbers, words, lists, arrays and
+        mappings.
 
         For a sweep they are whether the overlap is finite, the sizes of the dimensions, the number
         of states, the media, the least and the greatest of each number that is known, and whether

@@ -696,12 +696,12 @@ def _write(scene: Any) -> dict[str, Any]:
     blocks = write_blocks(scene, Context(scene.packing.structure))
     blocks.pop("correlations", None)
     kinds = scene.packing.kinds if scene.packing.kind_names else ()
-    uncertain = dict(scene.errors)
+    error_of_path = dict(scene.errors)
     for kind, ball in kinds:
         solid = Ball(ball.material, ball.diameter)
         for name in ("mass", "inertia"):
             path = ("balls", kind, name)
-            if getattr(ball, name) == getattr(solid, name) and path not in uncertain:
+            if getattr(ball, name) == getattr(solid, name) and path not in error_of_path:
                 blocks["balls"][kind].pop(name, None)
     _write_lists(scene, blocks)
     return blocks

@@ -222,8 +222,8 @@ class SceneValues:
                 mend = "Give a granphon.BandPath, as BandPath.parse returns"
                 raise InputError(f"band is {brief(band)}", mend=mend)
             return
-        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
-        if has_path:
+        needs_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
+        if needs_path:
             is_of_waves = self.packing.is_network and "bands" not in self.observe
             path = _find_wave_path(self.packing) if is_of_waves else BandPath.default(lattice)
             self._assign("band", path)
@@ -351,7 +351,8 @@ class SceneValues:
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of the settings of the scene, of more than four
-        directions of sound the first four and the number of the others; no state is computed.
+        directions of sound the first four and the number of the others; no state is computed. The
+        components of a stress or strain are multiples of the load, in the unit "of that".
         """
         # imported here: a run does not need words for figures
         from granphon.figures.words import describe_medium
@@ -586,7 +587,8 @@ class SceneValues:
 
     def _require_arrays(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the scene observes waves that only
-        simulated arrays have, and a medium makes no array.
+        simulated arrays have, and a medium makes no array, or the spectra of the arrays of all
+        states do not fit into one table.
         """
         names = [
             name for name in WAVES if name in self.observe and is_of_arrays_alone(name, self.swept)
@@ -596,8 +598,8 @@ class SceneValues:
             names = [name for name in names if name == "dos"]
         if not names:
             return
-        kinds = "one state, or of arrays" if names == ["dos"] else "arrays"
-        allowed = f"{', '.join(names)} of {kinds} that a medium: simulation makes"
+        owners = "one state, or of arrays" if names == ["dos"] else "arrays"
+        allowed = f"{', '.join(names)} of {owners} that a medium: simulation makes"
         with file_keys.refusing(names[0], allowed, "observe"):
             require_arrays(self.media, dict(self.parameters), names)
 
