@@ -274,11 +274,12 @@ def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float)
         ):
             return  # this state has the error
     names_of_axes = [axis.name for axis in grid.axes]
+    both_grids = (grid, shifted_grid)
     # the axes each of which alone undoes the change; it may take several of them
     names_of_undoing_axes = [
         axis.name
         for axis in grid.axes
-        if _are_same(*(one.change({axis.name: axis.values[0]}) for one in (grid, shifted_grid)))
+        if _are_same(*(either.change({axis.name: axis.values[0]}) for either in both_grids))
     ]
     names = names_of_undoing_axes or names_of_axes
     raise Refused(
