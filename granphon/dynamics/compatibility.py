@@ -343,6 +343,11 @@ class Compatibility:
         springs = self.on_site
         return springs is not None and bool(np.any(springs[:, self.named_motions.translating]))
 
+    @property
+    def has_springs(self) -> bool:
+        """Whether springs to the ground resist a displacement or a rotation of a ball."""
+        return self.on_site is not None and bool(np.any(self.on_site))
+
     @cached_property
     def n_between(self) -> int:
         """Number of contacts without the springs to the ground, which come last."""

@@ -216,7 +216,7 @@ def test_more_loose_motions_than_are_found_are_refused(monkeypatch):
 
 def test_motions_that_cost_too_little_for_iteration_are_refused(monkeypatch):
     """Gears whose lever arms differ beyond what overlaps explain are no gears, but soft."""
-    monkeypatch.setattr(long_waves, "_UNEVEN_ARM", 0.0)
+    monkeypatch.setattr(long_waves, "_LARGEST_ARM_DIFFERENCE", 0.0)
     with pytest.raises(InputError, match="almost no cost"):
         iterate(gears(1e-7), monkeypatch).elastic_tensor()
 
