@@ -221,6 +221,18 @@ def test_motions_that_cost_too_little_for_iteration_are_refused(monkeypatch):
         iterate(gears(1e-7), monkeypatch).elastic_tensor()
 
 
+def test_gears_that_are_kept_back_are_not_loose(monkeypatch):
+    """They cost energy, also where loose motions are searched for only once they are kept back."""
+    lattice = iterate(gears(1e-3), monkeypatch)
+    turning = lattice._touching_lattice._free_motions
+    assert turning.size
+    head, tail = sparse_relaxation.compose_ends(lattice, *lattice._weight_rows())
+    relaxation = IterativeRelaxation(lattice, (head - tail).tocsr()).keep_back(turning)
+    assert relaxation.keeps_back
+    assert relaxation.n_free == 0
+    assert not relaxation.leaves_loose
+
+
 def test_iteration_tells_of_a_network_that_gives_way(monkeypatch):
     network = random_network("fcc", (2, 2, 3), prestress=True)
     pressed = replace(
