@@ -371,8 +371,8 @@ def _solve_theta(
 
 def _require_senses(factors: Complex, vectors: Complex) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if the motions of running waves of one
-    lambda are linearly dependent. A wave counts as running if |lambda| is 1 within :data:`_EDGE_DISTANCE`,
-    and two lambda as one if they differ by less than :data:`_EDGE_DISTANCE`.
+    lambda are linearly dependent. A wave counts as running if |lambda| is 1 within
+    :data:`_EDGE_DISTANCE`, and two lambda as one if they differ by less than this.
 
     The motions become dependent at the edge of a band, where the waves of both senses become one.
     At a distance Delta w from the edge, the lambda of both senses differ by the root of Delta w.

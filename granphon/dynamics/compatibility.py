@@ -52,22 +52,22 @@ from granphon.networks.network import ContactNetwork
 GYRATION = float(1.0 / np.sqrt(10.0))
 #: components of a wave vector in reciprocal vectors above which no digit is left for its place
 #: between two of them
-_FARTHEST = 1e15
+_LARGEST_COMPONENT = 1e15
 #: most memory that the modes at one wave vector may take, bytes
 MOST_BYTES = 2**33
 #: part of the largest squared frequency by which the lack of a potential of static tangential
 #: forces may lower other squares. A tenth of this was seen where overlaps are d/50
-_WITHOUT_POTENTIAL = 1e-5
+_POTENTIAL_SLACK = 1e-5
 #: distance, over the size of the cell, up to which two centres are one point
-_SAME_CENTRE = 1e-9
+_CENTRE_TOLERANCE = 1e-9
 #: distance of a wave vector from a copy of Gamma, over that of the copy from Gamma, up to which the
 #: distance is rounding
-_AT_COPY = 1e-15
+_COPY_ROUNDING = 1e-15
 #: relative difference up to which two numbers are equal but for rounding
-_ROUNDED_EQUAL = 8.0 * float(np.finfo(np.float64).eps)
+_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 #: the same of what balls at rest give, stiffnesses, forces and arms: rounding adds up over the
 #: steps of a search for rest
-_ROUNDED_AT_REST = 1e-13
+_REST_ROUNDING = 1e-13
 
 
 def put_in_space(vectors: Array) -> Array:
@@ -78,14 +78,24 @@ def put_in_space(vectors: Array) -> Array:
 def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     """Return ``wavevectors`` (..., p) as an array (n_q, p).
 
-    Raises :class:`~granphon.base.errors.InputError` if p is not the number of ``periods``.
+    Raises :class:`~granphon.base.errors.InputError` if they are no real numbers, if p is not the
+    number of ``periods``, or if a number is not finite.
     """
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
         raise InputError(
             f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"
         )
+    _require_finite(q)
     return q.reshape(-1, periods)
+
+
+def _require_finite(components: Array) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if a component of a wave vector is not
+    finite; ``components`` are an array of any shape.
+    """
+    if not np.all(np.isfinite(components)):
+        raise InputError("a wave vector is not finite", mend="Give finite numbers")
 
 
 def require_digits(components: Array) -> None:
@@ -96,10 +106,11 @@ def require_digits(components: Array) -> None:
     # nan is the difference of two components that overflow
     sizes = np.nan_to_num(np.abs(components), nan=np.inf, posinf=np.inf)
     farthest = float(np.max(sizes, initial=0.0))
-    if farthest > _FARTHEST:
+    if farthest > _LARGEST_COMPONENT:
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-            f"Beyond {_FARTHEST:.0e} no digit is left for its place between two reciprocal vectors",
+            f"Beyond {_LARGEST_COMPONENT:.0e} no digit is left for its place between two reciprocal"
+            " vectors",
             "Leave whole reciprocal vectors out",
         )
 
@@ -112,7 +123,7 @@ def _repeat(name: str, values: ArrayLike, shape: tuple[int, ...], low: Low | Non
     names; numbers are not checked if ``low`` is None.
     """
     numbers = real_array(name, values)
-    if numbers.size and low is not None:  # a lattice may have no balls or no contacts
+    if low is not None:
         numbers = finite_array(name, numbers, low=low)
     try:
         return read_only(np.broadcast_to(numbers, shape))
@@ -132,7 +143,7 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
         raise InputError(
             f"{name} has the shape {numbers.shape}", mend="Give one vector in each row"
         )
-    return finite_array(name, numbers) if numbers.size else numbers
+    return finite_array(name, numbers) if numbers.size else numbers  # of no ball, or no period
 
 
 def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) -> Array | None:
@@ -207,9 +218,10 @@ class Compatibility:
 
     Raises
     ------
-    InputError : a wrong shape; a number other than ``distance`` that is not finite; a mass, a
-        radius of gyration or a stiffness that is not above zero; a ratio of stiffnesses or a spring
-        to the ground below zero; contacts that are no table, and motions that are none.
+    InputError : no ball or no contact; a wrong shape; a number other than ``distance`` that is not
+        finite; a mass, a radius of gyration or a stiffness that is not above zero; a ratio of
+        stiffnesses or a spring to the ground below zero; more springs than contacts; contacts that
+        are no table, and motions that are none.
     """
 
     def __init__(
@@ -251,6 +263,12 @@ class Compatibility:
             raise InputError(
                 f"cell has the shape {self.cell.shape}, and positions {self.positions.shape}",
                 "A cell (p, d) has p vectors of as many components d as the positions, p <= d",
+            )
+        if not len(self.positions) or not len(contacts):
+            raise InputError(
+                f"the lattice {name} has {counted(len(self.positions), 'ball')} and"
+                f" {counted(len(contacts), 'contact')}",
+                mend="Give at least one of each",
             )
         self.contacts = contacts
         self.mindlin_ratio = self._read_ratio("mindlin_ratio", mindlin_ratio)
@@ -380,7 +398,7 @@ class Compatibility:
         spin of a ball about its two contacts, have negative eigenvalues of second order in the
         forces and in the excess.
         """
-        return _WITHOUT_POTENTIAL if self.lacks_potential else 0.0
+        return _POTENTIAL_SLACK if self.lacks_potential else 0.0
 
     @cached_property
     def lacks_potential(self) -> bool:
@@ -409,8 +427,9 @@ class Compatibility:
         """Return the Cartesian wave vectors (..., p), 1/d, of ``fractions`` (..., p) or (..., 3) of
         the reciprocal vectors.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape, for numbers that are not
-        finite, and for a component other than zero along an axis without period; and
+        Raises :class:`~granphon.base.errors.InputError` for what is no array of real numbers, for
+        another shape, for numbers that are not finite, and for a component other than zero along an
+        axis without period; and
         :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         components = real_array("fractions", fractions)
@@ -420,14 +439,13 @@ class Compatibility:
             raise InputError(
                 f"the fractions have the shape {components.shape}", mend=f"Give an array {shapes}"
             )
+        _require_finite(components)
         if np.any(components[..., p:]):
             raise InputError(
                 "a wave vector has a component across the lattice",
                 f"The lattice has {counted(p, 'period')}",
                 "Give 0 for the rest",
             )
-        if not np.all(np.isfinite(components)):
-            raise InputError("a wave vector is not finite", mend="Give finite numbers")
         require_digits(components)
         return np.asarray(components[..., :p] @ self.reciprocal)
 
@@ -436,19 +454,19 @@ class Compatibility:
         reciprocal vectors that were subtracted from ``wavevectors`` (..., p).
 
         Without this step, half angles at a copy of Gamma would be multiples of pi, whose sines are
-        rounding errors. Raises :class:`~granphon.base.errors.InputError` for a wave vector that is
-        not finite, and :class:`~granphon.base.errors.PrecisionError` for one too far from Gamma.
+        rounding errors. Raises what :func:`as_wavevectors` raises, and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         q = as_wavevectors(wavevectors, self.periods)
-        if not np.all(np.isfinite(q)):
-            raise InputError("a wave vector is not finite", mend="Give finite numbers")
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
             fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
         require_digits(fractions)
         copies = np.rint(fractions) @ self.reciprocal
         near_q = q - copies
         # at a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
-        is_rounding = np.linalg.norm(near_q, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
+        is_rounding = np.linalg.norm(near_q, axis=1) <= _COPY_ROUNDING * np.linalg.norm(
+            copies, axis=1
+        )
         is_copy = np.any(copies != 0.0, axis=1)
         near_q[is_rounding & is_copy] = 0.0
         return near_q, copies
@@ -535,6 +553,11 @@ class Compatibility:
         Returns
         -------
         (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
+
+        Raises
+        ------
+        InputError : a wave vector of another shape or not finite; or the matrices at one wave
+            vector do not fit into memory.
         """
         waves = self._contact_waves
         rows = waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
@@ -807,7 +830,7 @@ class Compatibility:
             for sizes in (self.stiffness, np.abs(self.prestress))
         ]
         balls = np.column_stack([self.masses, self.gyration, *sums])
-        return balls, np.repeat([_ROUNDED_EQUAL, _ROUNDED_AT_REST], 2)
+        return balls, np.repeat([_ROUNDING, _REST_ROUNDING], 2)
 
     def _invert_balls(
         self, image_of_first: int
@@ -827,7 +850,7 @@ class Compatibility:
             cells = np.rint(offset[..., :p] @ inverse)
             error = np.max(np.abs(offset - cells @ self.cell), axis=2)
             image = np.argmin(error, axis=1)
-            if np.any(error[np.arange(count), image] > _SAME_CENTRE * size):
+            if np.any(error[np.arange(count), image] > _CENTRE_TOLERANCE * size):
                 return None
         return image, cells[np.arange(n), image].astype(np.intp)
 
@@ -879,12 +902,12 @@ class Compatibility:
                 *ratios,
             ]
         )
-        if np.any(np.abs(scalars[:, images] - scalars) > _ROUNDED_AT_REST * np.abs(scalars)):
+        if np.any(np.abs(scalars[:, images] - scalars) > _REST_ROUNDING * np.abs(scalars)):
             return False
         # what belongs to the ends i and j, (2, 2, n_c), is exchanged where the image is straight
         ends = np.array([(table.arm_i, table.arm_j), self.lever_excesses])
         image_ends = np.where(is_straight, ends[:, ::-1, images], ends[:, :, images])
-        if np.any(np.abs(image_ends - ends) > _ROUNDED_AT_REST * np.abs(ends)):
+        if np.any(np.abs(image_ends - ends) > _REST_ROUNDING * np.abs(ends)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are
         # rounded in proportion to their distance from the origin
@@ -899,7 +922,7 @@ class Compatibility:
             # an inversion leaves torques as they are
             (self.contact_torque, largest_torque, -sign),
         ):
-            if np.any(np.abs(factor * vectors[images] - vectors) > _ROUNDED_AT_REST * largest):
+            if np.any(np.abs(factor * vectors[images] - vectors) > _REST_ROUNDING * largest):
                 return False
         return True
 
@@ -1040,8 +1063,8 @@ class Compatibility:
 
         Rows and columns are the motions, (x, y, w) in the plane, of the first ball, then those of
         the second, and so on. Phases are taken at the positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, p) are in 1/d; another shape raises
-        :class:`~granphon.base.errors.InputError`.
+        ``wavevectors`` (n_q, p) are in 1/d; another shape, a number that is not finite, and a cell
+        whose matrices do not fit into memory raise :class:`~granphon.base.errors.InputError`.
         """
         return np.asarray(
             self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T

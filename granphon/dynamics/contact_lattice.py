@@ -46,22 +46,22 @@ _Result = TypeVar("_Result")
 _ENTRIES = 4e6
 #: |q|d at which modes are computed for their limits at Gamma; at smaller |q| each branch is a power
 #: of |q|
-_NEAR_GAMMA = 1e-30
+_LIMIT_DISTANCE = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
-_BESIDE_GAMMA = 1e-4
+_STEP_FROM_GAMMA = 1e-4
 #: |q| times the length of the longest vector of the cell at the first of four points that tell the
 #: curvature of a branch at Gamma: errors of fourth order, and those of rounding, are both about
 #: 1e-12 there
-_BESIDE_CUTOFF = 5e-4
+_STEP_FROM_CUTOFF = 5e-4
 #: singular value from which unit vectors are independent: well above the error of vectors found at
-#: :data:`_BESIDE_GAMMA`
-_INDEPENDENT = 1e-2
+#: :data:`_STEP_FROM_GAMMA`
+_LEAST_INDEPENDENCE = 1e-2
 #: amplitude of a ball in a motion of length one up to which the ball is at rest but for rounding
-_AT_REST = 1e-12
+_REST_AMPLITUDE = 1e-12
 #: number of balls in a cell up to which the top frequency is sought on a fine mesh
-_FEW_BALLS = 8
+_MOST_ON_FINE_MESH = 8
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
-_MANY_BALLS = 200
+_MOST_ON_MESH = 200
 #: number of modes whose deformations are found at once: 32 to 128 at once take a sixth of the time
 #: that all modes at once take
 _MODES_AT_ONCE = 64
@@ -291,7 +291,7 @@ class ContactLattice(LongWaves):
         is_almost_gamma = _is_almost_gamma(q)
         if np.any(is_almost_gamma):
             directions = as_direction(q[is_almost_gamma], self.periods)
-            solved_q = _NEAR_GAMMA * directions
+            solved_q = _LIMIT_DISTANCE * directions
             modes = self._solve_with_velocities(solved_q, directions)
             omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], solved_q, *modes)[0]
         return omega
@@ -302,11 +302,12 @@ class ContactLattice(LongWaves):
 
         The mesh of a cell of up to 200 balls contains Gamma, K, M and X. The mesh of a larger cell
         is coarser, because each point of its zone stands for many points of the zone of a small
-        cell. For more than 200 balls the mesh is Gamma alone.
+        cell. For more than 200 balls the mesh is Gamma alone. Raises what :meth:`frequencies`
+        raises.
         """
-        if self.n_balls <= _FEW_BALLS:
+        if self.n_balls <= _MOST_ON_FINE_MESH:
             fractions = np.arange(12) / 12.0
-        elif self.n_balls <= _MANY_BALLS:
+        elif self.n_balls <= _MOST_ON_MESH:
             fractions = np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
         else:
             fractions = np.zeros(1)
@@ -326,8 +327,8 @@ class ContactLattice(LongWaves):
         Raises
         ------
         InputError : a wave vector is Gamma and no direction is given, as sound has no velocity
-            without one; there is no wave vector, or one of a wrong shape; or the results do not fit
-            into memory.
+            without one; there is no wave vector, or one of a wrong shape or not finite; a direction
+            of another shape, not finite or of length zero; or the results do not fit into memory.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : prestress makes a squared frequency negative.
         """
@@ -370,7 +371,7 @@ class ContactLattice(LongWaves):
         """
         along = one_direction(direction, self.periods)
         longest = float(np.max(np.linalg.norm(self.cell, axis=1)))
-        lengths = np.arange(1, 5) * _BESIDE_CUTOFF / longest
+        lengths = np.arange(1, 5) * _STEP_FROM_CUTOFF / longest
         modes = self.modes(lengths[:, None] * along)
         velocities = modes.group_velocities @ along
         at_gamma = self.frequencies(np.zeros((1, self.periods)))[0]
@@ -420,8 +421,8 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : a wave vector of another shape or not finite; or the energies do not fit into
-            memory.
+        InputError : a wave vector of another shape or not finite; branches of another shape, or
+            that the lattice does not have; or the energies do not fit into memory.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
         """
@@ -431,6 +432,7 @@ class ContactLattice(LongWaves):
         q = as_wavevectors(wavevectors, self.periods)
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
+        self._require_branches(branches, len(q))
         kinds = {row.kind for row in self.unit_rows}
         numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
         require_memory(
@@ -453,6 +455,18 @@ class ContactLattice(LongWaves):
             },
             np.concatenate(motions),
         )
+
+    def _require_branches(self, branches: Index, n_points: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
+        numbers of branches at ``n_points`` wave vectors.
+        """
+        has_shape = branches.ndim == 2 and len(branches) == n_points
+        if not has_shape or not np.all((branches >= 0) & (branches < self.n_branches)):
+            raise InputError(
+                f"branches has the shape {branches.shape}, or numbers that are none of branches",
+                f"There are {n_points} wave vectors and {self.n_branches} branches",
+                f"Give an array ({n_points}, b) of numbers from 0 to {self.n_branches - 1}",
+            )
 
     def _measure_modes(self, q: Array, branches: Index, turn: Array) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at a few wave vectors q
@@ -599,10 +613,10 @@ class ContactLattice(LongWaves):
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
         is_gamma = np.all(q == 0.0, axis=1)
         is_almost_gamma = _is_almost_gamma(q)
-        solved_q = np.where(is_gamma[:, None], _NEAR_GAMMA * along, q)
+        solved_q = np.where(is_gamma[:, None], _LIMIT_DISTANCE * along, q)
         if np.any(is_almost_gamma):
             directions = as_direction(q[is_almost_gamma], self.periods)
-            solved_q[is_almost_gamma] = _NEAR_GAMMA * directions
+            solved_q[is_almost_gamma] = _LIMIT_DISTANCE * directions
         frequencies, vectors, velocities = self._solve_with_velocities(solved_q, along)
         is_limit = is_gamma | is_almost_gamma
         if np.any(is_limit):
@@ -819,8 +833,8 @@ class ContactLattice(LongWaves):
         """The blocks with motions that lengthen or shorten contacts. The motions of other blocks
         leave the static normal forces as they are.
         """
-        # elongations come first among the kinds of rows
-        lengthens = self._deforming.find_effects()[0].any(axis=0)
+        is_elongation = [row.kind == "elongation" for row in self.rows]
+        lengthens = np.any(self._deforming.find_effects()[is_elongation], axis=(0, 1))
         return [block for block in self._blocks if np.any(lengthens[block.columns])]
 
     # -- branches that vanish at every wave vector -------------------------------------------------
@@ -869,6 +883,7 @@ class ContactLattice(LongWaves):
                 if stops(self._stiffen(names))
             ]
             if remedies:
+                # of several names the last two are joined by "and"
                 choices = [", ".join((*names[:-2], " and ".join(names[-2:]))) for names in remedies]
                 return f"add {', or '.join(choices)}"
         return "use a lattice with more contacts"
@@ -905,7 +920,8 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : another shape of wave vectors, or another number of frequencies.
+        InputError : wave vectors of another shape or not finite, or another number of frequencies.
+        PrecisionError : a wave vector is too far from Gamma.
         """
         q, _ = self._fold(wavevectors)
         numbers = real_array("frequencies", frequencies)
@@ -948,16 +964,16 @@ class ContactLattice(LongWaves):
             sound_motions = np.column_stack([sound_motions, self._turn_about_line()])
         sound_motions[:, self._are_anchored(sound_motions)] = 0.0
         if self._large is not None and not self.free_branches:
-            return int(np.linalg.matrix_rank(sound_motions, tol=_INDEPENDENT))
+            return int(np.linalg.matrix_rank(sound_motions, tol=_LEAST_INDEPENDENCE))
         total = 0
         for block in self._blocks:
             zero_motions = sound_motions[block.columns]
             if block.n_free:
-                _, modes = block.solve(_BESIDE_GAMMA * direction)
+                _, modes = block.solve(_STEP_FROM_GAMMA * direction)
                 free_motions = modes[0][:, : block.n_free]
                 zero_motions = np.concatenate([zero_motions, free_motions], axis=1)
             # a motion of sound may also be free: only independent motions count
-            total += int(np.linalg.matrix_rank(zero_motions, tol=_INDEPENDENT))
+            total += int(np.linalg.matrix_rank(zero_motions, tol=_LEAST_INDEPENDENCE))
         return total
 
     def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
@@ -969,7 +985,7 @@ class ContactLattice(LongWaves):
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
         at_springs = of_balls[self.contacts.i[self.n_between :]]
         springs = self.on_site[:, : self.motions.count]
-        is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _AT_REST)
+        is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _REST_AMPLITUDE)
         return np.asarray(np.any(is_resisted, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
@@ -1134,10 +1150,10 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
 
 def _is_almost_gamma(q: Array) -> NDArray[np.bool_]:
     """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is so near to Gamma that all of its
-    components are below :data:`_NEAR_GAMMA`, but not Gamma.
+    components are below :data:`_LIMIT_DISTANCE`, but not Gamma.
     """
     size = np.max(np.abs(q), axis=1)
-    return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
+    return np.asarray((size > 0.0) & (size < _LIMIT_DISTANCE))
 
 
 def _sort_branches(
