@@ -40,7 +40,7 @@ from granphon.dynamics.linalg import (
 _MANY_FREE = 48
 #: relative difference of frequencies, or of their slopes, below which branches are treated as one
 #: degenerate set
-DEGENERATE = 1e-9
+DEGENERACY = 1e-9
 #: difference of slopes of omega^2, d k/M, below which branches of one frequency have one slope
 _EQUAL_SLOPES = 1e-9
 #: length of the step in q, 1/d, after which branches of one frequency and one slope are told apart
@@ -51,7 +51,7 @@ _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: undeformed
 _RIGIDITY_ERROR = 1e-12
 #: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
-GENERIC = np.array(
+GENERIC_WAVEVECTORS = np.array(
     [
         [0.7390851, -1.2020569, 0.4669201],
         [1.9021605, 0.5772157, -0.9159656],
@@ -214,7 +214,7 @@ class Block:
         highest_rank = 0
         periods = self.deforming.half.shape[1]
         # the rank is lower at special wave vectors, and never higher than the generic one
-        for q in GENERIC[:, None, :periods]:
+        for q in GENERIC_WAVEVECTORS[:, None, :periods]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._wave_rows])
             highest_rank = max(highest_rank, find_rank(rows))
             if highest_rank == min(rows.shape):  # no wave vector can give a higher rank
@@ -274,7 +274,7 @@ class Block:
         frequencies, modes = self._decompose(point)
         slopes = _Slopes(self, point, frequencies)
         # (n_q, n - 1) whether a branch has the frequency of the next
-        is_joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
+        is_joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERACY * frequencies[:, 1:]
         if np.any(is_joined):
             if np.any(frequencies[:, 0] == 0.0):
                 # nothing tells branches that vanish everywhere from each other
@@ -452,7 +452,7 @@ class Block:
             numbers = np.searchsorted(solved_points, points)  # among the solved points
             highest = squares[numbers, branches.stop - 1]
             lowest = squares[numbers, branches.start]
-            is_split = highest - lowest > DEGENERATE * highest
+            is_split = highest - lowest > DEGENERACY * highest
             if not np.any(is_split):
                 continue
             split_points = points[is_split]
@@ -828,7 +828,7 @@ def _align_equal(turn: NDArray[Any], speeds: Array) -> None:
 
     Modes of one speed may be mixed at will, and so stay as near as possible to what they were.
     """
-    is_equal = np.diff(speeds) <= DEGENERATE * speeds[1:]
+    is_equal = np.diff(speeds) <= DEGENERACY * speeds[1:]
     for _, run in _find_runs(is_equal[None]):
         # u vh is the unitary matrix nearest to the block of the run
         u, _, vh = np.linalg.svd(turn[run, run])

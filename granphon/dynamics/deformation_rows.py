@@ -34,7 +34,7 @@ from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
 
 #: half angle below which sin h - h cos h is summed as a series
-_SERIES = 1.0
+_LARGEST_OF_SERIES = 1.0
 #: coefficients of (sin h - h cos h)/h^3 in powers of h^2; the next one is below rounding
 _BEND = [(-1.0) ** k * (2 * k + 2) / math.factorial(2 * k + 3) for k in range(9)]
 #: three components of vectors, along x, y and z, each (n_c,)
@@ -608,9 +608,11 @@ def bend(angle: Array) -> Array:
     """Return sin h - h cos h of the ``angle`` h (...), rad, with all digits also at small angles,
     where the difference is h^3/3. Its derivative with respect to h is h sin h.
     """
-    square = np.square(angle)
+    is_small = np.abs(angle) < _LARGEST_OF_SERIES
+    small_angle = np.where(is_small, angle, 0.0)  # powers of large angles would overflow
+    square = np.square(small_angle)
     series = np.zeros_like(angle)
     for coefficient in reversed(_BEND):  # Horner's rule
         series = series * square + coefficient
     direct = np.sin(angle) - angle * np.cos(angle)
-    return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, direct))
+    return np.asarray(np.where(is_small, small_angle * square * series, direct))

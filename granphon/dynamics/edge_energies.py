@@ -66,7 +66,7 @@ class _MeanSquares(NamedTuple):
 
     Attributes
     ----------
-    deformations : (n_c,) of the deformations of contacts, by the names of
+    deformations : a dictionary of arrays (n_c,), of the deformations of contacts, by the names of
         :data:`~granphon.dynamics.sensitivities.STIFFNESSES`.
     motions : (n, motions) of the mass-weighted motions of balls that move.
     """
@@ -114,9 +114,10 @@ class EdgeEnergies:
         squares : (n,) w of the waves, ascending at each wave vector, in reduced units.
         warnings : sentences about the crystal, which the results hold.
 
-        Raises :class:`~granphon.base.errors.InputError` for arrays larger than the memory, and
-        :class:`~granphon.base.errors.PrecisionError` for a wave that decays too slowly to be told
-        from those of the bulk.
+        Raises
+        ------
+        InputError : arrays larger than the memory.
+        PrecisionError : a wave decays too slowly to be told from those of the bulk.
         """
         half_space = self.half_space
         self._require_memory(len(point))

@@ -28,15 +28,15 @@ _VOIGT = {
 _TOLERANCE = 1e-6
 #: greatest difference, over the largest constant, between elastic constants that are equal but for
 #: rounding
-_ROUNDED = 1e-10
+_MODULUS_ROUNDING = 1e-10
 #: number of periods of a lattice, by the number of rows of its elastic tensor
 _PERIODS = {1: 1, 3: 2, 6: 3}
 #: number of decimals to which components are compared, so that rounding does not decide
 _DIGITS = 9
 #: relative difference of velocities up to which they are equal but for rounding
-_TIED = 1e-12
+_VELOCITY_ROUNDING = 1e-12
 #: difference of the components of polarisations along q up to which they are equal
-_TIED_ALONG = 1e-9
+_COMPONENT_ROUNDING = 1e-9
 
 
 def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
@@ -101,20 +101,21 @@ def find_unstable_strains(tensor: Array) -> Array | None:
     moduli, strains = np.linalg.eigh(symmetric)
     largest = np.max(np.abs(moduli), axis=-1, keepdims=True)
     relative = np.divide(moduli, largest, out=np.zeros_like(moduli), where=largest > 0.0)
-    worst = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
-    worst_moduli = relative[worst]
-    if worst_moduli[0] >= -_ROUNDED:  # rounding may make a modulus of zero negative
+    lowest_place = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
+    ratios = relative[lowest_place]
+    if ratios[0] >= -_MODULUS_ROUNDING:  # rounding may make a modulus of zero negative
         return None
-    is_lowest = worst_moduli <= worst_moduli[0] + _ROUNDED
-    return np.asarray(strains[worst][:, is_lowest])
+    is_lowest = ratios <= ratios[0] + _MODULUS_ROUNDING
+    return np.asarray(strains[lowest_place][:, is_lowest])
 
 
 def find_stress_part(stress: Array) -> Array:
-    """Return the contribution (..., n, n) of a Cauchy stress (..., p, p) to the coefficients
+    """Return the contribution (..., n, n) of a Cauchy ``stress`` (..., p, p) to the coefficients
     between stress and strain, in Voigt order and in the unit of the stress.
 
-    These coefficients are the second derivatives of the energy with respect to strain, plus this
-    contribution (F. Birch, Phys. Rev. 71, 809, 1947).
+    These coefficients are the second derivatives of the energy per volume with respect to the
+    displacement gradient, in Voigt order (:func:`take_voigt`), plus this contribution (F. Birch,
+    Phys. Rev. 71, 809, 1947).
     """
     unit = np.eye(stress.shape[-1])
     turning = np.einsum("...ik,jl->...ijkl", stress, unit)  # stress_ik delta_jl
@@ -202,7 +203,7 @@ def has_cubic_axes(lattice: Lattice) -> bool:
     return is_cubic(symmetrise(constants + constants.T, lattice), _TOLERANCE)
 
 
-def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
+def is_cubic(tensor: Array, tolerance: float = _MODULUS_ROUNDING) -> bool:
     """Return whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z,
     and not isotropic. Entries are compared to a ``tolerance`` times the largest absolute entry.
     """
@@ -258,7 +259,8 @@ def anisotropy(shear: Array) -> Array:
     C33/(C11 - C12) in the plane, from their shear moduli ``shear`` (..., 5) or (..., 2), as
     :func:`shears` returns them.
 
-    The anisotropy is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947).
+    The anisotropy is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947). C11 and C12
+    must differ.
     """
     # shears such as xx - yy come first, then those such as xy
     n_axial = shear.shape[-1] // 2
@@ -324,7 +326,7 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
         part_along = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
         largest_part = np.max(part_along, axis=-1, keepdims=True)
         # of waves that are equally longitudinal, the last is chosen, which is the fastest
-        is_most_longitudinal = part_along >= (1.0 - _TIED_ALONG) * largest_part
+        is_most_longitudinal = part_along >= (1.0 - _COMPONENT_ROUNDING) * largest_part
         longitudinal = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
         np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
@@ -348,7 +350,7 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     """
     vectors = vectors.copy()
     along = np.broadcast_to(along, vectors.shape[:-1])
-    is_next_equal = np.diff(velocities, axis=-1) <= _TIED * velocities[..., 1:]
+    is_next_equal = np.diff(velocities, axis=-1) <= _VELOCITY_ROUNDING * velocities[..., 1:]
     are_all_equal = np.all(is_next_equal, axis=-1)
     vectors[are_all_equal, :, 2] = along[are_all_equal]
     has_slow_pair = is_next_equal[..., 0]
@@ -363,7 +365,7 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     largest = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
     largest_component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
     deciding_component = np.where(
-        np.abs(component_along) > _TIED_ALONG, component_along, largest_component
+        np.abs(component_along) > _COMPONENT_ROUNDING, component_along, largest_component
     )
     return vectors * np.where(deciding_component < 0.0, -1.0, 1.0)[..., None, :]
 
@@ -378,7 +380,7 @@ def _choose_pair(along: Array, third_vector: Array) -> tuple[Array, Array]:
     part_of_direction = along - np.sum(along * third_vector, axis=-1, keepdims=True) * third_vector
     axis = np.eye(3)[np.argmin(np.round(np.abs(third_vector), _DIGITS), axis=-1)]
     part_of_axis = axis - np.sum(axis * third_vector, axis=-1, keepdims=True) * third_vector
-    has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _TIED_ALONG
+    has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _COMPONENT_ROUNDING
     first = np.where(has_part, part_of_direction, part_of_axis)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return first, np.cross(third_vector, first)
@@ -397,7 +399,8 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
 
     Raises
     ------
-    InstabilityError : a tensor is not positive definite for waves along the direction.
+    InputError : a direction of another shape, not finite or of length zero.
+    InstabilityError : a tensor has a negative squared velocity along the direction.
     """
     periods = _PERIODS[tensor.shape[-1]]
     along = as_direction(direction, periods)

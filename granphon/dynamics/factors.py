@@ -70,7 +70,7 @@ class Elimination:
             return _LUFactors(matrix, pivot, self._approximate)
         columns = matrix.tocsc()
         if self._approximate:
-            columns = columns.astype(np.float32)
+            columns = _halve_precision(columns)
         return _LDLFactors(self._symbolic.factor(columns))
 
 
@@ -84,6 +84,11 @@ def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) ->
     if symmetric:
         return Elimination(matrix, approximate).factorise(matrix)
     return _LUFactors(matrix, _PIVOT, approximate)
+
+
+def _halve_precision(matrix: Any) -> Any:
+    """Return a sparse ``matrix``, real or complex, in single precision."""
+    return matrix.astype(np.complex64 if np.iscomplexobj(matrix.data) else np.float32)
 
 
 class _LDLFactors:
@@ -100,6 +105,8 @@ class _LDLFactors:
             # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
         columns = np.asarray(right, dtype)
+        if not columns.size:  # rslab refuses arrays without columns
+            return columns.copy()
         if columns.ndim == 1:
             return np.asarray(self._factors.solve(columns))
         return np.asarray(self._factors.solve_many(columns))
@@ -126,7 +133,7 @@ class _LUFactors:
         options: dict[str, Any] = {"SymmetricMode": True}
         relax = None
         if approximate:
-            columns = columns.astype(np.float32)
+            columns = _halve_precision(columns)
             options["Equil"] = False
             # SuperLU would else treat neighbouring columns as one dense block (a supernode), and
             # fill a matrix of so few entries with zeros

@@ -24,12 +24,12 @@ from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 
 #: number of balls up to which a set of balls is not cut any further
-_FEW_BALLS = 24
+_MOST_UNCUT_BALLS = 24
 #: pivot, over the diagonal, below which a motion is set aside, so that other pivots keep half of
 #: their digits
-_SOFT_PIVOT = 1e-8
+_LEAST_PIVOT = 1e-8
 #: coupling of a motion that is set aside, over the diagonal, up to which it is rounding
-_NO_PIVOT = 1e-13
+_COUPLING_ROUNDING = 1e-13
 #: memory, bytes, over the number of entries of the factors: fronts that are not finished yet, and
 #: their remainders, are contained
 _FRONTS_BYTES = 24.0
@@ -121,7 +121,7 @@ class _Dissection:
         """
         layer = balls
         halves: tuple[int, ...] = ()
-        if balls.size > _FEW_BALLS:
+        if balls.size > _MOST_UNCUT_BALLS:
             layer, low, high = self._halve(balls)
             halves = tuple(self.cut(half) for half in (low, high) if half.size)
         self._is_in_layer[layer] = True
@@ -277,7 +277,7 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
         complement = matrix[np.ix_(later_motions, later_motions)] - below @ below.T
     n_outer = motions.size - n_inner
     coupling = np.max(np.abs(complement[: soft.size]), axis=1, initial=0.0)
-    is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(n_outer, bool)])
+    is_passed = np.concatenate([coupling > _COUPLING_ROUNDING, np.ones(n_outer, bool)])
     has_front_above = n_outer > 0
     if not has_front_above:
         is_passed[:] = False
@@ -322,10 +322,10 @@ def _factorise(matrix: Array) -> tuple[Array, Index, int]:
     if not n:
         return matrix, np.arange(0), 0
     lower, failure = dpotrf(matrix, lower=1)
-    if not failure and np.min(lower.diagonal()) ** 2 > _SOFT_PIVOT:
+    if not failure and np.min(lower.diagonal()) ** 2 > _LEAST_PIVOT:
         return lower, np.arange(n), n
     # a slower routine, which chooses pivots in descending order, so that small ones come last
-    lower, order, rank, _ = dpstrf(matrix, tol=_SOFT_PIVOT, lower=1)
+    lower, order, rank, _ = dpstrf(matrix, tol=_LEAST_PIVOT, lower=1)
     # LAPACK counts from one
     return np.tril(lower[:rank, :rank]), np.asarray(order - 1, np.intp), int(rank)
 

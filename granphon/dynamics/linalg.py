@@ -25,22 +25,22 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _MOST_SWEEPS = 40
 #: norm of a column, relative to the largest element, below which it is the rounding error of a
 #: dependent column
-_NO_COLUMN = 1e-100
+_COLUMN_ROUNDING = 1e-100
 #: fraction of the trace of a singular matrix by which rounding may make an eigenvalue negative
-_BELOW_ZERO = 16.0 * _EPSILON
+_NEGATIVE_ROUNDING = 16.0 * _EPSILON
 #: eigenvalue of an energy, over the largest, up to which it is the rounding of zero
 NO_ENERGY = 1e-13
 #: singular value, over the largest, of rows and columns of comparable length, below which they are
 #: dependent
-DEPENDENT = 1e-9
+DEPENDENCE = 1e-9
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
-_FEW_COLUMNS = 3
+_MOST_JACOBI_COLUMNS = 3
 #: number of columns above which matrices are decomposed one by one
 MANY_COLUMNS = 300
 #: eigenvalue of A^H A, over the largest, from which the error of its square root is below 1e-11
-WELL_ABOVE = 1e-4
+LEAST_EXACT_SQUARE = 1e-4
 #: eigenvalue of A^H A, over the norm of A^H A, from which the columns of A are independent by far
-_FAR_ABOVE = 1e-9
+_LEAST_INDEPENDENCE = 1e-9
 #: error of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (at
 #: most 2.1 on lattices)
 _LAPACK_ERROR = 4.0
@@ -52,12 +52,12 @@ _GRADED_RATIO = 10.0
 #: its square is rounding
 _FIRST_ORDER = 1e-8
 #: cosine between columns up to which they are orthogonal except for rounding
-_STRAIGHT = 1e-14
+_COSINE_ROUNDING = 1e-14
 #: ratio of the norms of two columns below which LAPACK would lose digits of the smaller column,
 #: while two QR decompositions leave no coupling of the two
 _COMPARABLE_RATIO = 1e-8
 #: eigenvalue, over the largest of the same matrix, up to which it may be rounding of zero
-_SINGULAR = 1e-14
+_SINGULARITY = 1e-14
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -80,7 +80,7 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
     Parameters
     ----------
-    matrices : (n_matrices, m, n), real or complex.
+    matrices : (n_matrices, m, n), real or complex; m and n are above zero.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     right : (n_matrices, n, n), unitary; its columns are the right singular vectors.
     """
     m, n = matrices.shape[1:]
-    if n <= _FEW_COLUMNS:
+    if n <= _MOST_JACOBI_COLUMNS:
         return jacobi_svd(matrices)
     if m <= n:
         # as many contacts as motions, or fewer, leave soft motions at most wave vectors, for which
@@ -113,7 +113,7 @@ def graded_eigh(
     to n = 3 ``factor`` is called for all matrices, otherwise only for those where LAPACK's error
     may exceed 1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
     """
-    if matrices.shape[2] <= _FEW_COLUMNS:
+    if matrices.shape[2] <= _MOST_JACOBI_COLUMNS:
         return jacobi_svd(factor(matrices))
     squares, right = np.linalg.eigh(matrices)
     # a root has half the relative error of its square
@@ -153,7 +153,7 @@ def _straighten(
     length_products = values[:, :, None] * values[:, None]
     gap = squares[:, None] - squares[:, :, None]
     is_small = overlaps <= _FIRST_ORDER * np.abs(gap)
-    is_straight = overlaps <= _STRAIGHT * length_products
+    is_straight = overlaps <= _COSINE_ROUNDING * length_products
     is_nearly_straight = is_small & (overlaps <= _FIRST_ORDER * length_products)
     is_exact = np.all(is_straight | is_nearly_straight, axis=(1, 2))
     has_angle = is_small & (gap != 0.0)
@@ -284,7 +284,7 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
     Parameters
     ----------
-    matrices : (..., m, n), real or complex.
+    matrices : (..., m, n), real or complex; m and n are above zero.
 
     Returns
     -------
@@ -340,9 +340,9 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
     # the rounding of the product of orthogonal columns is a few epsilon. A column shorter than
-    # _NO_COLUMN is the rounding error of a dependent column, counts as zero, and is not turned
+    # _COLUMN_ROUNDING is the rounding error of a dependent column, and is not turned
     is_oblique = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
-    is_oblique &= np.minimum(alpha, beta) > _NO_COLUMN**2
+    is_oblique &= np.minimum(alpha, beta) > _COLUMN_ROUNDING**2
     if not np.any(is_oblique):
         return False
     # the tangent t of the angle is the smaller root of t^2 + 2 zeta t = 1
@@ -395,7 +395,7 @@ def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
             # one by one, so that a singular matrix does not change the results of the others
             return np.stack([_find_lower(matrix) for matrix in matrices])
         eigenvalues, vectors = np.linalg.eigh(matrices)
-        if eigenvalues[0] < -_BELOW_ZERO * len(eigenvalues):
+        if eigenvalues[0] < -_NEGATIVE_ROUNDING * len(eigenvalues):
             raise
         return np.asarray(vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
@@ -414,7 +414,7 @@ def find_rank(rows: NDArray[Any]) -> int:
         return int(scaled.shape[1])
     # rows of length one have a singular value of one or more; rows of zeros alone have rank zero
     singular_values = np.linalg.svd(scaled, compute_uv=False)
-    return int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
+    return int(np.count_nonzero(singular_values > DEPENDENCE * max(singular_values[0], 1.0)))
 
 
 def is_independent(rows: NDArray[Any]) -> bool:
@@ -428,7 +428,7 @@ def is_independent(rows: NDArray[Any]) -> bool:
     if not n_rows >= n_columns > MANY_COLUMNS:
         return False
     product = rows.conj().T @ rows
-    product[np.diag_indices(n_columns)] -= _FAR_ABOVE * np.linalg.norm(product)
+    product[np.diag_indices(n_columns)] -= _LEAST_INDEPENDENCE * np.linalg.norm(product)
     try:
         np.linalg.cholesky(product)
     except np.linalg.LinAlgError:
@@ -439,8 +439,8 @@ def is_independent(rows: NDArray[Any]) -> bool:
 def find_dependent(
     rows: NDArray[Any], sizes: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return orthonormal vectors (n, k) that a matrix ``rows`` (m, n) takes to zero, and
-    orthonormal vectors (n, n - k) that complete them to a basis.
+    """Return orthonormal vectors (n, k) that a matrix ``rows`` (m, n), n above zero, takes to zero,
+    and orthonormal vectors (n, n - k) that complete them to a basis.
 
     ``sizes`` (m, n) are the sizes that the entries of the matrix would have if nothing cancelled in
     them. Each column and then each row of the matrix is divided by its length in ``sizes``, so that
@@ -455,7 +455,7 @@ def find_dependent(
         return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
     padded_rows = _pad_rows(scaled[None])[0]
     range_basis, singular_values, adjoint = np.linalg.svd(padded_rows, full_matrices=False)
-    rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
+    rank = int(np.count_nonzero(singular_values > DEPENDENCE * max(singular_values[0], 1.0)))
     n_null = len(singular_values) - rank
     null_vectors, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # division by the lengths amplifies the error of some vectors, which are then not quite taken to
@@ -468,8 +468,8 @@ def find_dependent(
 
 
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Return the inverses of Hermitian ``matrices`` (..., n, n); where one is singular, its
-    pseudoinverse, which is zero on the null space.
+    """Return the inverses of Hermitian ``matrices`` (..., n, n), n above zero; where one is
+    singular, its pseudoinverse, which is zero on the null space.
     """
     try:
         inverse = np.linalg.inv(matrices)
@@ -478,10 +478,10 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
     size = np.max(np.abs(matrices), axis=(-2, -1))
     size_of_inverse = np.max(np.abs(inverse), axis=(-2, -1))
     with np.errstate(invalid="ignore"):  # a matrix of zeros, whose inverse is infinite, gives nan
-        is_singular = ~(size * size_of_inverse * _SINGULAR <= 1.0)
+        is_singular = ~(size * size_of_inverse * _SINGULARITY <= 1.0)
     if np.any(is_singular):
         inverse[is_singular] = np.linalg.pinv(
-            matrices[is_singular], rcond=_SINGULAR, hermitian=True
+            matrices[is_singular], rcond=_SINGULARITY, hermitian=True
         )
     return np.asarray(inverse)
 

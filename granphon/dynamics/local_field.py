@@ -50,7 +50,7 @@ _LEAST_HELD = 1e-6
 _ENTRIES = 2**16
 #: distance, in steps of the cell and in diameters across the periods, up to which two midpoints of
 #: contacts are one point
-_SAME_MIDPOINT = 1e-3
+_MIDPOINT_TOLERANCE = 1e-3
 #: height of an equilateral triangle of side one
 _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
@@ -314,7 +314,8 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
     up to periods, and else 0.
 
     Only the triangular lattice has more kinds than the star. This lattice is recognised, in any
-    cell, as the lattice in the plane with three contacts per ball.
+    cell, as the lattice in the plane with three contacts per ball: on no other do equal balls touch
+    six others each.
     """
     table = medium.contacts
     p = medium.periods
@@ -335,7 +336,7 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
             steps = separation[..., :p] @ inverse
             # midpoints are compared up to whole steps of the cell
             remainder = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
-            is_contact = np.max(np.abs(remainder), axis=-1) < _SAME_MIDPOINT
+            is_contact = np.max(np.abs(remainder), axis=-1) < _MIDPOINT_TOLERANCE
             kind.append((midpoints[:, :p], is_contact.astype(float)))
     return kinds
 

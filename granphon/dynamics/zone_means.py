@@ -28,7 +28,7 @@ _PROBES = np.array(
     [[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]]
 )
 #: relative difference up to which two values are equal but for rounding
-_EQUAL = 1e-10
+_VALUE_ROUNDING = 1e-10
 
 
 class Operation(NamedTuple):
@@ -87,7 +87,9 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     all_values = function(images.reshape(-1, len(basis)) @ basis)
     values = all_values.reshape(len(operations), len(fractions), -1)
     # the first operation is the identity
-    is_equal = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
+    is_equal = np.all(
+        np.abs(values - values[0]) <= _VALUE_ROUNDING * np.abs(values[0]), axis=(1, 2)
+    )
     symmetries = [operations[number] for number in np.flatnonzero(is_equal)]
     group = {operations[0]}
     for symmetry in symmetries:

@@ -303,7 +303,9 @@ def test_sparse_factors_have_the_digits_of_dense_singular_values(case, monkeypat
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 10**9)
     dense = find_all(network)
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
-    monkeypatch.setattr("granphon.dynamics.fronts._FEW_BALLS", 4)  # so that few balls are cut too
+    monkeypatch.setattr(
+        "granphon.dynamics.fronts._MOST_UNCUT_BALLS", 4
+    )  # so that few balls are cut too
     sparse = find_all(network)
     for name, wanted in dense.items():
         if isinstance(wanted, np.ndarray):
