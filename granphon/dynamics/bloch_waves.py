@@ -300,13 +300,7 @@ def _sharpen_long_waves(
     is_running = np.abs(np.abs(factors) - 1.0) < _CIRCLE_DISTANCE
     is_long = np.abs(np.angle(factors)) < _LARGEST_LONG_ANGLE
     long_waves = np.flatnonzero(is_running & is_long)
-    # without loss of energy D_-s is the adjoint of D_s
-    loss = max(
-        np.max(np.abs(coupling - opposite_coupling.conj().T))
-        for coupling, opposite_coupling in zip(couplings, couplings[::-1], strict=True)
-    )
-    largest = np.max(np.abs(couplings[len(couplings) // 2]))
-    if not long_waves.size or loss > NO_ENERGY * largest:
+    if not long_waves.size or _loses_energy(couplings):
         return factors, vectors
     stiffness, modes = np.linalg.eigh(np.sum(couplings, axis=0))
     is_stiff = np.abs(stiffness) > NO_ENERGY * np.max(np.abs(stiffness))
@@ -330,6 +324,18 @@ def _sharpen_long_waves(
             [motion * factors[wave] ** number for number in layer_numbers]
         )
     return factors, vectors
+
+
+def _loses_energy(couplings: list[Complex]) -> bool:
+    """Return whether the matrices D_s, ``couplings`` of s = -reach ... reach, lose energy: without
+    loss D_-s is the adjoint of D_s.
+    """
+    loss = max(
+        np.max(np.abs(coupling - opposite_coupling.conj().T))
+        for coupling, opposite_coupling in zip(couplings, couplings[::-1], strict=True)
+    )
+    largest = np.max(np.abs(couplings[len(couplings) // 2]))  # entry of D_0
+    return bool(loss > NO_ENERGY * largest)
 
 
 def _solve_theta(

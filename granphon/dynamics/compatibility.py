@@ -627,10 +627,9 @@ class Compatibility:
             rows += growth_rows(
                 put_in_space(table.normal),
                 put_in_space(self.tangential_force),
-                table.arm_i,
-                table.arm_j,
+                (table.arm_i, table.arm_j),
                 self.motions,
-                *self._end_gyration,
+                self._end_gyration,
             )
         return rows
 
@@ -702,16 +701,13 @@ class Compatibility:
         tangential forces of size one, ``unit_force`` (n_c, 3).
         """
         table = self.contacts
-        gyration_i, gyration_j = self._end_gyration
         return carry_rows(
             put_in_space(table.normal),
             unit_force,
             self.distance,
-            table.arm_i,
-            table.arm_j,
+            (table.arm_i, table.arm_j),
             self.motions,
-            gyration_i=gyration_i,
-            gyration_j=gyration_j,
+            self._end_gyration,
             growth=self.tangential_growth,
             arm_rates=self.arm_rates,
             turns=self.turns_with_balls,
@@ -1094,16 +1090,45 @@ class Compatibility:
             does not have, or that follows from the lattice; and what the network refuses.
         """
         require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
-        table = self.contacts
-        if np.any(table.j == self.n_balls):
+        if np.any(self.contacts.j == self.n_balls):
             raise InputError(
                 "the lattice has contacts with bodies that do not move, or with the ground",
                 "Its balls alone are no network that holds those contacts",
                 "Use the network that the lattice was made from",
             )
+        defaults: dict[str, Any] = {
+            "motions": self.named_motions.name,
+            "prestress": self.is_prestressed,
+            "pbc": tuple(axis < self.periods for axis in range(3)),
+            "positions": units.length * put_in_space(self.positions),
+        }
+        if self.is_prestressed:
+            defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
+            if np.any(self.contact_torque):
+                defaults["contact_torque"] = units.force * units.length * self.contact_torque
+        fields_of_lattice = self._list_network_fields(units, normal_force, radii)
+        all_names = {entry.name for entry in list_fields(ContactNetwork)}
+        further_names = all_names - fields_of_lattice.keys()
+        for name in fields:
+            if name not in further_names:
+                why = "The lattice gives this field, or no network has it"
+                mend = f"Give one of {', '.join(sorted(further_names))}"
+                raise InputError(f"{name} is no further field of the network", why, mend)
+        return ContactNetwork(**fields_of_lattice, **(defaults | fields))
+
+    def _list_network_fields(
+        self, units: Units, normal_force: ArrayLike, radii: ArrayLike
+    ) -> dict[str, Any]:
+        """Return the fields of a network, in SI, that follow from this lattice alone; the arguments
+        are those of :meth:`contact_network`.
+
+        Raises :class:`~granphon.base.errors.InputError` for forces or radii of a wrong shape, or
+        not finite.
+        """
+        table = self.contacts
+        count = len(table)
         d = units.length
         p = self.periods
-        count = len(self.contacts)
         # networks have three components also in the plane
         cell = np.zeros((3, 3))
         shift = np.zeros((count, 3), np.intp)
@@ -1111,17 +1136,7 @@ class Compatibility:
         shift[:, :p] = table.shift
         masses = units.mass * self.masses
         normal_stiffness = units.stiffness * self.stiffness
-        defaults: dict[str, Any] = {
-            "motions": self.named_motions.name,
-            "prestress": self.is_prestressed,
-            "pbc": (p > 0, p > 1, p > 2),
-            "positions": d * put_in_space(self.positions),
-        }
-        if self.is_prestressed:
-            defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
-            if np.any(self.contact_torque):
-                defaults["contact_torque"] = units.force * units.length * self.contact_torque
-        of_lattice: dict[str, Any] = {
+        return {
             "cell": cell,
             "radii": d * _repeat("radii", radii, (self.n_balls,)),
             "masses": masses,
@@ -1139,13 +1154,6 @@ class Compatibility:
             "arm_j": d * table.arm_j,
             "dimension": self.dimension,
         }
-        further_names = {entry.name for entry in list_fields(ContactNetwork)} - of_lattice.keys()
-        for name in fields:
-            if name not in further_names:
-                why = "The lattice gives this field, or no network has it"
-                mend = f"Give one of {', '.join(sorted(further_names))}"
-                raise InputError(f"{name} is no further field of the network", why, mend)
-        return ContactNetwork(**of_lattice, **(defaults | fields))
 
 
 def _split_lengths(vectors: Array) -> tuple[Array, Array]:

@@ -274,15 +274,12 @@ class SparseRelaxation:
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
             energies, motions = self._find_set_aside(fronts, matrix, block)
             highest = _bound(block)
+            is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
             # no coupling is larger than the root of the product of both energies
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
-            pulls = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0)
-            # a motion that no strain moves belongs to another wave vector of a smaller cell
-            is_moved = pulls > _COUPLING_ROUNDING * largest_pull
-            is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
-            unstable_numbers = np.flatnonzero(is_negative & is_moved)
-            if unstable_numbers.size:
-                raise self._explain_buckling(block, motions[:, unstable_numbers[0]])
+            self._require_unmoved(
+                motions[:, is_negative], mixed, _COUPLING_ROUNDING * largest_pull, block
+            )
             # motions that cost nothing are left out. Static forces do not act on them; that
             # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest
@@ -316,6 +313,21 @@ class SparseRelaxation:
         energy_form = basis.T @ (block @ basis)
         energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
         return energies, basis @ vectors
+
+    def _require_unmoved(
+        self, negative_motions: Array, mixed: Array, rounding: float, block: Any
+    ) -> None:
+        """Raise :class:`~granphon.base.errors.InstabilityError` if a gradient moves one of the
+        ``negative_motions`` (n_branches, k) of negative energy: if it pulls on the motion by more
+        than ``rounding``. A motion that no gradient moves belongs to another wave vector of a
+        smaller cell.
+
+        ``mixed`` and ``block`` are those of :meth:`eliminate`.
+        """
+        pulls = np.max(np.abs(negative_motions.T @ mixed), axis=1, initial=0.0)
+        moved_numbers = np.flatnonzero(pulls > rounding)
+        if moved_numbers.size:
+            raise self._explain_buckling(block, negative_motions[:, moved_numbers[0]])
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
         """Return the error of a lattice whose inner ``motion`` (n_branches,) has a negative energy
