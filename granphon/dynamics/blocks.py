@@ -37,7 +37,7 @@ from granphon.dynamics.linalg import (
 
 #: number of motions of a block above which LAPACK splits off those that cost nothing at any wave
 #: vector
-_MANY_FREE = 48
+_MOST_UNSPLIT = 48
 #: relative difference of frequencies, or of their slopes, below which branches are treated as one
 #: degenerate set
 DEGENERACY = 1e-9
@@ -537,7 +537,7 @@ class Block:
         matrices = None if point.across is None else self._make_matrix(point.rows, point.across)
         if matrices is not None:
             self._drop_rounding(point.q, matrices)
-        if self.n_free and self.size > _MANY_FREE:
+        if self.n_free and self.size > _MOST_UNSPLIT:
             frequencies, modes = self._split_free(point.rows, matrices)
         else:
             frequencies, modes = self._decompose_all(point.rows, matrices)

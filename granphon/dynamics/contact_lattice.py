@@ -481,18 +481,13 @@ class ContactLattice(LongWaves):
         # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
         group_of_branch = np.take_along_axis(groups, branches, axis=1)
-        is_needed = [np.isin(*pair) for pair in zip(groups, group_of_branch, strict=True)]
-        columns = np.flatnonzero(np.any(is_needed, axis=0))
+        columns = _find_members(groups, group_of_branch)
         groups_of_columns = groups[:, columns]
         needed_vectors = vectors[:, :, columns]
         squares = self._square_deformations(q, needed_vectors)
         by_ball = needed_vectors.reshape(len(q), self.n_balls, self.motions.count, -1)
         motions = np.abs(turn @ by_ball) ** 2
-        n_equal = [
-            np.bincount(groups_at_q)[of_branches]
-            for groups_at_q, of_branches in zip(groups, group_of_branch, strict=True)
-        ]
-        is_degenerate = np.reshape(n_equal, branches.shape) > 1
+        is_degenerate = _count_members(groups, group_of_branch) > 1
         # without degenerate branches, and with the branches in the order of the columns, the values
         # of the columns are those of the branches
         are_columns = branches.shape[1] == len(columns) and np.all(branches == columns)
@@ -1146,6 +1141,26 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
         np.pad(table.arm_i, (0, count)),
         np.pad(table.arm_j, (0, count)),
     )
+
+
+def _find_members(groups: Index, group_of_branch: Index) -> Index:
+    """Return the numbers (m,), ascending, of the modes that at some wave vector belong to the group
+    of one of b branches there. ``groups`` (n_q, n_branches) has the group of each mode, and
+    ``group_of_branch`` is (n_q, b).
+    """
+    is_member = [np.isin(*pair) for pair in zip(groups, group_of_branch, strict=True)]
+    return np.flatnonzero(np.any(is_member, axis=0))
+
+
+def _count_members(groups: Index, group_of_branch: Index) -> Index:
+    """Return the number (n_q, b) of modes in the group of each branch; the arguments are those of
+    :func:`_find_members`.
+    """
+    counts = [
+        np.bincount(groups_at_q)[of_branches]
+        for groups_at_q, of_branches in zip(groups, group_of_branch, strict=True)
+    ]
+    return np.reshape(counts, group_of_branch.shape)
 
 
 def _is_almost_gamma(q: Array) -> NDArray[np.bool_]:

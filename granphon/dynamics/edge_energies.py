@@ -122,12 +122,7 @@ class EdgeEnergies:
         half_space = self.half_space
         self._require_memory(len(point))
         frequencies = np.sqrt(squares)
-        groups = np.zeros(len(point), np.intp)
-        for wavevector in np.unique(point):
-            is_here = point == wavevector
-            # no two wave vectors share a number of a group
-            groups[is_here] = number_equal(frequencies[is_here]) + len(point) * wavevector
-        _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+        group, sizes = _group_waves(point, frequencies)
         outer, inner, hop = half_space.blocks(q)
         of_crystal = []
         of_cut = []
@@ -316,6 +311,20 @@ class EdgeEnergies:
             8.0 * _ARRAYS_HELD * count * numbers,
             "Take fewer wave vectors",
         )
+
+
+def _group_waves(point: Index, frequencies: Array) -> tuple[Index, Index]:
+    """Return the number (n,) of the group of each wave, and the number (m,) of waves in each group:
+    a group has one frequency at one wave vector. ``point`` (n,) is the number of the wave vector of
+    each wave, and ``frequencies`` (n,) are ascending at each.
+    """
+    groups = np.zeros(len(point), np.intp)
+    for wavevector in np.unique(point):
+        is_here = point == wavevector
+        # no two wave vectors share a number of a group
+        groups[is_here] = number_equal(frequencies[is_here]) + len(point) * wavevector
+    _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+    return group, sizes
 
 
 def _find_decay(inner: Complex, hop: Complex, w: float) -> tuple[Complex, Complex]:

@@ -59,7 +59,7 @@ _BAND_BROADENING = 1e-9
 #: step of finite differences in w within a band, over the highest w
 _DIFFERENCE_STEP = 1e-5
 #: w, over the bound of all bands, up to which waves are sought above the highest band
-_ABOVE_BANDS = 1.01
+_SEARCH_BOUND = 1.01
 #: relative width of a gap up to which two bands count as touching
 _LEAST_GAP = 1e-7
 #: margin at both edges of a gap, over its width, in which no wave is sought
@@ -141,6 +141,17 @@ class _Resonances(NamedTuple):
     shift: Complex
     last_step: Array
     weight: Array
+
+    def take(self, numbers: Index) -> _Resonances:
+        """Return the resonances of some ``numbers`` (m,), in their order."""
+        return _Resonances(
+            self.point[numbers],
+            self.band[:, numbers],
+            self.w[numbers],
+            self.shift[numbers],
+            self.last_step[numbers],
+            self.weight[numbers],
+        )
 
 
 class HalfSpace:
@@ -523,14 +534,14 @@ class HalfSpace:
         """Return the intervals of w without a band at wave vectors q (n_q, p - 1): the number of
         the wave vector of each, (n,), and their ends (2, n).
         """
-        top = _ABOVE_BANDS * self.highest
+        top = _SEARCH_BOUND * self.highest
         return self._join_intervals([_find_free_intervals(bands, top) for bands in self.bands(q)])
 
     def _find_filled_intervals(self, q: Array) -> tuple[Index, Array]:
         """Return the intervals of w that bands fill at wave vectors q (n_q, p - 1), in the form of
         :meth:`_find_gaps`.
         """
-        top = _ABOVE_BANDS * self.highest
+        top = _SEARCH_BOUND * self.highest
         return self._join_intervals(
             [_find_complement(_find_free_intervals(bands, top)) for bands in self.bands(q)]
         )
@@ -639,38 +650,49 @@ class HalfSpace:
         """Return leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S +
         dw S' on the real axis.
         """
-        resonances = self._find_narrow_resonances(q)
-        # half widths in w
-        depth = np.abs(resonances.shift.imag + _BAND_BROADENING * self.highest)
-        noise = _POLE_NOISE * self.highest
+        resonances = self._choose_distinct(self._find_narrow_resonances(q))
+        poles = self._find_poles(q, resonances)
+        low, high = resonances.band
+        is_in_band = (poles.real >= low) & (poles.real <= high)
+        is_below_axis = poles.imag <= _POLE_NOISE * self.highest
+        has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
+        numbers = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
+        numbers = numbers[self._sort_distinct(resonances.point[numbers], poles[numbers])]
+        squares = poles[numbers].real + 1j * np.minimum(poles[numbers].imag, 0.0)
+        return EdgeWaves(resonances.point[numbers], squares, resonances.weight[numbers])
+
+    def _measure_depths(self, resonances: _Resonances) -> Array:
+        """Return the half widths (n,) in w of ``resonances``."""
+        return np.abs(resonances.shift.imag + _BAND_BROADENING * self.highest)
+
+    def _choose_distinct(self, resonances: _Resonances) -> _Resonances:
+        """Return those of the ``resonances`` that may be leaky waves, and of many that lead to one
+        pole only one.
+        """
+        depths = self._measure_depths(resonances)
         # w = omega^2, so a relative width of w is twice that of omega
-        is_narrow = depth < 2.0 * _MOST_WIDTH * resonances.w
+        is_narrow = depths < 2.0 * _MOST_WIDTH * resonances.w
         stays_in_band = resonances.last_step < np.inf
         is_on_top = resonances.weight > _TOP_PART
         numbers = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
-        # many resonances lead to one pole
-        roots = resonances.w[numbers] - 1j * depth[numbers]
-        numbers = numbers[
-            self._sort_distinct(resonances.point[numbers], roots, _RESONANCE_DISTANCE)
-        ]
-        point = resonances.point[numbers]
-        poles = resonances.w[numbers].astype(complex)
-        is_settled = resonances.last_step[numbers] <= _NEWTON_TOLERANCE * resonances.w[numbers]
+        roots = resonances.w[numbers] - 1j * depths[numbers]
+        order = self._sort_distinct(resonances.point[numbers], roots, _RESONANCE_DISTANCE)
+        return resonances.take(numbers[order])
+
+    def _find_poles(self, q: Array, resonances: _Resonances) -> Complex:
+        """Return the poles (n,) of S below ``resonances`` at q (n_q, p - 1); nan where the search
+        finds none. A settled resonance without width is a pole on the real axis.
+        """
+        poles = resonances.w.astype(complex)
+        depths = self._measure_depths(resonances)
+        noise = _POLE_NOISE * self.highest
+        has_settled = resonances.last_step <= _NEWTON_TOLERANCE * resonances.w
         outer, inner, hop = self.blocks(q)
-        # a settled resonance without width is a pole on the real axis
-        for n in np.flatnonzero((depth[numbers] > noise) | ~is_settled):
-            start = complex(resonances.w[numbers[n]], -max(depth[numbers[n]], noise))
-            poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
-        low, high = resonances.band[:, numbers]
-        is_in_band = (poles.real >= low) & (poles.real <= high)
-        is_below_axis = poles.imag <= noise
-        has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
-        leaky_numbers = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
-        leaky_numbers = leaky_numbers[
-            self._sort_distinct(point[leaky_numbers], poles[leaky_numbers])
-        ]
-        squares = poles[leaky_numbers].real + 1j * np.minimum(poles[leaky_numbers].imag, 0.0)
-        return EdgeWaves(point[leaky_numbers], squares, resonances.weight[numbers[leaky_numbers]])
+        for n in np.flatnonzero((depths > noise) | ~has_settled):
+            start = complex(resonances.w[n], -max(depths[n], noise))
+            point = resonances.point[n]
+            poles[n] = self._find_pole(outer[point], inner[point], hop[point], start)
+        return poles
 
     def _find_narrow_resonances(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis

@@ -50,7 +50,7 @@ _ACCEPTED_ERROR = 1e-13
 _GRADED_RATIO = 10.0
 #: largest cosine between columns, and angle by which they are turned, for a first-order rotation:
 #: its square is rounding
-_FIRST_ORDER = 1e-8
+_LARGEST_ROTATION = 1e-8
 #: cosine between columns up to which they are orthogonal except for rounding
 _COSINE_ROUNDING = 1e-14
 #: ratio of the norms of two columns below which LAPACK would lose digits of the smaller column,
@@ -152,9 +152,9 @@ def _straighten(
     overlaps = np.abs(products)
     length_products = values[:, :, None] * values[:, None]
     gap = squares[:, None] - squares[:, :, None]
-    is_small = overlaps <= _FIRST_ORDER * np.abs(gap)
+    is_small = overlaps <= _LARGEST_ROTATION * np.abs(gap)
     is_straight = overlaps <= _COSINE_ROUNDING * length_products
-    is_nearly_straight = is_small & (overlaps <= _FIRST_ORDER * length_products)
+    is_nearly_straight = is_small & (overlaps <= _LARGEST_ROTATION * length_products)
     is_exact = np.all(is_straight | is_nearly_straight, axis=(1, 2))
     has_angle = is_small & (gap != 0.0)
     angles = np.where(has_angle, products, 0.0)
