@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
 from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, InstabilityError, PrecisionError
+from granphon.base.errors import InputError, InstabilityError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -218,7 +218,8 @@ class Compatibility:
 
     Raises
     ------
-    InputError : no ball or no contact; a wrong shape; a number other than ``distance`` that is not
+    InputError : no period, no ball or no contact; vectors of the cell that are dependent, or not
+        along x or in the xy plane; a wrong shape; a number other than ``distance`` that is not
         finite; a mass, a radius of gyration or a stiffness that is not above zero; a ratio of
         stiffnesses or a spring to the ground below zero; more springs than contacts; contacts that
         are no table, and motions that are none.
@@ -259,10 +260,15 @@ class Compatibility:
         self.cell: Array = read_only(_read_vectors("cell", cell))
         self.positions: Array = read_only(_read_vectors("positions", positions))
         p, d = self.cell.shape
-        if not p <= d == self.positions.shape[1]:
+        if not 0 < p <= d == self.positions.shape[1]:
             raise InputError(
                 f"cell has the shape {self.cell.shape}, and positions {self.positions.shape}",
-                "A cell (p, d) has p vectors of as many components d as the positions, p <= d",
+                "A cell (p, d) has p vectors of as many components d as the positions, 1 <= p <= d",
+            )
+        if np.any(self.cell[:, p:]) or np.linalg.matrix_rank(self.cell) < p:
+            raise InputError(
+                f"cell is {brief(self.cell)}",
+                "Its vectors are independent: one lies along x, two lie in the xy plane",
             )
         if not len(self.positions) or not len(contacts):
             raise InputError(

@@ -159,7 +159,8 @@ def divide_zone(
     Parameters
     ----------
     reciprocal : (p, p) reciprocal vectors as rows, of any cell.
-    order : number of points along each edge of the cube that is mapped to a simplex.
+    order : number of points along each edge of the cube that is mapped to a simplex; two or more in
+        space, where the weights of a single point would not add up to one.
     symmetries : the group of operations that leave the function unchanged; by default those of an
         even function.
     """

@@ -226,6 +226,14 @@ def test_matrices_at_a_wave_vector_that_is_not_finite_are_refused(hexagonal):
         hexagonal.wavevectors([0.0, 0.0, math.nan])
 
 
+@pytest.mark.parametrize(
+    "cell", [[[1.0, 0.0], [2.0, 0.0]], [[0.0, 1.0]], [[1.0, 0.5]], np.zeros((0, 2))]
+)
+def test_cells_of_dependent_vectors_or_other_axes_are_refused(hexagonal, cell):
+    with pytest.raises(InputError, match="cell"):
+        gp.ContactLattice(cell, hexagonal.positions, hexagonal.contacts, 0.8)
+
+
 def test_a_lattice_has_balls_and_contacts(hexagonal):
     table = hexagonal.contacts
     nothing = freeze_contacts(
