@@ -334,8 +334,8 @@ def _loses_energy(couplings: list[Complex]) -> bool:
         np.max(np.abs(coupling - opposite_coupling.conj().T))
         for coupling, opposite_coupling in zip(couplings, couplings[::-1], strict=True)
     )
-    largest = np.max(np.abs(couplings[len(couplings) // 2]))  # entry of D_0
-    return bool(loss > NO_ENERGY * largest)
+    largest_entry = np.max(np.abs(couplings[len(couplings) // 2]))  # entry of D_0
+    return bool(loss > NO_ENERGY * largest_entry)
 
 
 def _solve_theta(
@@ -386,9 +386,9 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
 
     ``factors`` (b,) are the lambda of the waves, and ``vectors`` (n, b) their motions.
     """
-    running = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE_DISTANCE)
-    for number, wave in enumerate(running):
-        wave_and_next = running[number:]
+    running_waves = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE_DISTANCE)
+    for number, wave in enumerate(running_waves):
+        wave_and_next = running_waves[number:]
         neighbours = wave_and_next[np.abs(factors[wave_and_next] - factors[wave]) < _EDGE_DISTANCE]
         motions = vectors[:, neighbours] / np.linalg.norm(vectors[:, neighbours], axis=0)
         # more vectors than components are always dependent
@@ -429,35 +429,35 @@ def _sort_senses(
     flux = _normalise_running(factors, vectors, np.flatnonzero(is_running), up, down, reach)
     senses = []
     for sign, still_motions in zip((1.0, -1.0), null_spaces, strict=True):
-        running = np.flatnonzero(is_running & (sign * flux > 0.0))
-        running = running[np.argsort(np.angle(factors[running]), kind="stable")]
+        running_waves = np.flatnonzero(is_running & (sign * flux > 0.0))
+        running_waves = running_waves[np.argsort(np.angle(factors[running_waves]), kind="stable")]
         # |lambda| in the sense of the waves; a lambda of zero has no finite inverse
         with np.errstate(divide="ignore"):
             decay = np.abs(factors) ** sign
-        decaying = np.flatnonzero(~is_running & (decay < 1.0))
-        decaying = decaying[np.argsort(-decay[decaying], kind="stable")]
-        numbers = np.concatenate([running, decaying])
-        waves = BlochWaves(factors[numbers], vectors[:, numbers], running.size, still_motions)
-        _require_basis(waves, decay[decaying] ** reach)
+        decaying_waves = np.flatnonzero(~is_running & (decay < 1.0))
+        decaying_waves = decaying_waves[np.argsort(-decay[decaying_waves], kind="stable")]
+        numbers = np.concatenate([running_waves, decaying_waves])
+        waves = BlochWaves(factors[numbers], vectors[:, numbers], running_waves.size, still_motions)
+        _require_basis(waves, decay[decaying_waves] ** reach)
         senses.append(waves)
     upward, downward = senses
     return upward, downward
 
 
 def _normalise_running(
-    factors: Complex, vectors: Complex, running: Index, up: Complex, down: Complex, reach: int
+    factors: Complex, vectors: Complex, running_waves: Index, up: Complex, down: Complex, reach: int
 ) -> Array:
     """Return the flux (b,) of each wave of norm one, dw/dk with k per block; zero for waves that
-    decay. Change the ``vectors`` (n, b) of the ``running`` waves, in place: each is scaled such
+    decay. Change the ``vectors`` (n, b) of the ``running_waves``, in place: each is scaled such
     that its flux is one or minus one, and waves with one lambda become combinations of these waves
     without mutual flux.
 
-    ``running`` are the indices of the waves that run; the other arguments are those of
+    ``running_waves`` are the indices of the waves that run; the other arguments are those of
     :func:`_sort_senses`. Raises :class:`~granphon.base.errors.PrecisionError` if more waves have
     one lambda than a block has motions.
     """
     flux = np.zeros(len(factors))
-    ungrouped_waves = running  # waves that belong to no group of one lambda yet
+    ungrouped_waves = running_waves  # waves that belong to no group of one lambda yet
     while ungrouped_waves.size:
         is_equal = np.abs(factors[ungrouped_waves] - factors[ungrouped_waves[0]]) < _EQUAL_FACTORS
         group = ungrouped_waves[is_equal]

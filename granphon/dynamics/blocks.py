@@ -242,8 +242,8 @@ class Block:
         # gradients (m, n_bent, p), with respect to q at q = 0, of deformations by tilted motions
         by_displacement = bend_part[:, :, None] * half[:, None]
         by_rotation = np.einsum("mn,kna->mka", even, self.tilt)
-        largest = np.max(np.abs(by_displacement + by_rotation))
-        return bool(largest <= _RIGIDITY_ERROR * np.max(np.abs(bend_part)))
+        largest_gradient = np.max(np.abs(by_displacement + by_rotation))
+        return bool(largest_gradient <= _RIGIDITY_ERROR * np.max(np.abs(bend_part)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), (k/M)^1/2, ascending, and eigenvectors (n_q, n, n), as
@@ -323,7 +323,7 @@ class Block:
         # the derivative of a row is by its half angle, whose gradient with respect to q is the half
         # vector
         slope = np.concatenate(
-            [waves.compute_rows(q, derivative=True)[0] for waves in self._wave_rows]
+            [waves.compute_rows(q, wants_derivative=True)[0] for waves in self._wave_rows]
         )
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._wave_rows])
         stiff_deformations = rows @ motions[:, count:] / frequencies[count:]
@@ -450,9 +450,9 @@ class Block:
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
             numbers = np.searchsorted(solved_points, points)  # among the solved points
-            highest = squares[numbers, branches.stop - 1]
-            lowest = squares[numbers, branches.start]
-            is_split = highest - lowest > DEGENERACY * highest
+            highest_square = squares[numbers, branches.stop - 1]
+            lowest_square = squares[numbers, branches.start]
+            is_split = highest_square - lowest_square > DEGENERACY * highest_square
             if not np.any(is_split):
                 continue
             split_points = points[is_split]
@@ -491,8 +491,8 @@ class Block:
             return _Point(q, rows)
         # tilted motions: first the bent displacements, each with its rotation, then all others
         count = len(self.bent)
-        unit = np.eye(self.size)[:, self._order]
-        motions = unit + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
+        unit_motions = np.eye(self.size)[:, self._order]
+        motions = unit_motions + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
         # the motions n that go with each bent displacement k at each q, summed over its components
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
@@ -685,13 +685,13 @@ class _Slopes:
         self.row_sets = [
             (
                 point.rows,
-                block.deforming.compute_rows(point.q, derivative=True),
+                block.deforming.compute_rows(point.q, wants_derivative=True),
                 block.deforming.repeat_half_vectors(),
             )
         ]
         if block.pushing is not None and point.across is not None:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
-            slopes = block.pushing.compute_rows(point.q, derivative=True)
+            slopes = block.pushing.compute_rows(point.q, wants_derivative=True)
             self.row_sets.append((point.across, slopes, half))
         if point.basis is not None:
             bend_part, turn_part, half = block._tilted_factors

@@ -84,8 +84,8 @@ def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges.
     # So the vectors whose bisecting planes bound the zone are no longer than the sum
-    longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
-    vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
+    longest_length = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
+    vectors = steps_within(lattice.reciprocal, longest_length) @ lattice.reciprocal
     squares = np.sum(vectors**2, axis=1)  # of their lengths
     projection = along @ vectors.T
     is_ahead = projection > _PERPENDICULARITY * np.sqrt(squares)
@@ -187,15 +187,15 @@ def _find_nearest_modes(
     # of each branch b with the reference, the sum over the motions m
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
     points = np.arange(len(wavenumbers))
-    nearest = np.argmax(overlap, axis=1)
-    frequencies = modes.frequencies[points, nearest]
-    velocities = modes.group_velocities[points, nearest]
+    nearest_branch = np.argmax(overlap, axis=1)
+    frequencies = modes.frequencies[points, nearest_branch]
+    velocities = modes.group_velocities[points, nearest_branch]
     if lattice.periods == 3:
         # only in space can acoustic branches coincide along an axis of symmetry
         directions = np.broadcast_to(along, (len(wavenumbers), 3))
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         difference = np.abs(modes.frequencies - frequencies[:, None])
-        slope_difference = np.abs(slopes - slopes[points, nearest][:, None])
+        slope_difference = np.abs(slopes - slopes[points, nearest_branch][:, None])
         steepest_slope = np.max(np.abs(slopes), axis=1, keepdims=True)
         is_coincident = difference <= DEGENERACY * frequencies[:, None]
         is_coincident &= slope_difference <= DEGENERACY * steepest_slope
@@ -322,15 +322,15 @@ class AcousticBranches:
         # eigenvectors at the last point, and the column of each wave among them
         last_vectors, column = _find_sound(lattice, _STEP_FROM_GAMMA * grid[:, :1], directions)
         numbers = np.arange(n_directions)  # of the directions in which some branch goes on
-        for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
-            q = grid[numbers, first : first + _POINTS_TOGETHER]
+        for first_point in range(0, _PATH_POINTS, _POINTS_TOGETHER):
+            q = grid[numbers, first_point : first_point + _POINTS_TOGETHER]
             modes = _find_path_modes(lattice, q, directions[numbers], last_vectors)
             row = np.arange(len(numbers))
             for point in range(q.shape[1]):
                 # the column, at this point, of the mode that continues each of the last point
                 next_column = _assign_columns(modes.overlap[:, point])
                 column = np.stack([next_column[row, last_column] for last_column in column])
-                branches._add_point(modes, point, column, numbers, first + point)
+                branches._add_point(modes, point, column, numbers, first_point + point)
             is_below = branches._find_top()[:, numbers] < goals[:, numbers]
             is_unfinished = np.any(is_below & ~branches.has_fallen[:, numbers], axis=0)
             numbers = numbers[is_unfinished]

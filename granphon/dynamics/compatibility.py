@@ -719,13 +719,13 @@ class Compatibility:
             turns=self.turns_with_balls,
         )
 
-    def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
+    def _weight_rows(self, are_static: bool = False) -> tuple[list[Row], Array]:
         """Return :attr:`rows`, and the square roots (kinds, n_c) of their stiffnesses, k^1/2.
 
-        With ``prestress`` return :attr:`static_rows` and the square roots of the absolute values of
+        If ``are_static``, return :attr:`static_rows` and the square roots of the absolute values of
         their stiffnesses instead.
         """
-        if prestress:
+        if are_static:
             rows = [row for row, _ in self.static_rows]
             sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]
             return rows, np.sqrt(sizes).reshape(len(rows), len(self.contacts))
@@ -758,9 +758,9 @@ class Compatibility:
         flat_shape = (*root.shape, self.n_branches)
         return difference.reshape(flat_shape), total.reshape(flat_shape)
 
-    def _make_waves(self, prestress: bool = False) -> WaveRows:
+    def _make_waves(self, are_static: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
-        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. The rows are
+        roots of their stiffnesses; if ``are_static`` those of :attr:`static_rows`. The rows are
         real for one ball in the cell, unless a contact has unequal arms, or joins the ball to a
         body that does not move.
         """
@@ -769,7 +769,7 @@ class Compatibility:
         # Then both terms are real for one ball in the cell, because the difference vanishes for a
         # displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
-        rows, root = self._weight_rows(prestress)
+        rows, root = self._weight_rows(are_static)
         frame = self._wave_frame
         # each column of the frame is real or imaginary
         difference, total = self._combine_ends(rows, root, frame.real + frame.imag)
@@ -961,30 +961,30 @@ class Compatibility:
         """(n_c,) index of the contact whose half angle each row of :attr:`_deforming` contains."""
         contacts = np.arange(len(self.contacts))
         if self._images is not None:
-            _, first, image = self._images
-            contacts[image] = first
+            _, first_contacts, image_contacts = self._images
+            contacts[image_contacts] = first_contacts
         return contacts
 
-    def _make_real_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows with the same C^H C as those of :meth:`_make_waves`, to which ``prestress``
+    def _make_real_waves(self, are_static: bool = False) -> WaveRows:
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, to which ``are_static``
         is passed on; they are real if an inversion maps the lattice onto itself.
 
         The row of the image of a contact is plus or minus the complex conjugate of the contact's
         row. The two are replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of
         the contact's row.
         """
-        waves = self._make_waves(prestress)
+        waves = self._make_waves(are_static)
         # rows of one ball in the cell are real as they are
         if self.n_balls == 1 or self._images is None:
             return waves
-        _, first, image = self._images
+        _, first_contacts, image_contacts = self._images
         factors = np.ones((len(self.contacts), 1))
-        factors[[first, image]] = np.sqrt(2.0)
+        factors[[first_contacts, image_contacts]] = np.sqrt(2.0)
         odd = waves.odd.real * factors
         even = waves.even.real * factors
         # the row of the image becomes the imaginary part
-        odd[:, image] = np.sqrt(2.0) * waves.odd.imag[:, first]
-        even[:, image] = np.sqrt(2.0) * waves.even.imag[:, first]
+        odd[:, image_contacts] = np.sqrt(2.0) * waves.odd.imag[:, first_contacts]
+        even[:, image_contacts] = np.sqrt(2.0) * waves.even.imag[:, first_contacts]
         return WaveRows(odd, even, waves.half[self._wave_contacts])
 
     @cached_property
@@ -995,7 +995,7 @@ class Compatibility:
     @cached_property
     def _pushing(self) -> WaveRows:
         """Rows on which static forces act, real where those of :attr:`_deforming` are."""
-        return self._make_real_waves(prestress=True)
+        return self._make_real_waves(are_static=True)
 
     @cached_property
     def static_signs(self) -> Array:

@@ -284,7 +284,7 @@ class ContactLattice(LongWaves):
         negative.
         """
         q, _ = self._fold(wavevectors)
-        self._require_memory_of_results(len(q), 1)
+        self._require_memory_of_results(len(q), has_vectors=False)
         omega = np.concatenate(self._share_out(lambda points: self._solve(q[points]), len(q)))
         # almost at Gamma the deformations of contacts would underflow. There each frequency follows
         # from that at a longer wave vector, by its power of |q|
@@ -335,7 +335,7 @@ class ContactLattice(LongWaves):
         q = as_wavevectors(wavevectors, self.periods)
         if not len(q):
             raise InputError("there is no wave vector", mend="Give at least one")
-        self._require_memory_of_results(len(q), self.n_branches)
+        self._require_memory_of_results(len(q), has_vectors=True)
         if direction is not None:
             along = as_direction(direction, self.periods)
             if along.ndim == 2 and len(along) not in (1, len(q)):
@@ -370,8 +370,8 @@ class ContactLattice(LongWaves):
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         along = one_direction(direction, self.periods)
-        longest = float(np.max(np.linalg.norm(self.cell, axis=1)))
-        lengths = np.arange(1, 5) * _STEP_FROM_CUTOFF / longest
+        longest_vector = float(np.max(np.linalg.norm(self.cell, axis=1)))
+        lengths = np.arange(1, 5) * _STEP_FROM_CUTOFF / longest_vector
         modes = self.modes(lengths[:, None] * along)
         velocities = modes.group_velocities @ along
         at_gamma = self.frequencies(np.zeros((1, self.periods)))[0]
@@ -584,18 +584,15 @@ class ContactLattice(LongWaves):
             squares[:, columns] = deformations.real**2 + deformations.imag**2
         return squares
 
-    def _require_memory_of_results(self, n_points: int, n_numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if results at ``n_points`` wave vectors
-        do not fit into memory.
-
-        ``n_numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
-        else the length of its eigenvector.
+    def _require_memory_of_results(self, n_points: int, has_vectors: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the frequencies at ``n_points`` wave
+        vectors do not fit into memory, with eigenvectors if the result ``has_vectors``.
         """
         # a frequency and the array in which it is found; three copies of complex eigenvectors
-        bytes_per_number = 16.0 if n_numbers == 1 else 48.0
+        bytes_per_branch = 48.0 * self.n_branches if has_vectors else 16.0
         require_memory(
             f"{self.n_branches:,} branches at {n_points:,} wave vectors",
-            bytes_per_number * n_points * self.n_branches * n_numbers,
+            bytes_per_branch * n_points * self.n_branches,
             "Take fewer wave vectors, or leave eigenvectors out",
         )
 
@@ -638,18 +635,18 @@ class ContactLattice(LongWaves):
         ``motion`` (n_q, n_balls, motions, n_branches) are eigenvectors of norm one.
         """
         kinetic = np.abs(motion) ** 2
-        rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
+        rotational_part = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         direction_in_space = np.zeros((len(motion), 3))
         direction_in_space[:, : self.periods] = direction
         displacement = motion[:, :, self.motions.translating]
         axes = list(self.motions.translations)
         # component along the direction of each ball i in each branch b: the sum over the axes a
         parallel_parts = np.einsum("qiab,qa->qib", displacement, direction_in_space[:, axes])
-        longitudinal = (np.abs(parallel_parts) ** 2).sum(axis=1)
-        out_of_plane = np.zeros_like(rotation)
+        longitudinal_part = (np.abs(parallel_parts) ** 2).sum(axis=1)
+        out_of_plane_part = np.zeros_like(rotational_part)
         if self.periods == 2 and 2 in axes:
-            out_of_plane = kinetic[:, :, axes.index(2)].sum(axis=1)
-        return rotation, longitudinal, out_of_plane
+            out_of_plane_part = kinetic[:, :, axes.index(2)].sum(axis=1)
+        return rotational_part, longitudinal_part, out_of_plane_part
 
     def _solve(self, q: Array) -> Array:
         """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, at wave vectors q (n_q, p),
@@ -712,12 +709,12 @@ class ContactLattice(LongWaves):
         (n_q, p), of the lowest squared frequency.
         """
         squares, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
-        lowest = int(np.argmin(squares[:, 0]))
+        lowest_point = int(np.argmin(squares[:, 0]))
         where = (
-            f"a squared frequency at {self.name_wavevector(q[lowest])} is negative,"
-            f" {squares[lowest, 0]:.3g} k/M"
+            f"a squared frequency at {self.name_wavevector(q[lowest_point])} is negative,"
+            f" {squares[lowest_point, 0]:.3g} k/M"
         )
-        motion = (self._to_balls @ vectors[lowest, :, 0]).reshape(self.n_balls, -1)
+        motion = (self._to_balls @ vectors[lowest_point, :, 0]).reshape(self.n_balls, -1)
         return self.explain_buckling(where, motion[:, self.motions.translating].T)
 
     def _share_out(self, find: Callable[[slice], _Result], count: int) -> list[_Result]:
@@ -747,7 +744,7 @@ class ContactLattice(LongWaves):
         self._require_memory(BYTES * self.n_branches**2)
         weighted_rows = [self._weight_rows()]
         if self.is_prestressed:
-            weighted_rows.append(self._weight_rows(prestress=True))
+            weighted_rows.append(self._weight_rows(are_static=True))
         return LargeCell(self, weighted_rows, self._images)
 
     # -- motions that nothing joins to others ------------------------------------------------------
@@ -840,7 +837,10 @@ class ContactLattice(LongWaves):
         generic rank of C(q).
         """
         n_free = None if self._large is None else self._large.free_branches
-        return sum(block.n_free for block in self._blocks) if n_free is None else n_free
+        if n_free is not None:
+            return n_free
+        # of a small cell, and of a large one whose matrix D would lose the digits
+        return sum(block.n_free for block in self._blocks)
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -934,14 +934,14 @@ class ContactLattice(LongWaves):
         n_soft = np.maximum(counts - n_expected, 0)
         if not np.any(n_soft):
             return ()
-        first = int(np.argmax(n_soft > 0))
+        first_point = int(np.argmax(n_soft > 0))
         unfolded_q = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
         count = int(n_soft.sum())
         modes_vanish = "mode vanishes" if count == 1 else "modes vanish"
         return (
             f"{count} {modes_vanish} at {np.count_nonzero(n_soft)} of {len(q)} wave vectors, the"
-            f" first at {self.name_wavevector(unfolded_q[first])}: these motions deform no contact"
-            f" there",
+            f" first at {self.name_wavevector(unfolded_q[first_point])}: these motions deform no"
+            " contact there",
         )
 
     @cached_property

@@ -286,11 +286,11 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
     :class:`~granphon.base.errors.Refused` for numbers above the largest.
     """
     losses = rule(value)
-    highest = float(np.max(losses))
-    largest = LARGEST_LOSSES[name]
-    if highest > largest:
+    highest_loss = float(np.max(losses))
+    largest_allowed = LARGEST_LOSSES[name]
+    if highest_loss > largest_allowed:
         unit = f" {LOSSES[name]}".rstrip()
-        raise Refused(f"{highest:g}", f"{name} up to {largest:g}{unit}")
+        raise Refused(f"{highest_loss:g}", f"{name} up to {largest_allowed:g}{unit}")
     return losses
 
 
@@ -368,10 +368,10 @@ class DampedModes(Result, array="frequencies"):
         """Q = Re f/(2 Im f), an array of the shape of the frequencies: infinite for a mode without
         loss, and zero for a mode that creeps.
         """
-        real = self.frequencies.real
+        frequency = self.frequencies.real
         decay = 2.0 * self.frequencies.imag
-        quality = np.full(real.shape, np.inf)
-        np.divide(real, decay, out=quality, where=decay > 0.0)
+        quality = np.full(frequency.shape, np.inf)
+        np.divide(frequency, decay, out=quality, where=decay > 0.0)
         return quality
 
     @property

@@ -547,14 +547,14 @@ class WaveRows(NamedTuple):
     even: NDArray[Any]
     half: Array
 
-    def compute_rows(self, wavevectors: Array, derivative: bool = False) -> NDArray[Any]:
-        """Return the rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or with ``derivative``
-        their derivatives with respect to the half angle.
+    def compute_rows(self, wavevectors: Array, wants_derivative: bool = False) -> NDArray[Any]:
+        """Return the rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or if
+        ``wants_derivative`` their derivatives with respect to the half angle.
         """
         angle = wavevectors @ self.half.T
         odd_factor = np.sin(angle)
         even_factor = np.cos(angle)
-        if derivative:
+        if wants_derivative:
             odd_factor, even_factor = even_factor, -odd_factor
         # view complex numbers as pairs of reals: the factors are real, and a real product is
         # cheaper
@@ -608,5 +608,5 @@ def bend(angle: Array) -> Array:
     series = np.zeros_like(angle)
     for coefficient in reversed(_BEND):  # Horner's rule
         series = series * square + coefficient
-    direct = np.sin(angle) - angle * np.cos(angle)
-    return np.asarray(np.where(is_small, small_angle * square * series, direct))
+    difference = np.sin(angle) - angle * np.cos(angle)
+    return np.asarray(np.where(is_small, small_angle * square * series, difference))

@@ -58,9 +58,9 @@ def take_voigt(c: Array) -> Array:
     order; components that differ by an exchange of i with j, or of k with l, are averaged.
     """
     symmetric_ij = 0.5 * (c + c.swapaxes(-4, -3))
-    symmetric = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
+    symmetric_tensor = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
     i, j = np.transpose(_VOIGT[c.shape[-1]])
-    return np.asarray(symmetric[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+    return np.asarray(symmetric_tensor[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
 
 def name_strain(strains: Array) -> str:
@@ -73,13 +73,13 @@ def name_strain(strains: Array) -> str:
     """
     pairs = _VOIGT[_PERIODS[len(strains)]]
     # six decimals, so that rounding does not decide between components that are equally near
-    nearest = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
+    nearest_component = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
     # the components xy sqrt 2 become 2xy
     factors = [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
-    strain = strains @ strains[nearest] * factors
+    strain = strains @ strains[nearest_component] * factors
     names = [("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs]
-    scaled = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0  # no minus zero
-    components = [f"{component:g}" for component in scaled]
+    scaled_strain = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0  # no minus zero
+    components = [f"{component:g}" for component in scaled_strain]
     return f"({', '.join(names)}) = ({', '.join(components)})"
 
 
@@ -97,12 +97,14 @@ def find_unstable_strains(tensor: Array) -> Array | None:
     pairs = _VOIGT[_PERIODS[tensor.shape[-1]]]
     # strains xy become xy sqrt 2, so that the squares of the n components add up to e_ij e_ij
     factors = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in pairs])
-    symmetric = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
-    moduli, strains = np.linalg.eigh(symmetric)
-    largest = np.max(np.abs(moduli), axis=-1, keepdims=True)
-    relative = np.divide(moduli, largest, out=np.zeros_like(moduli), where=largest > 0.0)
-    lowest_place = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
-    ratios = relative[lowest_place]
+    symmetric_tensor = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
+    moduli, strains = np.linalg.eigh(symmetric_tensor)
+    largest_size = np.max(np.abs(moduli), axis=-1, keepdims=True)
+    relative_moduli = np.divide(
+        moduli, largest_size, out=np.zeros_like(moduli), where=largest_size > 0.0
+    )
+    lowest_place = np.unravel_index(np.argmin(relative_moduli[..., 0]), relative_moduli.shape[:-1])
+    ratios = relative_moduli[lowest_place]
     if ratios[0] >= -_MODULUS_ROUNDING:  # rounding may make a modulus of zero negative
         return None
     is_lowest = ratios <= ratios[0] + _MODULUS_ROUNDING
@@ -136,8 +138,8 @@ def point_group(lattice: Lattice) -> Array:
     balls = lattice.positions
     gram = cell @ cell.T
     # the images of each vector of the cell are lattice vectors of the same length
-    longest = float(np.sqrt(gram.diagonal().max()))
-    vectors = steps_within(cell, longest + _TOLERANCE) @ cell
+    longest_length = float(np.sqrt(gram.diagonal().max()))
+    vectors = steps_within(cell, longest_length + _TOLERANCE) @ cell
     lengths = np.linalg.norm(vectors, axis=1)
     images = []
     for axis in range(p):
@@ -211,13 +213,13 @@ def is_cubic(tensor: Array, tolerance: float = _MODULUS_ROUNDING) -> bool:
     if n == 1:
         return False
     p = _PERIODS[n]
-    cubic = np.zeros((n, n))
-    cubic[:p, :p] = tensor[0, 1]
-    cubic[np.arange(p), np.arange(p)] = tensor[0, 0]
-    cubic[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
+    cubic_tensor = np.zeros((n, n))
+    cubic_tensor[:p, :p] = tensor[0, 1]
+    cubic_tensor[np.arange(p), np.arange(p)] = tensor[0, 0]
+    cubic_tensor[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
     largest_error = tolerance * np.max(np.abs(tensor))
     is_isotropic = abs(tensor[0, 0] - tensor[0, 1] - 2.0 * tensor[p, p]) < largest_error
-    return bool(np.max(np.abs(tensor - cubic)) < largest_error and not is_isotropic)
+    return bool(np.max(np.abs(tensor - cubic_tensor)) < largest_error and not is_isotropic)
 
 
 def shears(tensor: Array) -> Array:
@@ -264,9 +266,9 @@ def anisotropy(shear: Array) -> Array:
     """
     # shears such as xx - yy come first, then those such as xy
     n_axial = shear.shape[-1] // 2
-    axial = np.mean(shear[..., :n_axial], axis=-1)
-    diagonal = np.mean(shear[..., n_axial:], axis=-1)
-    return np.asarray(diagonal / axial)
+    axial_mean = np.mean(shear[..., :n_axial], axis=-1)
+    diagonal_mean = np.mean(shear[..., n_axial:], axis=-1)
+    return np.asarray(diagonal_mean / axial_mean)
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
@@ -290,14 +292,14 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     it, "out_of_plane" is the last.
     """
     moves_along_periods = set(range(periods)) <= set(axes)
-    longitudinal = ("longitudinal",) if moves_along_periods else ()
+    longitudinal_names = ("longitudinal",) if moves_along_periods else ()
     leaves_plane = periods == 2 and 2 in axes
-    out_of_plane = ("out_of_plane",) if leaves_plane else ()
-    count = len(axes) - len(longitudinal) - len(out_of_plane)
-    transverse = ("transverse_slow", "transverse_fast")[:count]
+    out_of_plane_names = ("out_of_plane",) if leaves_plane else ()
+    count = len(axes) - len(longitudinal_names) - len(out_of_plane_names)
+    transverse_names = ("transverse_slow", "transverse_fast")[:count]
     if count == 1:
-        transverse = ("transverse",)
-    return (*longitudinal, *transverse, *out_of_plane)
+        transverse_names = ("transverse",)
+    return (*longitudinal_names, *transverse_names, *out_of_plane_names)
 
 
 def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
@@ -327,13 +329,13 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
         largest_part = np.max(part_along, axis=-1, keepdims=True)
         # of waves that are equally longitudinal, the last is chosen, which is the fastest
         is_most_longitudinal = part_along >= (1.0 - _COMPONENT_ROUNDING) * largest_part
-        longitudinal = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
-        np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
+        longitudinal_number = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
+        np.put_along_axis(rank, longitudinal_number[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
         part_across = np.abs(unordered_vectors[..., axes.index(2), :])
         # the longitudinal wave is not chosen a second time
-        out_of_plane = np.argmax(np.where(rank < 0.0, -1.0, part_across), axis=-1)
-        np.put_along_axis(rank, out_of_plane[..., None], 1.0, -1)
+        out_of_plane_number = np.argmax(np.where(rank < 0.0, -1.0, part_across), axis=-1)
+        np.put_along_axis(rank, out_of_plane_number[..., None], 1.0, -1)
     order = np.argsort(rank, axis=-1, kind="stable")
     velocities = np.take_along_axis(unordered_velocities, order, -1)
     polarisations = np.take_along_axis(unordered_vectors, order[..., None, :], -1)
@@ -362,8 +364,8 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     # a vector has a positive component along the direction, or if that is zero a positive largest
     # component
     component_along = np.einsum("...i,...ib->...b", along, vectors)
-    largest = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
-    largest_component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
+    largest_axis = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
+    largest_component = np.take_along_axis(vectors, largest_axis[..., None, :], -2)[..., 0, :]
     deciding_component = np.where(
         np.abs(component_along) > _COMPONENT_ROUNDING, component_along, largest_component
     )
@@ -381,9 +383,9 @@ def _choose_pair(along: Array, third_vector: Array) -> tuple[Array, Array]:
     axis = np.eye(3)[np.argmin(np.round(np.abs(third_vector), _DIGITS), axis=-1)]
     part_of_axis = axis - np.sum(axis * third_vector, axis=-1, keepdims=True) * third_vector
     has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _COMPONENT_ROUNDING
-    first = np.where(has_part, part_of_direction, part_of_axis)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return first, np.cross(third_vector, first)
+    first_vector = np.where(has_part, part_of_direction, part_of_axis)
+    first_vector /= np.linalg.norm(first_vector, axis=-1, keepdims=True)
+    return first_vector, np.cross(third_vector, first_vector)
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:

@@ -369,18 +369,18 @@ class HalfSpace:
                 for kind in self._row_kinds
             ]
             stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
-        whole = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._spring_squares)
+        both_blocks = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._spring_squares)
         # the part of contacts between the two blocks: what they add to the diagonal of each block
         # is taken away where the blocks are cut apart
         crossing_rows = rows[self._is_crossing]
         crossing_stiffness = stiffness[..., self._is_crossing, None]
         crossing = crossing_rows.conj().T @ (crossing_stiffness * crossing_rows)
         return Couplings(
-            inner=whole[..., size:, size:],
+            inner=both_blocks[..., size:, size:],
             tail=crossing[..., :size, :size],
             head=crossing[..., size:, size:],
-            up=whole[..., :size, size:],
-            down=whole[..., size:, :size],
+            up=both_blocks[..., :size, size:],
+            down=both_blocks[..., size:, :size],
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
@@ -525,8 +525,8 @@ class HalfSpace:
             w = solve(points, angle)[np.arange(len(points)), branch]
             return np.asarray(signs * w)
 
-        lowest = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
-        return (signs * lowest).reshape(n_points, size, 2)
+        lowest_values = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
+        return (signs * lowest_values).reshape(n_points, size, 2)
 
     # -- waves of the edge -------------------------------------------------------------------------
 
@@ -608,10 +608,10 @@ class HalfSpace:
         is_new = np.ones(len(w), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         for degenerate_set in np.split(order, np.flatnonzero(is_new)[1:]):
-            first = degenerate_set[:1]
+            first_wave = degenerate_set[:1]
             mean_square = np.mean(w[degenerate_set])
             matrices, slopes, motions = crystal.find_matrices(
-                point[first], np.array([mean_square]), gap[:, first]
+                point[first_wave], np.array([mean_square]), gap[:, first_wave]
             )
             slope = slopes[0]
             motions_beyond = motions[0, : self.size]
@@ -622,7 +622,7 @@ class HalfSpace:
                 # the derivative of M by w gives the energy of the whole wave
                 energy = float((wave.conj() @ slope @ wave).real)
                 top_energy = float(np.sum(np.abs(motions_on_top @ wave) ** 2))
-                points.append(point[first[0]])
+                points.append(point[first_wave[0]])
                 squares.append(mean_square)
                 weights.append(top_energy / energy)
         return EdgeWaves(
@@ -734,9 +734,9 @@ class HalfSpace:
             if not numbers.size:
                 break
             offset, weights = self._find_resonances(q, point[numbers], w[numbers])
-            nearest = (np.arange(len(numbers)), np.argmin(np.abs(offset), axis=1))
-            shift[numbers] = offset[nearest]
-            weight[numbers] = weights[nearest]
+            nearest_entries = (np.arange(len(numbers)), np.argmin(np.abs(offset), axis=1))
+            shift[numbers] = offset[nearest_entries]
+            weight[numbers] = weights[nearest_entries]
             new_w = w[numbers] + shift[numbers].real
             is_inside = (new_w >= band[0, numbers]) & (new_w <= band[1, numbers])
             last_step[numbers] = np.where(is_inside, np.abs(shift[numbers].real), np.inf)
@@ -1223,8 +1223,8 @@ class _EdgeContinuum(NamedTuple):
         along_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.normal)
         normal_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.normal, self.normal)
         inverse = np.linalg.inv(normal_normal)
-        dynamic = along_along - self.density * velocity * velocity * np.eye(size)
-        coupling = along_normal @ inverse @ along_normal.T - dynamic
+        dynamic_form = along_along - self.density * velocity * velocity * np.eye(size)
+        coupling = along_normal @ inverse @ along_normal.T - dynamic_form
         system = np.block(
             [[-inverse @ along_normal.T, inverse], [coupling, -along_normal @ inverse]]
         )
@@ -1235,5 +1235,5 @@ class _EdgeContinuum(NamedTuple):
         tractions = vectors[size:, decaying_numbers]
         impedance = -1j * tractions @ np.linalg.inv(displacements)
         # the impedance at such velocities is Hermitian but for rounding
-        hermitian = 0.5 * (impedance + impedance.conj().T)
-        return float(np.linalg.eigvalsh(hermitian)[0])
+        hermitian_part = 0.5 * (impedance + impedance.conj().T)
+        return float(np.linalg.eigvalsh(hermitian_part)[0])

@@ -444,7 +444,7 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
     if not clusters:
         return ball_motions
     count = lattice.motions.count
-    highest = float(np.max(matrix.diagonal()))
+    highest_diagonal = float(np.max(matrix.diagonal()))
     # entries of the motions of clusters, with their lines and columns
     entries = []
     lines = []
@@ -454,7 +454,7 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
         lines_of_cluster = (balls[:, None] * count + np.arange(count)).ravel()
         stiffness = matrix[lines_of_cluster][:, lines_of_cluster].toarray()
         energies, vectors = np.linalg.eigh(stiffness)
-        free_motions = vectors[:, energies <= NO_ENERGY * highest]
+        free_motions = vectors[:, energies <= NO_ENERGY * highest_diagonal]
         n_free = free_motions.shape[1]
         numbers = n_motions + np.arange(n_free)
         n_motions += n_free

@@ -115,7 +115,7 @@ class LargeCell:
         """Return frequencies (n,), (k/M)^1/2, ascending, at one wave vector q (p,), 1/d; None if
         digits would be lost.
         """
-        modes = self._solve(q, with_vectors=False)
+        modes = self._solve(q, wants_vectors=False)
         if modes is None:
             return None
         frequencies, _ = modes
@@ -155,12 +155,12 @@ class LargeCell:
         """Return frequencies (n,), ascending, and motions in the frame (n, n), as columns, at one
         wave vector q (p,); None if digits would be lost, or if branches have one frequency.
         """
-        modes = self._solve(q, with_vectors=True)
+        modes = self._solve(q, wants_vectors=True)
         if modes is None:
             return None
-        unordered, unordered_vectors = modes
-        order = np.argsort(unordered, kind="stable")
-        frequencies = unordered[order]
+        unordered_frequencies, unordered_vectors = modes
+        order = np.argsort(unordered_frequencies, kind="stable")
+        frequencies = unordered_frequencies[order]
         vectors = unordered_vectors[:, order]
         is_degenerate = np.any(np.diff(frequencies) <= DEGENERACY * frequencies[1:])
         if is_degenerate or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
@@ -196,9 +196,9 @@ class LargeCell:
         bound = float(abs(matrix).sum(axis=1).max())
         return rows, matrix, bound
 
-    def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
+    def _solve(self, q: Array, wants_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
         """Return frequencies (n,), in any order, and eigenvectors (n, n), as columns in the frame,
-        or (0, 0) unless ``with_vectors``. Return None instead of both if digits would be lost.
+        or (0, 0) unless ``wants_vectors``. Return None instead of both if digits would be lost.
 
         Near Gamma digits are lost if some frequency is zero, as sound cannot be told there from
         motions that cost nothing. The smallest number of zero frequencies so far is kept for
@@ -209,10 +209,10 @@ class LargeCell:
         rows, matrix, bound = self._compute_matrices(q)
         is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _SOUND_DISTANCE
         frequencies = np.zeros(self.size)
-        vectors = np.zeros((self.size, self.size) if with_vectors else (0, 0), matrix.dtype)
+        vectors = np.zeros((self.size, self.size) if wants_vectors else (0, 0), matrix.dtype)
         for motions in _split_motions(matrix):
             block = matrix[motions][:, motions]
-            if with_vectors:
+            if wants_vectors:
                 # LAPACK's driver "evr" takes a third of the time of the default
                 squares, of_block = eigh(
                     block.toarray(), driver="evr", overwrite_a=True, check_finite=False
@@ -352,7 +352,7 @@ def _find_low_space(matrix: Any, count: int, bound: float) -> NDArray[Any]:
 
     shift = _SHIFT * bound
     shifted_matrix = matrix + shift * eye_array(matrix.shape[0])
-    factors = factorise(shifted_matrix, symmetric=np.isrealobj(matrix.data))
+    factors = factorise(shifted_matrix, is_symmetric=np.isrealobj(matrix.data))
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
     basis: NDArray[Any] = np.linalg.qr(vectors)[0]
     return basis

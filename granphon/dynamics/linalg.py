@@ -302,8 +302,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     scale = np.max(np.abs(a), axis=(0, 1))
     scale[scale == 0.0] = 1.0
     if n == 1:  # the only singular value is the length of the column
-        unit = np.divide(a, scale, order="C")
-        length = np.sqrt(np.einsum("nmb,nmb->nb", unit, unit.conj()).real) * scale
+        scaled_column = np.divide(a, scale, order="C")
+        length = np.sqrt(np.einsum("nmb,nmb->nb", scaled_column, scaled_column.conj()).real) * scale
         ones = np.ones((*shape, 1, 1), np.result_type(matrices.dtype, np.float64))
         return length.reshape(*shape, 1), ones
     # axes: column first, batch last, so that each rotation works on contiguous rows. Below each
@@ -375,11 +375,11 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     root = np.sqrt(diagonal)
     has_row = root > 0.0
     inverse = np.where(has_row, 1.0 / np.where(has_row, root, 1.0), 0.0)
-    unit = matrices * inverse[..., :, None] * inverse[..., None, :]
+    scaled_matrices = matrices * inverse[..., :, None] * inverse[..., None, :]
     index = np.arange(matrices.shape[-1])
-    unit[..., index, index] = 1.0
-    lower = _find_lower(unit)
-    return np.asarray((root[..., :, None] * lower).swapaxes(-1, -2).conj())
+    scaled_matrices[..., index, index] = 1.0
+    lower_factor = _find_lower(scaled_matrices)
+    return np.asarray((root[..., :, None] * lower_factor).swapaxes(-1, -2).conj())
 
 
 def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
@@ -404,16 +404,16 @@ def find_rank(rows: NDArray[Any]) -> int:
     """Return the rank of ``rows`` (m, n), after each column and then each row has been scaled to
     length one, so that small ones count as much as large ones.
     """
-    scaled = rows
+    scaled_rows = rows
     for axis in (0, 1):
-        length = np.linalg.norm(scaled, axis=axis, keepdims=True)
-        scaled = scaled / np.where(length > 0.0, length, 1.0)
-    if not scaled.size:
+        length = np.linalg.norm(scaled_rows, axis=axis, keepdims=True)
+        scaled_rows = scaled_rows / np.where(length > 0.0, length, 1.0)
+    if not scaled_rows.size:
         return 0
-    if is_independent(scaled):
-        return int(scaled.shape[1])
+    if is_independent(scaled_rows):
+        return int(scaled_rows.shape[1])
     # rows of length one have a singular value of one or more; rows of zeros alone have rank zero
-    singular_values = np.linalg.svd(scaled, compute_uv=False)
+    singular_values = np.linalg.svd(scaled_rows, compute_uv=False)
     return int(np.count_nonzero(singular_values > DEPENDENCE * max(singular_values[0], 1.0)))
 
 
@@ -449,18 +449,18 @@ def find_dependent(
     lengths = np.linalg.norm(sizes, axis=0)
     lengths[lengths == 0.0] = 1.0
     row_lengths = np.linalg.norm(sizes / lengths, axis=1, keepdims=True)
-    scaled = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
+    scaled_rows = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
     n = len(lengths)
-    if is_independent(scaled):
+    if is_independent(scaled_rows):
         return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
-    padded_rows = _pad_rows(scaled[None])[0]
+    padded_rows = _pad_rows(scaled_rows[None])[0]
     range_basis, singular_values, adjoint = np.linalg.svd(padded_rows, full_matrices=False)
     rank = int(np.count_nonzero(singular_values > DEPENDENCE * max(singular_values[0], 1.0)))
     n_null = len(singular_values) - rank
     null_vectors, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # division by the lengths amplifies the error of some vectors, which are then not quite taken to
     # zero: the least change of the scaled vectors that removes their residuals is subtracted
-    residuals = scaled @ (lengths[:, None] * null_vectors)
+    residuals = scaled_rows @ (lengths[:, None] * null_vectors)
     amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
     basis, _ = np.linalg.qr(null_vectors - correction, mode="complete")

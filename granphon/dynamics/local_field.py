@@ -303,8 +303,8 @@ class _Response:
             # small near Gamma
             return np.linalg.qr(rows)[0]
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-        scaled = rows / np.where(lengths > 0.0, lengths, 1.0)
-        return np.linalg.svd(scaled, full_matrices=False)[0][..., : self._rank]
+        scaled_rows = rows / np.where(lengths > 0.0, lengths, 1.0)
+        return np.linalg.svd(scaled_rows, full_matrices=False)[0][..., : self._rank]
 
 
 def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:

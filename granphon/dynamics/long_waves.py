@@ -348,9 +348,9 @@ class LongWaves(Compatibility):
         # inner motions are the last of all motions: shifts of all balls come first
         is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         is_rounding = find_rounded_columns(size, is_turn, _FREE_LIMIT)
-        deformations, free, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
+        deformations, free_motions, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
         # combinations of the scaled columns become motions by the division by the scale
-        return deformations, free / scale[:, None]
+        return deformations, free_motions / scale[:, None]
 
     @cached_property
     def _free_motions(self) -> Array:
@@ -438,9 +438,9 @@ class LongWaves(Compatibility):
             deformations, _ = self._inner_modes
             return deformations
         _, inner = self._strain_rows
-        relaxing = self._find_relaxing()
-        size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
-        basis, _, _ = _split_columns(inner @ relaxing, size)
+        relaxing_motions = self._find_relaxing()
+        size = np.sqrt(self._inner_sizes**2 @ relaxing_motions**2)
+        basis, _, _ = _split_columns(inner @ relaxing_motions, size)
         return basis
 
     def _relax(self, deformations: Array) -> Array:
@@ -545,8 +545,8 @@ class LongWaves(Compatibility):
         sound = self._relaxed_rows.reshape(-1, n_u, self.periods)
         sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # S_j, (n_rows, p, n_u)
         # a wave whose deformations relax altogether leaves the rounding of the unrelaxed ones
-        largest = float(np.linalg.norm(sound) * np.linalg.norm(unrelaxed_waves))
-        rounding = _SOUND_ROUNDING * largest
+        largest_coupling = float(np.linalg.norm(sound) * np.linalg.norm(unrelaxed_waves))
+        rounding = _SOUND_ROUNDING * largest_coupling
         if not _are_coupled(sound, waves, rounding):
             return whole_mass
         all_waves = np.concatenate([sound, waves], axis=2)
@@ -709,22 +709,22 @@ class LongWaves(Compatibility):
             inner - load * push_inner,
         )
 
-    def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
-        """Return the energy forms ``form`` (..., m, m) of gradients, less what the ``relaxing``
-        inner motions (n_inner, n) save.
+    def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing_motions: Array) -> Array:
+        """Return the energy forms ``form`` (..., m, m) of gradients, less what the inner
+        ``relaxing_motions`` (n_inner, n) save.
 
         ``mixed`` (..., n_inner, m) are the forms of an inner motion and a gradient, and ``block``
         (..., n_inner, n_inner) those of two inner motions.
         """
-        if not relaxing.size:
+        if not relaxing_motions.size:
             return form
-        _, pull, inverse = self._find_pulls(form, mixed, block, relaxing)
+        _, pull, inverse = self._find_pulls(form, mixed, block, relaxing_motions)
         return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
 
     def _find_pulls(
-        self, form: Array, mixed: Array, block: Array, relaxing: Array
+        self, form: Array, mixed: Array, block: Array, relaxing_motions: Array
     ) -> tuple[Array, Array, Array]:
-        """Return combinations (..., n_inner, n) of the ``relaxing`` inner motions that are not
+        """Return combinations (..., n_inner, n) of the inner ``relaxing_motions`` that are not
         coupled with each other, the forces (..., n, m) with which gradients pull on them, and the
         inverse (..., n) of their energies, zero for motions that cost none.
 
@@ -732,18 +732,18 @@ class LongWaves(Compatibility):
         :class:`~granphon.base.errors.InstabilityError` if a gradient moves an inner motion of
         negative energy.
         """
-        energies, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
-        pull = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
-        highest = np.max(np.abs(energies), axis=-1, keepdims=True)
+        energies, vectors = np.linalg.eigh(relaxing_motions.T @ block @ relaxing_motions)
+        pull = vectors.swapaxes(-1, -2) @ relaxing_motions.T @ mixed
+        highest_energy = np.max(np.abs(energies), axis=-1, keepdims=True)
         # no pull is larger than the root of the product of both energies
-        largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest)
+        largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest_energy)
         is_moved = np.max(np.abs(pull), axis=-1) > _FREE_LIMIT * largest_pull
-        motions = relaxing @ vectors
+        motions = relaxing_motions @ vectors
         self._require_stable_cell(energies, is_moved, motions)
         # energies a little below zero are zero: D lacks the part of static forces that has no
         # potential
-        lowest = -max(NO_ENERGY, self.slack) * highest
-        is_zero = (energies <= NO_ENERGY * highest) & (energies >= lowest)
+        lowest_energy = -max(NO_ENERGY, self.slack) * highest_energy
+        is_zero = (energies <= NO_ENERGY * highest_energy) & (energies >= lowest_energy)
         inverse = np.divide(1.0, energies, out=np.zeros_like(energies), where=~is_zero)
         return motions, pull, inverse
 
@@ -775,11 +775,10 @@ class LongWaves(Compatibility):
 
         ``prestress`` is that of :meth:`gradient_stiffness`. If it is None, the load is 1, and the
         forms are those of the lattice's own forces f; tangential forces then add to the sum. Raises
-        :class:`~granphon.base.errors.InputError` for a prestress that is not finite or far too
-        large.
+        what :func:`_read_prestress` raises.
         """
         if prestress is None:
-            rows, root = self._weight_rows(prestress=True)
+            rows, root = self._weight_rows(are_static=True)
             vector = self.contacts.vector[:, : self.periods]
             stress = vector.T @ (self.prestress[:, None] * vector)
             if self.has_tangential_force:
@@ -856,20 +855,20 @@ class LongWaves(Compatibility):
             affine_deformations, inner = self._strain_rows
             if self._relaxation is not None:
                 return self._list_in_balls(-self._relaxation.find_motions(affine_deformations))
-            relaxing = self._find_relaxing()
-            columns = inner @ relaxing
+            relaxing_motions = self._find_relaxing()
+            columns = inner @ relaxing_motions
             # each column is divided by the length that it would have if nothing cancelled, so that
             # the rounding of small columns, such as those of gears, does not count
-            size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
+            size = np.sqrt(self._inner_sizes**2 @ relaxing_motions**2)
             scale = np.where(size > 0.0, size, 1.0)
             amplitudes = np.linalg.lstsq(columns / scale, affine_deformations, rcond=_FREE_LIMIT)[0]
-            return self._list_in_balls(-relaxing @ (amplitudes / scale[:, None]))
+            return self._list_in_balls(-relaxing_motions @ (amplitudes / scale[:, None]))
         load, (*push_forms, _) = self._find_load(None)
         forms = self._combine_forms(load, push_forms)
         if self._relaxation is not None:
             return self._list_in_balls(-self._relax_under(push_forms[2]).respond(*forms))
-        relaxing = self._find_relaxing(push_forms[2])
-        motions, pull, inverse = self._find_pulls(*forms, relaxing)
+        relaxing_motions = self._find_relaxing(push_forms[2])
+        motions, pull, inverse = self._find_pulls(*forms, relaxing_motions)
         return self._list_in_balls(-motions @ (inverse[:, None] * pull))
 
     @cached_property
@@ -924,12 +923,12 @@ class LongWaves(Compatibility):
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
-        staying = self._sound_mass.staying_motions
-        if not len(staying):
+        staying_motions = self._sound_mass.staying_motions
+        if not len(staying_motions):
             return unit
         # the projection of a displacement of all balls on the motions that stay behind: a shift of
         # all balls, and mass-weighted inner motions
-        shifts, inner = np.split(staying.T @ staying[:, :count], [count])
+        shifts, inner = np.split(staying_motions.T @ staying_motions[:, :count], [count])
         motions = self._list_in_balls(self._touching_lattice._free_motions @ inner)
         displacements = motions[:, self.motions.translating]
         return np.asarray(unit - shifts - np.sqrt(self.masses.sum()) * displacements)
@@ -1043,11 +1042,11 @@ class LongWaves(Compatibility):
     def loose_warnings(self) -> tuple[str, ...]:
         """One sentence about balls that sound leaves behind; empty if there are none."""
         count = len(self.motions.translations)
-        missing = count - float(np.trace(self._sound_mass.moving_mass))
-        if missing <= _SOUND_ROUNDING:
+        missing_parts = count - float(np.trace(self._sound_mass.moving_mass))
+        if missing_parts <= _SOUND_ROUNDING:
             return ()
         return (
-            f"balls that are not held, {missing / count:.2g} of the mass, have no part in the"
+            f"balls that are not held, {missing_parts / count:.2g} of the mass, have no part in the"
             " moduli, and stay behind in sound waves",
         )
 

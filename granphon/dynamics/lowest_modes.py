@@ -225,14 +225,14 @@ class LowestSearch:
             for _ in range(_MOST_ITERATIONS):
                 residuals = block.find_residuals()
                 sizes = np.linalg.norm(residuals, axis=0)
-                worst = float(np.max(sizes[:count]))
-                if worst <= self._tolerance:
+                worst_residual = float(np.max(sizes[:count]))
+                if worst_residual <= self._tolerance:
                     step.advance(1.0 - part_done)
                     return block
                 if worst_at_start is None:
-                    worst_at_start = worst
+                    worst_at_start = worst_residual
                 all_digits = math.log(worst_at_start / self._tolerance)
-                further_part = math.log(worst_at_start / worst) / all_digits - part_done
+                further_part = math.log(worst_at_start / worst_residual) / all_digits - part_done
                 if further_part > 0.0:
                     step.advance(further_part)
                     part_done += further_part

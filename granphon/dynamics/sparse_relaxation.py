@@ -294,8 +294,8 @@ class SparseRelaxation:
         forces_on_stiff = stiff_motions.T @ forces
         amplitudes = forces_on_stiff / energies[is_stiff, None]
         saved_by_stiff = forces_on_stiff.T @ amplitudes
-        motion = scale @ response + stiff_motions @ amplitudes
-        return saved_by_factors + saved_by_stiff, np.asarray(motion)
+        response_of_all = scale @ response + stiff_motions @ amplitudes
+        return saved_by_factors + saved_by_stiff, np.asarray(response_of_all)
 
     def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
         """Return the energies (k,), ascending, of the motions that factors have set aside, and

@@ -125,9 +125,9 @@ def _find_side(lengths: Array, count: float) -> float:
     """
     side = 0.0
     for dimension in (3, 2, 1):
-        longest = np.sort(lengths)[3 - dimension :]
-        side = float(np.prod(longest) / count) ** (1.0 / dimension)
-        if side <= float(longest[0]):
+        longest_sides = np.sort(lengths)[3 - dimension :]
+        side = float(np.prod(longest_sides) / count) ** (1.0 / dimension)
+        if side <= float(longest_sides[0]):
             break
     return side
 

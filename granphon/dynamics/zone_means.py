@@ -59,13 +59,13 @@ def shortest_vectors(reciprocal: Array) -> Array:
     """Return the p shortest independent vectors (p, p), as rows, of the lattice of the
     ``reciprocal`` vectors (p, p); of equally short vectors, those of ``reciprocal`` come first.
     """
-    longest = float(np.linalg.norm(reciprocal, axis=1).max())
-    vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
+    longest_length = float(np.linalg.norm(reciprocal, axis=1).max())
+    vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest_length) @ reciprocal])
     # nine decimals, so that rounding does not decide among equal lengths
-    lengths = np.round(np.linalg.norm(vectors, axis=1) / longest, 9)
+    lengths = np.round(np.linalg.norm(vectors, axis=1) / longest_length, 9)
     basis: list[Array] = []
     for vector in vectors[np.argsort(lengths, kind="stable")]:
-        rank = np.linalg.matrix_rank(np.array([*basis, vector]), tol=1e-6 * longest)
+        rank = np.linalg.matrix_rank(np.array([*basis, vector]), tol=1e-6 * longest_length)
         if rank > len(basis):
             basis.append(vector)
         if len(basis) == len(reciprocal):

@@ -1518,7 +1518,7 @@ def _find_nearest_whole(matrix: Any, count: int, shift: float) -> tuple[Complex,
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
 
-    factors = factorise((matrix - shift * eye_array(matrix.shape[0])).tocsc(), symmetric=False)
+    factors = factorise((matrix - shift * eye_array(matrix.shape[0])).tocsc(), is_symmetric=False)
     inverse = LinearOperator(matrix.shape, matvec=factors.solve, dtype=float)
     start = np.random.default_rng(0).normal(size=matrix.shape[0])
     with lanczos_converges():

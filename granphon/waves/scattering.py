@@ -878,7 +878,7 @@ def _scatter(
     if work.by_slices:
         at_lower, at_upper = solve_by_slices(equations.tocsr(), drive, lower, upper)
     else:
-        factors = factorise(equations, symmetric=False)
+        factors = factorise(equations, is_symmetric=False)
         strip_motions = factors.solve(np.asarray(drive, complex))
         at_lower = lower @ strip_motions
         at_upper = upper @ strip_motions

@@ -35,7 +35,7 @@ def make(size=60, seed=0):
 def test_the_library_is_the_one_that_is_meant(library):
     kind = _LDLFactors if library == "rslab" else _LUFactors
     assert isinstance(factorise(make()), kind)
-    assert isinstance(factorise(make(), symmetric=False), _LUFactors)
+    assert isinstance(factorise(make(), is_symmetric=False), _LUFactors)
 
 
 @pytest.mark.parametrize("right", ["real", "complex", "several", "several complex"])
@@ -60,7 +60,7 @@ def test_a_matrix_that_is_not_symmetric_is_solved():
     matrix = csc_array(make().toarray() * np.random.default_rng(3).uniform(0.5, 1.5, (60, 60)))
     b = np.arange(60.0)
     wanted = np.linalg.solve(matrix.toarray(), b)
-    assert_allclose(factorise(matrix, symmetric=False).solve(b), wanted, rtol=1e-9)
+    assert_allclose(factorise(matrix, is_symmetric=False).solve(b), wanted, rtol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -87,7 +87,7 @@ def test_approximate_factors_are_in_single_precision():
     positive = (matrix @ matrix.T + eye_array(60)).tocsc()
     b = np.arange(60.0)
     error = np.abs(
-        factorise(positive, approximate=True).solve(b) / factorise(positive).solve(b) - 1.0
+        factorise(positive, is_approximate=True).solve(b) / factorise(positive).solve(b) - 1.0
     )
     assert 1e-9 < np.max(error) < 1e-2
 
@@ -95,7 +95,7 @@ def test_approximate_factors_are_in_single_precision():
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_approximate_factors_of_a_complex_matrix_are_complex(symmetric):
     matrix = csc_array(np.array([[2.0, 1.0j], [1.0j, 3.0]]))
-    solution = factorise(matrix, symmetric, approximate=True).solve(np.array([1.0, 1.0]))
+    solution = factorise(matrix, symmetric, is_approximate=True).solve(np.array([1.0, 1.0]))
     assert solution.dtype == np.complex64
     assert_allclose(matrix @ solution, 1.0, rtol=1e-6)
 
