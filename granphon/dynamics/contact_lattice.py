@@ -133,7 +133,7 @@ class ContactLattice(LongWaves):
         are the motions of each ball, by default the first choice of the lattice's dimension.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown lattice, for a number that
-        is not finite or out of range, and for ``motions`` that are none.
+        is not finite or out of range, and for ``motions`` that are no :class:`Motions`.
         """
         distance = positive("spacing", spacing)
         if distance >= 2.0:
@@ -366,7 +366,8 @@ class ContactLattice(LongWaves):
         cubic polynomial through four points beside Gamma gives the derivatives, of d(omega^2)/dq =
         2 omega v and of v.
 
-        Raises :class:`~granphon.base.errors.InputError` for another direction, and
+        Raises :class:`~granphon.base.errors.InputError` for more than one direction, and for one of
+        another shape, not finite or of length zero;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         along = one_direction(direction, self.periods)

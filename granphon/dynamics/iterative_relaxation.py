@@ -223,7 +223,8 @@ class IterativeRelaxation:
 
     def respond(self, _form: Array, mixed: Array, block: Any) -> Array:
         """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
-        they are subtracted; the arguments are those of :meth:`eliminate`.
+        they are subtracted; the arguments are those of :meth:`eliminate`, of which the first is not
+        needed here.
         """
         _, motions = self._respond(mixed, block)
         return motions

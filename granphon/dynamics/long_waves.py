@@ -116,7 +116,8 @@ class LongWaves(Compatibility):
     all kinds of deformations of all contacts. The n_inner inner motions are mass-weighted: the
     rotations of balls, and the displacements of balls of the cell against each other. In a cell
     whose matrices are sparse (:attr:`_uses_sparse_matrices`) they are the n_branches motions of all
-    balls, so that the shifts of all balls are contained.
+    balls, so that the shifts of all balls are contained; else they are the motions of the frame
+    (:attr:`_frame`) but for these shifts.
 
     Whatever relaxes the inner motions raises the errors of :meth:`relax_inner_motions` too.
     """
@@ -168,13 +169,14 @@ class LongWaves(Compatibility):
         in the :attr:`_touching_lattice`, and is to stay behind; dense matrices leave it behind, and
         so does iteration to which the motions are given (:meth:`IterativeRelaxation.keep_back`).
         """
-        touching = self._touching_lattice
-        # without such arms no gear costs a little; and what is kept back need not be found
-        if touching is self or relaxation.keeps_back:
+        touching_lattice = self._touching_lattice
+        # without such arms no gear costs a little, and gears that are kept back stay behind
+        if touching_lattice is self or relaxation.keeps_back:
             return False
-        if touching._relaxation is not None and not touching._relaxation.finds_gears:
+        sparse_relaxation = touching_lattice._relaxation
+        if sparse_relaxation is not None and not sparse_relaxation.finds_gears:
             return False
-        return bool(relaxation.n_free < touching._free_motions.shape[1])
+        return bool(relaxation.n_free < touching_lattice._free_motions.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Make the relaxation of the inner motions, the long work that moduli and sound share, and
