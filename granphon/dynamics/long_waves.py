@@ -959,7 +959,7 @@ class LongWaves(Compatibility):
         self, direction: ArrayLike, prestress: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Return the velocities of long waves along ``direction`` (p,) or (n, p), in the order of
-        :attr:`wave_names`.
+        :attr:`wave_names`, under a ``prestress`` (...) as in :meth:`gradient_stiffness`.
 
         Returns
         -------
