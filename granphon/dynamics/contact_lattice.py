@@ -300,10 +300,10 @@ class ContactLattice(LongWaves):
     def top_frequency(self) -> float:
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh of wave vectors.
 
-        The mesh of a cell of up to 200 balls contains Gamma, K, M and X. The mesh of a larger cell
-        is coarser, because each point of its zone stands for many points of the zone of a small
-        cell. For more than 200 balls the mesh is Gamma alone. Raises what :meth:`frequencies`
-        raises.
+        The mesh of a cell of up to 200 balls contains all q with halves of the reciprocal vectors,
+        such as Gamma, M and X, and K of a hexagonal zone. It is coarser for more than 8 balls,
+        because each point of the zone then stands for many points of the zone of a small cell. For
+        more than 200 balls the mesh is Gamma alone. Raises what :meth:`frequencies` raises.
         """
         if self.n_balls <= _MOST_ON_FINE_MESH:
             fractions = np.arange(12) / 12.0

@@ -365,7 +365,8 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     :func:`jacobi_svd`.
 
     Each matrix is first scaled to a unit diagonal, so that small eigenvalues of a graded matrix
-    keep their digits. Rows of zeros stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix
+    keep their digits. Where an entry of the diagonal is zero, its row and column are taken for
+    zero, and stay so. Raises :class:`numpy.linalg.LinAlgError` if a matrix
     has a diagonal entry below zero, or after scaling an eigenvalue below zero by more than
     rounding.
     """

@@ -184,8 +184,8 @@ class LongWaves(Compatibility):
         large cell in space to prepare an iteration (:attr:`tries_iteration`).
 
         ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
-        later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
-        or if the balls are held.
+        later relaxation too. Nothing is done if the work has been done, if the cell has few
+        motions, whose matrices are dense, or if the balls are held.
 
         Raises :class:`~granphon.base.errors.InputError` for factors that do not fit into memory,
         and for loose motions that an iteration does not find (:attr:`IterativeRelaxation.loose`);
@@ -257,8 +257,9 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _holds_rotations(self) -> bool:
-        """Whether no balls can turn against each other as gears do: each set of several balls that
-        contacts with a stiffness against slip join has an odd ring. True if balls do not rotate.
+        """Whether contacts that resist slip keep all balls from turning against each other as gears
+        do: each set of several balls that such contacts join has an odd ring. True if balls do not
+        rotate. What torsion and bending hold does not count.
 
         To find odd rings, take two copies of a set, and let each contact join a ball of one copy
         with a ball of the other. Without an odd ring the copies fall into two parts; with an odd
