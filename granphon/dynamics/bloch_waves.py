@@ -158,7 +158,7 @@ def find_bloch_waves(
     blocks: Couplings, w: Array, layer_size: int
 ) -> list[tuple[BlochWaves, BlochWaves]]:
     """Return a pair for each w (n_f,): the waves towards higher layers, and those towards lower
-    ones.
+    ones. The list is empty if there is no w.
 
     ``w`` is in the unit of the ``blocks``, and a layer has ``layer_size`` motions. Raises
     :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an edge of a
@@ -172,7 +172,7 @@ def find_bloch_waves(
     up = np.broadcast_to(blocks.up, (n_f, size, size))
     down = np.broadcast_to(blocks.down, (n_f, size, size))
     steps = _list_steps(inner, up, down, w, layer_size)
-    scale = float(np.max(np.abs(inner)))
+    scale = float(np.max(np.abs(inner), initial=0.0))
     inverse, vectors = _solve_pencil(steps, size, scale)
     waves = []
     for n in range(n_f):

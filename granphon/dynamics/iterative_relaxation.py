@@ -102,9 +102,9 @@ class IterativeRelaxation:
 
     def keep_back(self, staying: Array) -> Self:
         """Return the same relaxation, but for orthonormal motions ``staying`` (n_branches, k),
-        which do not relax although they deform contacts. Combinations of these motions that deform
-        none are left out, as no strain pushes them. What is free and what is loose remains that of
-        this relaxation.
+        which do not relax although they deform contacts; they take the place of those that have
+        stayed behind so far. Combinations of these motions that deform no contact are left out, as
+        no strain pushes them. The free motions and the loose ones remain those of this relaxation.
         """
         # a shallow copy: both share one search for loose motions, which knows nothing of `staying`
         relaxation = copy(self)
@@ -174,11 +174,11 @@ class IterativeRelaxation:
         that costs nothing.
         """
         search = self._search
-        loose, costs_little = search.result
+        loose, has_soft = search.result
         count = loose.shape[1] if search.are_few else search.estimate
         method = f"A cell of {self.lattice.n_balls} balls is relaxed by iteration"
         mend = "Leave out balls that carry no load: network.without_rattlers()"
-        if costs_little:
+        if has_soft:
             raise InputError(
                 "balls of the cell can move together at almost no cost",
                 f"{method}, which does not tell such motions from those that cost nothing, and"
@@ -255,8 +255,7 @@ class IterativeRelaxation:
         ``apply`` multiplies by a symmetric matrix. The size of a residual r is (r^T P r)^1/2, with
         the preconditioner P. The iteration ends when the size in each column has fallen to
         ``floor``, a number or (m,), or to :data:`_REDUCTION` times the size at the start if this is
-        larger.
-        Motions that stay behind are left out of ``right`` and of the result. Raises
+        larger. Motions that stay behind are left out of ``right`` and of the result. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
@@ -311,30 +310,32 @@ class _LooseSearch:
 
     @cached_property
     def result(self) -> tuple[Array, bool]:
-        """The loose motions (n_branches, k), or some of them if there are more than
-        :data:`_MOST_LOOSE`; and whether other motions cost so little that one iteration does not
-        tell them from loose ones.
+        """The loose motions (n_branches, k), and whether other motions cost so little that one
+        iteration does not tell them from loose ones.
+
+        If there are more loose motions than :data:`_MOST_LOOSE`, the search ends with some of them,
+        or with what the first random motions leave.
         """
         if not self.are_few:
             return self.first_loose, False
-        loose, costs_little = self._purify(self.first_loose, self._nothing)
+        loose, has_soft = self._purify(self.first_loose, self._nothing)
         n_found = self.first_loose.shape[1]
         n_probes = PROBES
         while n_found > n_probes - _SPARE_PROBES and loose.shape[1] <= _MOST_LOOSE:
             n_probes = _MORE_PROBES
             candidates = _find_span(self._probe(n_probes, loose))
             n_found = candidates.shape[1]
-            further_loose, some_cost_little = self._purify(candidates, loose)
+            further_loose, has_further_soft = self._purify(candidates, loose)
             loose = np.concatenate([loose, further_loose], axis=1)
-            costs_little |= some_cost_little
+            has_soft |= has_further_soft
             if not further_loose.size:
                 break
-        return loose, costs_little
+        return loose, has_soft
 
     @cached_property
     def first_loose(self) -> Array:
-        """(n_branches, k) orthonormal motions that the first random motions leave: none if there is
-        no loose motion.
+        """(n_branches, k) orthonormal motions that the first random motions leave, :data:`PROBES`
+        at most; none if no motion of several balls costs nothing, or hardly anything.
         """
         return _find_span(self._first_remainders)
 

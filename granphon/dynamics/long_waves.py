@@ -524,10 +524,10 @@ class LongWaves(Compatibility):
         kinds of free motions:
 
         - Waves of their own, if u and a are not coupled: S_j^T W_l + S_l^T W_j = 0 for all j and l.
-          An example are antiphase motions in a cell that contains several smaller cells.
-        - Motions (u, a) that stay behind, as they deform nothing: S_j u + W_j a = 0 for all j. An
-          example is a ball that touches no other. If the rows (u, a) are orthonormal, the mass that
-          sound moves is 1 - sum u u^T, over all mass.
+          So are antiphase motions in a cell that contains several smaller cells.
+        - Motions (u, a) that stay behind, as they deform nothing: S_j u + W_j a = 0 for all j. A
+          ball that touches no other has such motions. If they are orthonormal, the mass that sound
+          moves, over all mass, is 1 less the sum of u u^T over these motions.
         - Motions that take part in sound, if amplitudes a that are perpendicular to those of all
           motions that stay behind are still coupled with u.
         """
