@@ -788,22 +788,24 @@ class ContactLattice(LongWaves):
         columns = block.columns
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
         # displacements of the centre of mass are the first motions of the frame
-        bent = [
+        bent_motions = [
             motion
             for motion in np.flatnonzero(columns < len(motions.translations)).tolist()
             if motions.translations[columns[motion]] >= p
         ]
-        tilt = np.zeros((len(bent), len(columns), p), complex)
-        for number, motion in enumerate(bent):
+        tilt = np.zeros((len(bent_motions), len(columns), p), complex)
+        for number, motion in enumerate(bent_motions):
             axis = motions.translations[columns[motion]]
             for along in range(p):
                 motions_of_balls = self._tilt_balls(axis, along)
                 tilt[number, :, along] = (weights.T @ motions_of_balls).ravel()[columns]
         is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
         gradients = tilt.real.copy() if is_real else tilt
-        tilting = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
+        tilting_numbers = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
         return replace(
-            block, bent=tuple(bent[number] for number in tilting), tilt=gradients[tilting]
+            block,
+            bent=tuple(bent_motions[number] for number in tilting_numbers),
+            tilt=gradients[tilting_numbers],
         )
 
     def _tilt_balls(self, axis: int, along: int) -> Complex:

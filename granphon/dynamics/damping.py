@@ -465,9 +465,9 @@ def _choose_half(omega: Complex, n_without_spring: Index) -> tuple[Complex, Inde
     # rate
     order = np.lexsort((np.where(is_zero, -roots.real, roots.imag), kinds))
     sorted_roots = np.take_along_axis(roots, order, -1)
-    is_zero = np.take_along_axis(is_zero, order, -1)
-    zeros_so_far = np.cumsum(is_zero, axis=-1)
-    is_spare = is_zero & (zeros_so_far > n_without_spring[..., None])
+    is_sorted_zero = np.take_along_axis(is_zero, order, -1)
+    zeros_so_far = np.cumsum(is_sorted_zero, axis=-1)
+    is_spare = is_sorted_zero & (zeros_so_far > n_without_spring[..., None])
     # the first n roots, once the spare zeros have moved to the end; then in the order of the result
     half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
     half_roots = np.take_along_axis(sorted_roots, half, -1)

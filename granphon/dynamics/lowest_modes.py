@@ -93,8 +93,8 @@ class LowestSearch:
     ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix.
     ``known_vectors`` (size, k), sparse or not, are orthonormal eigenvectors that the search leaves
     out; None if there are none. An eigenvector is found when the norm of its residual is no larger
-    than the ``tolerance``, in the unit of the matrix. ``progress`` is told how far the residuals
-    have fallen towards the tolerance.
+    than the ``tolerance``, which is above zero, in the unit of the matrix. ``progress`` is told how
+    far the residuals have fallen towards the tolerance.
     """
 
     def __init__(
