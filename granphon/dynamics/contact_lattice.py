@@ -719,8 +719,8 @@ class ContactLattice(LongWaves):
         return self.explain_buckling(where, motion[:, self.motions.translating].T)
 
     def _share_out(self, find: Callable[[slice], _Result], count: int) -> list[_Result]:
-        """Return the results of ``find`` for slices of the numbers of ``count`` wave vectors, so
-        short that C(q) has no more than :data:`_ENTRIES` entries.
+        """Return the results of ``find`` for slices of the numbers of ``count`` wave vectors: of a
+        single one, or of so few that C(q) has some :data:`_ENTRIES` entries at most.
 
         Wave vectors of large cells are shared out to all processors, one by one. Without wave
         vectors ``find`` is called once, with an empty slice, so that its result has a shape.

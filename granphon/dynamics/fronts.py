@@ -273,10 +273,12 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     front above: those without couplings, and all in the last layer, which has no front above.
     """
     lower_factor, order, rank = _factorise(matrix[:n_inner, :n_inner])
-    with_pivot = order[:rank]
+    pivot_numbers = order[:rank]
     soft_numbers = order[rank:]
     later_motions = np.concatenate([soft_numbers, np.arange(n_inner, motions.size)])
-    below = np.ascontiguousarray(_divide(lower_factor, matrix[np.ix_(later_motions, with_pivot)]))
+    below = np.ascontiguousarray(
+        _divide(lower_factor, matrix[np.ix_(later_motions, pivot_numbers)])
+    )
     complement = np.zeros((0, 0))
     if later_motions.size:
         # Schur's complement of the eliminated motions
@@ -293,7 +295,7 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
         matrix=complement[np.ix_(is_passed, is_passed)],
         soft_motions=motions[soft_numbers[is_passed[: soft_numbers.size]]],
     )
-    front = _Front(motions[with_pivot], coupled_motions, lower_factor, below)
+    front = _Front(motions[pivot_numbers], coupled_motions, lower_factor, below)
     return front, remainder, coupled_motions[~is_passed]
 
 

@@ -45,7 +45,7 @@ _ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}
 #: fall geometrically, so that the error of the finer result is far smaller
 _AGREEMENT = {2: 1e-9, 3: 1e-8}
 #: least value of 1 - u_1 that double precision holds to the accuracy of :data:`_AGREEMENT`
-_LEAST_HELD = 1e-6
+_LEAST_DIFFERENCE = 1e-6
 #: number of entries of C(q) that are computed at a time, few enough for the cache
 _ENTRIES = 2**16
 #: distance, in steps of the cell and in diameters across the periods, up to which two midpoints of
@@ -232,7 +232,7 @@ def _integrate_response(medium: ContactLattice) -> Array | None:
         compliance = elongations[0]
         tolerance = _AGREEMENT[medium.periods] * compliance * (1.0 - compliance)
         has_settled = np.max(np.abs(elongations - last_elongations)) <= tolerance
-        if has_settled and 1.0 - compliance > _LEAST_HELD:
+        if has_settled and 1.0 - compliance > _LEAST_DIFFERENCE:
             return elongations
         last_elongations = elongations
     return None

@@ -1212,9 +1212,11 @@ class LongWaves(Compatibility):
         )
         rows, root = self._weight_rows()
         difference, total = self._combine_ends(rows, root)
-        # in the deformations of contacts the rotation is multiplied by the cosine of the half
-        # angle, and the displacements by the sine
+        # deformations of contacts by the rotation: the difference of its effects at both ends is
+        # multiplied by the cosine of the half angle, and their sum, as in rolling, by the sine. The
+        # displacements have a sum alone
         turn = difference[..., self.motions.turning]
+        turn_total = total[..., self.motions.turning]
         shift = total[..., self.motions.translating]
         square = float(np.sum(turn**2))
         if square == 0.0:
@@ -1223,8 +1225,10 @@ class LongWaves(Compatibility):
                 "Balls that all turn alike deform no contact that has only rolling or twist",
                 "Give contacts friction, or use gp.Phonons(...).bands()",
             )
-        # the square of the cosine falls by the square of the half angle
-        narrowing = float(np.sum(turn**2 * distance_ahead[:, None] ** 2)) / 4.0
+        # the square of the cosine falls by the square of the half angle, and that of the sine rises
+        # by it
+        change = (turn**2 - turn_total**2) * distance_ahead[:, None] ** 2
+        narrowing = float(np.sum(change)) / 4.0
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * distance_ahead[:, None], axis=(0, 1))
         curvature = (narrowing - float(coupling @ coupling) / square) / square

@@ -90,9 +90,12 @@ def test_optical_branch_is_a_series_with_one_tenth(eta, angle):
     assert_allclose(lattice.optical_branch(along), [30 * eta, 0.1], rtol=3e-15)
 
 
-@pytest.mark.parametrize(("lattice", "spacing"), [("square", 1.0), ("triangular", 0.9)])
-def test_optical_branch_of_other_lattices(lattice, spacing):
-    contacts = gp.ContactLattice.of(lattice, 0.7, spacing)
+@pytest.mark.parametrize(
+    ("lattice", "spacing", "bending"),
+    [("square", 1.0, 0.0), ("triangular", 0.9, 0.0), ("triangular", 1.0, 0.1)],
+)
+def test_optical_branch_of_other_lattices(lattice, spacing, bending):
+    contacts = gp.ContactLattice.of(lattice, 0.7, spacing, bending=bending)
     for angle in (0.0, 0.5):
         along = np.array([math.cos(angle), math.sin(angle)])
         squared, narrowing = contacts.optical_branch(along)
