@@ -737,7 +737,8 @@ class LongWaves(Compatibility):
         """
         energies, vectors = np.linalg.eigh(relaxing_motions.T @ block @ relaxing_motions)
         pull = vectors.swapaxes(-1, -2) @ relaxing_motions.T @ mixed
-        highest_energy = np.max(np.abs(energies), axis=-1, keepdims=True)
+        # a lattice may have no inner motions
+        highest_energy = np.max(np.abs(energies), axis=-1, keepdims=True, initial=0.0)
         # no pull is larger than the root of the product of both energies
         largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest_energy)
         is_moved = np.max(np.abs(pull), axis=-1) > _FREE_LIMIT * largest_pull
@@ -760,7 +761,8 @@ class LongWaves(Compatibility):
         (..., n) says whether a gradient moves them. A motion that no gradient moves belongs to
         another wave vector of a smaller cell, or is a wave of its own, which the bands show.
         """
-        rounding = max(NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
+        highest_energy = np.max(np.abs(energies), axis=-1, keepdims=True, initial=0.0)
+        rounding = max(NO_ENERGY, self.slack) * highest_energy
         is_unstable = is_moved & (energies < -rounding)
         if not np.any(is_unstable):
             return

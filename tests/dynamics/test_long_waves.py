@@ -112,6 +112,14 @@ def test_no_single_optical_branch():
             gp.ContactLattice.of(lattice, eta).optical_branch()
 
 
+def test_the_strain_of_a_pressed_lattice_without_inner_motions_deforms_its_contacts():
+    chain = gp.ContactLattice.of("chain", 0.0, prestress=1e-3)
+    assert chain.gradient_motions.shape == (1, 1, 1)
+    rows, deformations = chain.gradient_deformations
+    assert [row.kind for row in rows] == ["elongation"]
+    assert_allclose(deformations, np.ones((1, 1, 1, 1)))
+
+
 def test_a_rotational_branch_that_begins_at_zero_has_no_series():
     rolling = gp.ContactLattice.of("triangular", 0.0, bending=0.1)
     assert rolling.frequencies([[0.0, 0.0]])[0, 2] == 0.0
