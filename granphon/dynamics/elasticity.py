@@ -321,25 +321,36 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     direction = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
         direction[..., axes.index(axis)] = along[..., axis]
-    # (..., n_u), by which waves are sorted: -1 for the longitudinal wave, 1 for the wave out of the
-    # plane, and 0 for all others
-    rank = np.zeros(unordered_vectors.shape[:-2] + unordered_vectors.shape[-1:])
+    rank = _rank_waves(names, axes, direction, unordered_vectors)
+    order = np.argsort(rank, axis=-1, kind="stable")
+    velocities = np.take_along_axis(unordered_velocities, order, -1)
+    polarisations = np.take_along_axis(unordered_vectors, order[..., None, :], -1)
+    return velocities, polarisations
+
+
+def _rank_waves(
+    names: tuple[str, ...], axes: tuple[int, ...], direction: Array, vectors: Array
+) -> Array:
+    """Return numbers (..., n_u) by which waves are sorted: -1 for the longitudinal wave, 1 for the
+    wave out of the plane, each if it is among the ``names``, and 0 for all others.
+
+    ``direction`` (..., n_u) is given in components of the motions along ``axes``, and ``vectors``
+    (..., n_u, n_u) are the polarisations, as columns, of waves of ascending velocity.
+    """
+    rank = np.zeros(vectors.shape[:-2] + vectors.shape[-1:])
     if names[0] == "longitudinal":
-        part_along = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
+        part_along = np.abs(np.einsum("...i,...ib->...b", direction, vectors))
         largest_part = np.max(part_along, axis=-1, keepdims=True)
         # of waves that are equally longitudinal, the last is chosen, which is the fastest
         is_most_longitudinal = part_along >= (1.0 - _COMPONENT_ROUNDING) * largest_part
         longitudinal_number = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
         np.put_along_axis(rank, longitudinal_number[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        part_across = np.abs(unordered_vectors[..., axes.index(2), :])
+        part_across = np.abs(vectors[..., axes.index(2), :])
         # the longitudinal wave is not chosen a second time
         out_of_plane_number = np.argmax(np.where(rank < 0.0, -1.0, part_across), axis=-1)
         np.put_along_axis(rank, out_of_plane_number[..., None], 1.0, -1)
-    order = np.argsort(rank, axis=-1, kind="stable")
-    velocities = np.take_along_axis(unordered_velocities, order, -1)
-    polarisations = np.take_along_axis(unordered_vectors, order[..., None, :], -1)
-    return velocities, polarisations
+    return rank
 
 
 def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:

@@ -115,7 +115,7 @@ class SparseRelaxation:
 
     @property
     def n_free(self) -> int:
-        """Number of motions that cost nothing, n_free."""
+        """Number n_free of the motions of ``free``."""
         return int(self.free.shape[1])
 
     @property
