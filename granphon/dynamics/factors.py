@@ -44,19 +44,20 @@ class Elimination:
     """The order of elimination of all symmetric matrices that have entries at the same places as
     the sparse ``matrix``.
 
-    ``approximate`` factors are in single precision, half as large, for preconditioners; their order
-    of elimination is found in half of the time, and leaves factors with a few more entries.
+    If ``is_approximate``, factors are in single precision, half as large, for preconditioners;
+    their order of elimination is found in half of the time, and leaves factors with a few more
+    entries.
     """
 
-    def __init__(self, matrix: Any, approximate: bool = False) -> None:
+    def __init__(self, matrix: Any, is_approximate: bool = False) -> None:
         """Find the order of elimination by rslab, if it is installed."""
-        self._approximate = approximate
+        self._is_approximate = is_approximate
         self._symbolic: Any = None
         try:
             import rslab
         except ImportError:
             return  # without rslab `factorise` uses SuperLU, which finds its own order each time
-        order = "amd" if approximate else "auto"
+        order = "amd" if is_approximate else "auto"
         self._symbolic = rslab.analyze(matrix.tocsc(), path="ldlt", ordering=order)
 
     def factorise(self, matrix: Any) -> Factors:
@@ -66,24 +67,29 @@ class Elimination:
         """
         if self._symbolic is None:
             # only positive definite matrices have approximate factors, and need no exchange of rows
-            pivot = 0.0 if self._approximate else _PIVOT
-            return _LUFactors(matrix, pivot, self._approximate)
+            pivot = 0.0 if self._is_approximate else _PIVOT
+            return _LUFactors(matrix, pivot, self._is_approximate)
         columns = matrix.tocsc()
-        if self._approximate:
-            columns = columns.astype(np.float32)
+        if self._is_approximate:
+            columns = _halve_precision(columns)
         return _LDLFactors(self._symbolic.factor(columns))
 
 
-def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) -> Factors:
+def factorise(matrix: Any, symmetric: bool = True, is_approximate: bool = False) -> Factors:
     """Return the factors of a sparse ``matrix`` A, which has an entry A_ji wherever it has A_ij.
 
-    ``symmetric`` says whether A_ij = A_ji, without conjugation if A is complex. ``approximate``
-    factors are in single precision, see :class:`Elimination`. Raises RuntimeError if the matrix is
-    singular.
+    ``symmetric`` says whether A_ij = A_ji, without conjugation if A is complex. If
+    ``is_approximate``, factors are in single precision, see :class:`Elimination`. Raises
+    RuntimeError if the matrix is singular.
     """
     if symmetric:
-        return Elimination(matrix, approximate).factorise(matrix)
-    return _LUFactors(matrix, _PIVOT, approximate)
+        return Elimination(matrix, is_approximate).factorise(matrix)
+    return _LUFactors(matrix, _PIVOT, is_approximate)
+
+
+def _halve_precision(matrix: Any) -> Any:
+    """Return a sparse ``matrix``, real or complex, in single precision."""
+    return matrix.astype(np.complex64 if np.iscomplexobj(matrix.data) else np.float32)
 
 
 class _LDLFactors:
@@ -100,6 +106,8 @@ class _LDLFactors:
             # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
         columns = np.asarray(right, dtype)
+        if not columns.size:  # rslab refuses arrays without columns
+            return columns.copy()
         if columns.ndim == 1:
             return np.asarray(self._factors.solve(columns))
         return np.asarray(self._factors.solve_many(columns))
@@ -114,10 +122,10 @@ class _LUFactors:
     """Factors L U of a sparse ``matrix``, found by SuperLU.
 
     A pivot is taken from the diagonal if its entry is at least the part ``pivot`` of the largest
-    entry of its column. ``approximate`` factors are in single precision.
+    entry of its column. If ``is_approximate``, factors are in single precision.
     """
 
-    def __init__(self, matrix: Any, pivot: float, approximate: bool) -> None:
+    def __init__(self, matrix: Any, pivot: float, is_approximate: bool) -> None:
         """Factorise the sparse ``matrix``; raise RuntimeError if it is singular."""
         from scipy.sparse.linalg import splu
 
@@ -125,8 +133,8 @@ class _LUFactors:
         columns = matrix.tocsc()
         options: dict[str, Any] = {"SymmetricMode": True}
         relax = None
-        if approximate:
-            columns = columns.astype(np.float32)
+        if is_approximate:
+            columns = _halve_precision(columns)
             options["Equil"] = False
             # SuperLU would else treat neighbouring columns as one dense block (a supernode), and
             # fill a matrix of so few entries with zeros
@@ -154,7 +162,7 @@ class _LUFactors:
         factors = self._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
             # new factors, with pivot = 0, which takes any entry on the diagonal but zero
-            factors = _LUFactors(self._matrix, pivot=0.0, approximate=False)._factors
+            factors = _LUFactors(self._matrix, pivot=0.0, is_approximate=False)._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
             raise ConvergenceError(
                 "the factors of a matrix have pivots off the diagonal",
