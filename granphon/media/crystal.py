@@ -79,6 +79,7 @@ from granphon.media.crystal_sites import (
     find_kinds,
     list_balls,
     name_kinds,
+    read_diameters,
     read_sites,
     require_cell,
     require_large_enough,
@@ -87,10 +88,9 @@ from granphon.media.crystal_sites import (
 )
 from granphon.media.limits import Check, check_limit
 from granphon.media.mean_force import (
-    MEAN_TOLERANCE,
     MOST_MEANS,
-    SAMPLE_TOLERANCE,
     MeanContacts,
+    MeanGoal,
     PressureSearch,
 )
 from granphon.media.sample_on_grid import SampleOnGrid
@@ -104,8 +104,8 @@ from granphon.statics.rest import Rest
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal, whose contacts are held in memory, about 1 kB a ball
 _MOST_BALLS = 10_000_000
-#: length of a spring to the ground, m: none, but with digits of its direction
-_NO_LENGTH = 1e-60
+#: length of a spring to the ground, m: next to nothing, but with digits of its direction
+_SPRING_LENGTH = 1e-60
 #: memory of a ball, or of a contact, while a crystal is made and checked, bytes
 _BALL_BYTES = 550.0
 #: the arrays of a state, in the order of its fields
@@ -122,11 +122,11 @@ _PER_LOAD = (
 #: units of a pressure, by the number of axes along which it acts
 _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 #: relative size of a component of a tensor or of gravity that is put down to rounding
-_ROUNDED = 1e-12
+_ROUNDING = 1e-12
 #: difference of the exponents of contacts that is put down to rounding
-_SAME_EXPONENT = 1e-9
+_EXPONENT_ROUNDING = 1e-9
 #: difference of the ratios of shear to normal stiffness of contacts that is put down to rounding
-_SAME_RATIO = 1e-12
+_RATIO_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,12 +274,13 @@ class Crystal(Result):
     Raises
     ------
     InputError : arrays whose shapes do not fit, numbers that are not finite, an entry that is no
-        ball, two kinds of one name; a cell that lies across the first axes or has no room for a
-        ball, balls that overlap, that miss each other by less than a thousandth, or that touch
-        nothing; contacts that do not join all balls; a law that lacks a pair or a method, or that
-        is not the derivative of its energy; motions, torsion and bending that
-        :class:`~granphon.Packing` refuses; a spring of a motion that balls do not have, or with a
-        stiffness below zero or not finite.
+        ball, two kinds of one name, a kind called "floor"; a cell that lies across the first axes
+        or has no room for a ball, balls that overlap, that miss each other by less than a
+        thousandth, or that touch nothing; contacts that do not join all balls; an unknown law, one
+        that lacks a pair or a method, or that is not the derivative of its energy; motions, torsion
+        and bending that :class:`~granphon.Packing` refuses; a spring of a motion that balls do not
+        have, or with a stiffness below zero or not finite; a ``friction`` that is neither true nor
+        false, and a ``name`` that is no text.
     """
 
     _schema: ClassVar[int] = 2
@@ -473,8 +474,9 @@ class Crystal(Result):
         options : options of the class: law, friction, motions, torsion, bending, on_site, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
-        for an unknown lattice, for a number of kinds that does not go on its sites, and for radii
-        with which neighbours cannot all touch, or the larger balls touch each other first.
+        for an unknown lattice, for a number of kinds that does not go on its sites, for radii with
+        which neighbours cannot all touch, or the larger balls touch each other first, and for
+        arguments that the class refuses.
         """
         kinds = list_balls(balls)
         find_kinds(kinds)  # raises for an entry that is no ball
@@ -542,15 +544,11 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for a crystal without periods, another
         number of lengths, and more balls than memory holds.
         """
-        if not self.periods:
-            problem = f"crystal {self.name!r} has no period along which it could be repeated"
-            raise InputError(problem, mend="Give its cell")
-        rule = partial(lengths, low=1, high=_MOST_CELLS, periods=self.periods)
-        counts = require("shape", rule, shape)
+        counts = self._read_shape(shape)
         _require_room(math.prod(counts), self)
         table = self.contacts
         n = self.n_balls
-        cells, i, j, shift = repeat_contacts(table.i, table.j, table.shift, n, tuple(counts))
+        cells, i, j, shift = repeat_contacts(table.i, table.j, table.shift, n, counts)
         origin = np.tile(np.arange(n), len(cells))
         rows = np.tile(np.arange(len(table)), len(cells))
         contacts = table.take(rows, i, j, shift)
@@ -558,6 +556,16 @@ class Crystal(Result):
         positions = (cell_origins[:, None] + self.positions).reshape(-1, self.dimension)
         supercell = self.cell * np.array(counts)[:, None]
         return self._take(origin, contacts, positions, cell=supercell)
+
+    def _read_shape(self, shape: Any) -> tuple[int, ...]:
+        """Return the numbers of cells (L1, ..., Lp) of a supercell, from the ``shape`` of
+        :meth:`repeat`; the errors are those of :meth:`repeat`.
+        """
+        if not self.periods:
+            problem = f"crystal {self.name!r} has no period along which it could be repeated"
+            raise InputError(problem, mend="Give its cell")
+        rule = partial(lengths, low=1, high=_MOST_CELLS, periods=self.periods)
+        return tuple(require("shape", rule, shape))
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
         """Return a supercell whose balls have their own diameters, with the distributions that
@@ -584,15 +592,21 @@ class Crystal(Result):
         the other state, the states are those of :class:`~granphon.DirectSimulation` of these balls.
 
         Raises :class:`~granphon.base.errors.InputError` for a ``shape`` that is not p whole numbers
-        from 1 on, a ``seed`` that is no whole number from 0 on, and more balls than memory holds;
-        for diameters of another shape, or with a ``shape``; for diameters that are not finite and
-        above zero, also after the shift; and for crystals without a spread of which no diameters
-        are given.
+        from 1 on, a ``seed`` that is no whole number from 0 to 2^64 - 1, and more balls than memory
+        holds; for diameters of another shape, or with a ``shape``; for diameters that are not
+        finite and above zero, also after the shift; and for crystals without a spread of which no
+        diameters are given.
         """
         p = self.periods
         given_diameters = None
         if diameters is not None:
-            given_diameters = self._read_diameters(diameters, shape)
+            given_diameters = read_diameters(diameters, p, self.n_balls)
+            if shape is not None:
+                problem = (
+                    f"shape is {brief(shape)}, and diameters of the shape {given_diameters.shape}"
+                    " are given too"
+                )
+                raise InputError(problem, mend="Give the diameters, and no shape")
             shape = given_diameters.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
             raise InputError(
@@ -600,11 +614,10 @@ class Crystal(Result):
                 mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or"
                 " diameters",
             )
-        if shape is None:
-            shape = (1,) * p
-        counts = tuple(np.atleast_1d(np.asarray(shape)).tolist())
-        # a cluster without periods has an empty shape; repeat refuses another one
-        supercell = self.repeat(counts) if p or counts else self
+        # the shape of a cluster without periods is empty
+        is_of_one_cell = shape is None or (not p and isinstance(shape, list | tuple) and not shape)
+        counts = (1,) * p if is_of_one_cell else self._read_shape(shape)
+        supercell = self.repeat(counts) if p else self
         if given_diameters is None:
             sizes = self._draw(supercell.kind, counts, seed)
         else:
@@ -650,32 +663,17 @@ class Crystal(Result):
                 deviations[is_of_kind] = deviations_of_sites[is_of_kind]
         return deviations
 
-    def _read_diameters(self, diameters: ArrayLike, shape: Any) -> Array:
-        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m, as an
-        array; InputError for other axes, or if a ``shape`` is given too.
-        """
-        p = self.periods
-        n = self.n_balls
-        array = finite_array("diameters", diameters, "m", "above zero")
-        axes = [f"L{axis + 1}" for axis in range(p)]
-        if n > 1:
-            axes.append(str(n))
-        has_axes = array.ndim == len(axes) and (n == 1 or array.shape[-1] == n)
-        if not has_axes or shape is not None:
-            problem = f"diameters have the shape {array.shape}, and shape is {brief(shape)}"
-            raise InputError(problem, mend=f"Give an array ({', '.join(axes)}), and no shape")
-        return array
-
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
 
-        ``index`` is the number of a ball, or a list of numbers. The ball must have the radius of
-        the ball that it replaces, to half a millionth, so that it touches the same neighbours. In a
-        sample the new ball has the mean diameter of its kind. Other kinds keep their names, and a
-        new kind whose ball has no name gets the next free letter. Raises
-        :class:`~granphon.base.errors.InputError` for another radius, an argument that is no ball, a
-        number that no ball has, a name that another kind has, and a law that lacks a pair with the
-        new kind.
+        ``index`` is the number of a ball, or a list of numbers, each once. The ball must have the
+        radius of the ball that it replaces, to half a millionth, so that it touches the same
+        neighbours. In a sample the new ball has the mean diameter of its kind. Other kinds keep
+        their names, and a new kind whose ball has no name gets the next free letter.
+
+        Raises :class:`~granphon.base.errors.InputError` for another radius, an argument that is no
+        ball, an empty list, a number that no ball has or that is given twice, a name that another
+        kind has, and a law that lacks a pair with the new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -730,9 +728,9 @@ class Crystal(Result):
         changed_kinds = kinds | dict(balls)  # in the order of the names
         return self._derive(kinds=tuple(changed_kinds.values()))
 
-    def with_springs(self, on_site: Array) -> Self:
-        """Return the crystal with other stiffnesses ``on_site`` (n, motions) of springs to the
-        ground, N/m and N m, in any form that the class takes.
+    def with_springs(self, on_site: Any) -> Self:
+        """Return the crystal with other springs to the ground; ``on_site`` has any of the forms
+        that the class takes, None for no springs.
 
         Raises :class:`~granphon.base.errors.InputError` for what the class refuses.
         """
@@ -757,10 +755,11 @@ class Crystal(Result):
 
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
-        or a list of numbers.
+        or a list of numbers, each once.
 
-        Raises :class:`~granphon.base.errors.InputError` for a number that no ball has, and if no
-        ball is left, a face has no ball left, or the balls that are left do not hang together.
+        Raises :class:`~granphon.base.errors.InputError` for an empty list, for a number that no
+        ball has or that is given twice, and if no ball is left, a face has no ball left, or the
+        balls that are left do not hang together.
         """
         is_remaining = np.ones(self.n_balls, bool)
         is_remaining[index_array("index", index, self.n_balls)] = False
@@ -932,7 +931,7 @@ class Crystal(Result):
 
     @property
     def is_held(self) -> bool:
-        """Whether a floor, a clamp or springs to the ground hold balls of the crystal."""
+        """Whether a floor, a wall, a clamp or springs to the ground hold balls of the crystal."""
         return any(side.edge != "free" for side in self._sides) or self.is_anchored
 
     @property
@@ -943,11 +942,12 @@ class Crystal(Result):
 
     @property
     def downward(self) -> Array:
-        """(d,) unit vector across the layers of a cut, towards the face that is held; towards the
-        lower face if both are held. Where springs to the ground alone hold the balls, the vector
-        points down the last axis.
+        """(d,) unit vector across the layers of the first cut with a face that is held, towards
+        that face; towards the lower face if both are held. Without such a face the vector points
+        down the last axis, along which each ball must have a spring to the ground.
 
-        Raises :class:`~granphon.base.errors.InputError` if nothing holds the balls.
+        Raises :class:`~granphon.base.errors.InputError` if neither a face nor such springs hold the
+        balls.
         """
         for side in self._sides:  # the lower face comes first
             if side.edge != "free":
@@ -1027,12 +1027,14 @@ class Crystal(Result):
         kinds_j = self.kind[table.j]
         on_floors = [self.kind[floor.balls] for floor in self._floors]
         kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
-        numbers = [
+        wall_of_floor = [
             len(self.kinds) + walls.index(floor.body) for floor in self._floors if floor.body
         ]
-        floor_numbers = np.repeat(np.array(numbers, np.intp), [len(balls) for balls in on_floors])
+        wall_of_contact = np.repeat(
+            np.array(wall_of_floor, np.intp), [len(balls) for balls in on_floors]
+        )
         lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
-        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), floor_numbers])
+        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), wall_of_contact])
         # one whole number for each pair of kinds
         keys, pair_of_contact = np.unique(
             lower_kind * body_count + higher_kind, return_inverse=True
@@ -1068,8 +1070,12 @@ class Crystal(Result):
         """Return the law of a contact of the bodies i and j, its ratio 4 G*/E*, and E*, Pa.
 
         The numbers below n are those of the balls. The next numbers are those of the faces that
-        stand on a floor or wall, in their order; any larger number is a rigid floor.
+        stand on a floor or wall, in their order; any larger number is a rigid floor. Raises
+        :class:`~granphon.base.errors.InputError` for a number that is not whole or below zero, for
+        two bodies that are no balls, and for two kinds of which the law lacks the pair.
         """
+        whole_number("i", i, 0)
+        whole_number("j", j, 0)
         return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
 
     def _find_kind_name(self, number: int) -> str:
@@ -1085,8 +1091,11 @@ class Crystal(Result):
     def touch(self) -> CrystalState:
         """Return the state in which balls just touch, with zero stress, strain and displacements.
 
-        The overlaps are 1e-6 of the distances of the centres, and the forces and stiffnesses are
-        those at these overlaps: at zero overlap most laws have no stiffness.
+        The overlaps are 1e-6 of the distances of the two bodies of a contact, and the forces and
+        stiffnesses are those at these overlaps: at zero overlap most laws have no stiffness. In a
+        sample too it is the mean balls that touch.
+
+        Raises :class:`~granphon.base.errors.InputError` if balls have a spread, and none are drawn.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1243,7 +1252,7 @@ class Crystal(Result):
         return _Rows(
             bodies.body_of_ball[balls],
             np.full(len(balls), bodies.held_body),
-            _NO_LENGTH * np.eye(self.dimension)[axes],
+            _SPRING_LENGTH * np.eye(self.dimension)[axes],
             np.zeros(len(balls)),
         )
 
@@ -1422,8 +1431,10 @@ class Crystal(Result):
 
         Raises
         ------
-        InputError : an array of another shape; a stress that contacts cannot bear, because they
-            only push along the lines of their centres.
+        InputError : an array of another shape, a matrix that is not symmetric, a crystal without
+            periods; a stress that contacts cannot bear, because they only push along the lines of
+            their centres, or under which no contact has a stiffness, as a stress of zero; gravity,
+            balls and spreads as in :meth:`at_pressure`.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
@@ -1461,8 +1472,10 @@ class Crystal(Result):
 
         Raises
         ------
-        InputError : an array of another shape; a strain that opens all contacts, or shortens a
-            period to nothing.
+        InputError : an array of another shape, a matrix that is not symmetric, a crystal without
+            periods; a strain under which all contacts are open or only touch, or that shortens the
+            cell to nothing along any direction; gravity, balls and spreads as in
+            :meth:`at_pressure`.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
@@ -1500,7 +1513,7 @@ class Crystal(Result):
         if components.shape[-2:] == (p, p):
             asymmetry = np.abs(components - np.swapaxes(components, -1, -2))
             sizes = np.max(np.abs(components), axis=(-2, -1), keepdims=True)  # of each tensor
-            if np.any(asymmetry > _ROUNDED * sizes):
+            if np.any(asymmetry > _ROUNDING * sizes):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
             return components
         if components.shape[-1:] != (len(voigt),):
@@ -1547,19 +1560,19 @@ class Crystal(Result):
         return values_of_loads, accelerations
 
     def _require_standing(self, field: Array) -> None:
-        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along a period, or along
-        an axis on which nothing holds the balls.
+        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along an axis on which
+        nothing holds the balls; along a period only springs to the ground can.
         """
         d = self.dimension
         largest_component = np.max(np.abs(field), axis=-1, keepdims=True)
-        is_acting = np.abs(field) > _ROUNDED * largest_component
+        is_acting = np.abs(field) > _ROUNDING * largest_component
         acting_axes = np.flatnonzero(np.any(is_acting.reshape(-1, d), axis=0)).tolist()
-        wall_axes = {side.axis for side in self._sides if side.edge != "free"}
+        held_axes = {side.axis for side in self._sides if side.edge != "free"}
         anchored_axes = self._find_anchored_axes()
         has_clamp = any("clamped" in face.edges for face in self.faces)
         for axis in acting_axes:
             is_period = axis < self.periods
-            is_held = axis in wall_axes or has_clamp  # a clamp holds along all axes
+            is_held = axis in held_axes or has_clamp  # a clamp holds along all axes
             # along a period a face holds nothing, as balls repeat there; springs hold there too
             if axis in anchored_axes or (is_held and not is_period):
                 continue
@@ -1706,7 +1719,9 @@ class Crystal(Result):
         with _in_double_precision(goals):
             loads = zip(goals.ravel().tolist(), accelerations, strict=True)
             solutions = [
-                self._find_mean(kind, goal, acceleration, is_exact=is_exact, boundary=boundary)
+                self._find_mean(
+                    MeanGoal(kind, goal), acceleration, is_exact=is_exact, boundary=boundary
+                )
                 for goal, acceleration in loads
             ]
             return self._stack(goals, solutions, 0, is_exact)
@@ -1719,36 +1734,31 @@ class Crystal(Result):
 
     def _find_mean(
         self,
-        kind: str,
-        goal: float,
+        goal: MeanGoal,
         acceleration: Array | None,
         *,
         is_exact: bool,
         boundary: Boundary,
     ) -> tuple[Rest, AppliedLoad]:
-        """Return the state at rest at which the mean of contacts is ``goal``, and its load.
+        """Return the state at rest at which the mean of contacts is the ``goal``, and its load.
 
-        ``kind`` is "force", of goals in N, or "overlap", of goals in m. ``acceleration`` (d,),
-        m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the cell deforms.
-        ``boundary`` is that of :meth:`at_pressure`.
-
-        The search is for the pressure. The next pressure follows from the power with which
-        overlaps grow with the pressure; where balls differ, from a secant. If that pressure is not
-        between those that are known to be too low and too high, their interval is halved.
+        ``acceleration`` (d,), m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the
+        cell deforms. ``boundary`` is that of :meth:`at_pressure`. The search for the pressure is
+        that of :class:`~granphon.media.mean_force.PressureSearch`.
 
         Raises InputError if all contacts are open, or if the mean is not reached: contacts have it
         at no pressure, or :data:`MOST_MEANS` trials do not come to it.
         """
-        assembly = self._assembly
         laws = self._laws
-        words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
-        pressure = self._estimate_pressure(kind, goal)
-        balls_differ = assembly.differs
-        search = PressureSearch(goal, SAMPLE_TOLERANCE if balls_differ else MEAN_TOLERANCE)
+        balls_differ = self._assembly.differs
+        next_pressure = self._estimate_pressure(goal)
+        search = PressureSearch(goal, balls_differ)
         start: Rest | None = None
         state: Rest | None = None
         for _ in range(MOST_MEANS):
-            load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
+            pressure = next_pressure
+            words = f"a {goal}, at a pressure of {pressure:.6g}"
+            load = self._load_hydrostatic(pressure, acceleration, words)
             lattice_state = self._find_rest(load, "lattice", boundary, start)
             if is_exact:
                 # the state in the exact geometry is found from that in the directions of the sites.
@@ -1759,63 +1769,48 @@ class Crystal(Result):
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, balls_differ)
-            if not np.any(contacts.is_counted):
-                problem = f"all contacts are open under {load.words}"
-                why = "Those that adhere have come apart"
-                raise InputError(problem, why, f"Give a larger {kind}")
-            mean = contacts.find_mean(kind)
-            rounding = contacts.bound_rounding(kind, goal, balls_differ, laws.adhere)
+            contacts.require_any(goal, load.words)
+            mean = contacts.find_mean(goal.kind)
+            rounding = contacts.bound_rounding(goal, balls_differ, laws.adhere)
             if search.is_reached(mean, rounding):
                 return state, load
             if acceleration is not None and search.is_stuck(mean, rounding):
                 break  # gravity alone presses more than the goal
-            pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
-            guess = pressure * pressure_growth
-            if balls_differ:
-                # overlaps that balls of different diameters have on their sites do not depend on
-                # the pressure: the mean follows no power, and the last state is not scaled
-                overlap_growth = 1.0
-                guess = search.extrapolate(pressure, mean, guess)
-            # the next state is found from this one with the overlaps that are expected there
-            start = lattice_state.scale(overlap_growth)
-            next_pressure = search.choose(pressure, mean, guess)
-            if next_pressure is None:
+            guess, overlap_growth = search.find_next(contacts, pressure, mean)
+            if guess is None:
                 if search.last_error <= rounding:
                     return state, load
                 break
-            pressure = next_pressure
+            # the next state is found from this one with the overlaps that are expected there
+            start = lattice_state.scale(overlap_growth)
+            next_pressure = guess
         has_gravity = acceleration is not None
-        raise self._explain_unreached_mean(kind, goal, pressure, mean, has_gravity)
+        raise self._explain_unreached_mean(goal, pressure, mean, has_gravity)
 
     def _explain_unreached_mean(
-        self, kind: str, goal: float, pressure: float, mean: float, has_gravity: bool
+        self, goal: MeanGoal, pressure: float, mean: float, has_gravity: bool
     ) -> InputError:
-        """Return the error for a ``goal``, a mean force (N) or overlap (m) as the ``kind`` says,
-        that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
-        ``has_gravity`` says whether gravity presses them too.
+        """Return the error for a ``goal`` that contacts do not reach; at the last ``pressure``
+        their mean was ``mean``. ``has_gravity`` says whether gravity presses them too.
         """
-        unit = "N" if kind == "force" else "m"
-        problem = (
-            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} {unit} at any"
-            f" pressure"
-        )
+        problem = f"contacts of crystal {self.name!r} do not have a {goal} at any pressure"
         pressure_in_words = f"{pressure:.4g} {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
-        mean_at_last = f"At a pressure of {pressure_in_words} it is {mean:.4g} {unit}"
+        mean_at_last = f"At a pressure of {pressure_in_words} it is {mean:.4g} {goal.unit}"
         if not has_gravity:
             return InputError(problem, mean_at_last)
         return InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
-    def _estimate_pressure(self, kind: str, goal: float) -> float:
+    def _estimate_pressure(self, goal: MeanGoal) -> float:
         """Return the first guess of a search for the pressure, N, N/m or Pa, at which contacts have
-        the mean force (N) or overlap (m) ``goal``, as the ``kind`` says.
+        the mean ``goal``.
 
         The pressure is that of the virial, if all contacts had the same force, without gravity.
         """
         assembly = self._assembly
-        force = goal
-        if kind == "overlap":
+        force = goal.value
+        if goal.kind == "overlap":
             laws = self._laws
-            force = float(np.mean(laws.force(np.full(laws.count, goal))))
+            force = float(np.mean(laws.force(np.full(laws.count, goal.value))))
         measure = assembly.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
         return force * float(np.sum(assembly.distance)) / (dimension * measure)
@@ -2056,7 +2051,7 @@ class CrystalState(Result):
             slope = self.crystal._laws.stiffness_slope(self.overlap[index])
             closed_k = k[is_closed]
             contact_exponents = 0.5 * (force[is_closed] / closed_k) * (slope[is_closed] / closed_k)
-            if np.ptp(contact_exponents) > _SAME_EXPONENT:
+            if np.ptp(contact_exponents) > _EXPONENT_ROUNDING:
                 raise InputError(
                     f"the exponents of contacts differ, from {np.min(contact_exponents):.6g} to"
                     f" {np.max(contact_exponents):.6g}",
@@ -2303,15 +2298,15 @@ def find_mindlin_ratio(crystal: Crystal) -> float | None:
     ratios = crystal.mindlin_ratios
     if np.any(ratios) and crystal._laws.know_radii:
         return None
-    return float(ratios[0]) if np.ptp(ratios) <= _SAME_RATIO else None
+    return float(ratios[0]) if np.ptp(ratios) <= _RATIO_ROUNDING else None
 
 
-def _require_room(cells: int, crystal: Crystal) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if so many cells of a crystal do not fit into
-    memory, or have more than :data:`_MOST_BALLS` balls.
+def _require_room(n_cells: int, crystal: Crystal) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if ``n_cells`` cells of a ``crystal`` do not
+    fit into memory, or have more than :data:`_MOST_BALLS` balls.
     """
-    n_balls = cells * crystal.n_balls
-    memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
+    n_balls = n_cells * crystal.n_balls
+    memory = _BALL_BYTES * n_cells * (crystal.n_balls + crystal.n_contacts)
     require_memory(f"crystals of {n_balls:,} balls", memory, "Take fewer cells")
     if n_balls > _MOST_BALLS:
         problem = f"the crystal would have {n_balls:,} balls"

@@ -47,7 +47,7 @@ from granphon.base.results import held, read_only, result_class
 from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.text import suggest
 from granphon.base.threads import naming_lost_workers, require_executor
-from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
+from granphon.base.validation import choice, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import (
     bulk_and_shear,
@@ -64,6 +64,7 @@ from granphon.media.array_options import (
     prescribe,
     read_cells,
 )
+from granphon.media.crystal_sites import read_diameters
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -990,20 +991,13 @@ class DirectSimulation(Medium[SimulatedState]):
         return shape
 
     def _read_diameters(self, diameters: ArrayLike) -> Array:
-        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m, as a
-        read-only array; InputError for another shape.
+        """Return ``diameters`` as a read-only array, see
+        :func:`~granphon.media.crystal_sites.read_diameters`; InputError also if a ``shape`` is
+        given that is neither the default nor that of the diameters.
         """
         structure = self.packing.structure
         periods = structure.periods
-        n = structure.n_balls
-        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
-        axes = [f"L{axis + 1}" for axis in range(periods)]
-        if n > 1:
-            axes.append(str(n))
-        has_axis_of_balls = n == 1 or array.shape[-1:] == (n,)
-        if array.ndim != len(axes) or not has_axis_of_balls:
-            problem = f"diameters have the shape {array.shape}"
-            raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
+        array = read_only(read_diameters(diameters, periods, structure.n_balls))
         if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
             raise InputError(
                 f"shape is {self.shape!r}, and the diameters have the shape {array.shape}",

@@ -635,6 +635,20 @@ def test_a_crystal_all_of_whose_balls_are_held_is_pressed_by_its_wall():
     assert_allclose(np.max(force), 1e3 * PLAIN.diameter, rtol=1e-12)
 
 
+def test_one_layer_that_is_clamped_is_pressed_along_its_period():
+    """No ball moves by itself: the period alone takes the load, P times the height of the layer."""
+    layer = gp.Crystal.on("triangular", [PLAIN]).cut(1, 1, ("clamped", "free"))
+    height = 0.5 * math.sqrt(3.0) * PLAIN.diameter
+    assert_allclose(layer.at_pressure(1e3).normal_force, [1e3 * height], rtol=1e-12)
+    assert_allclose(layer.at_force(2.0).stress, [[-2.0]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("number", [-1, 0.5])
+def test_a_law_is_that_of_two_numbered_bodies(number):
+    with pytest.raises(InputError, match="j: found"):
+        gp.Crystal.on("triangular", [PLAIN]).law_of(0, number)
+
+
 def test_four_indices_of_a_hexagonal_cell():
     crystal = gp.Crystal.on("hcp", [PLAIN])
     for four, three in (
