@@ -22,6 +22,7 @@ from granphon.base.validation import (
     one_of,
     real_list,
     require,
+    require_instance,
     whole,
 )
 
@@ -232,9 +233,10 @@ def _require_memory(loads: Any, bytes_of_load: float) -> None:
 
 
 def require_of_packing(load: Load) -> None:
-    """Raise :class:`InputError` for a ``load`` that crystals alone bear: a stress or a strain, or a
-    load with gravity.
+    """Raise :class:`InputError` for something that is no :class:`Load`, and for a ``load`` that
+    crystals alone bear: a stress or a strain, or a load with gravity.
     """
+    require_instance("load", load, Load, "Give granphon.balls.loads.Load, or call at_force")
     problem = ""
     if load.tensor is not None:
         problem = f"a packing is not loaded by a {load.kind}"

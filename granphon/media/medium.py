@@ -78,7 +78,8 @@ class Medium(ABC, Generic[StateT]):
     an overlap; the methods ``at_force``, ``at_pressure`` and ``at_overlap`` all call :meth:`at`.
 
     ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False
-    leave them out. The state stores the choice, and all functions of a state read it there.
+    leave them out, but in a simulation None leaves the choice to the geometry or the load. The
+    state stores the choice, and all functions of a state read it there.
     """
 
     # the balls under load
@@ -224,8 +225,10 @@ class Medium(ABC, Generic[StateT]):
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """Return the state at the overlap delta = d - a, m. Where balls differ the overlap may be
-        negative, as long as some balls touch.
+        """Return the state at the overlap delta = d - a, m.
+
+        Where balls differ the overlap may be negative, as long as some balls touch: but not in the
+        averaged lattice, nor on a line, where the law is that of equal balls.
         """
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
@@ -607,10 +610,11 @@ class EffectiveMedium(_ReducedMedium):
 
     @property
     def seconds(self) -> float:
-        """Rough time, s, in which the law is solved once for all loads. For listed diameters the
-        time grows with the number of overlaps at which contacts open, one for each pair.
+        """Rough time, s, in which the law is solved once for all loads; zero for equal balls and on
+        a line, where the law is Hertz's. For listed diameters the time grows with the number of
+        overlaps at which contacts open, one for each pair.
         """
-        if not (self.packing.spread and self.packing.width):
+        if not (self.packing.spread and self.packing.spread_matters):
             return 0.0
         shape = self.packing.spread.shape
         if not isinstance(shape, PointShape):
@@ -627,10 +631,11 @@ class EffectiveMedium(_ReducedMedium):
     @property
     def is_solved_anew(self) -> bool:
         """Whether each packing of a sweep has a law of its own, which takes time to solve: with
-        listed diameters.
+        listed diameters, but not on a line, where the law is Hertz's.
         """
         spread = self.packing.spread
-        return spread is not None and spread.mean is not None
+        is_listed = spread is not None and spread.mean is not None
+        return is_listed and self.packing.spread_matters
 
     def prepare(self) -> None:
         """Find the local field, and keep it, if balls differ; raise

@@ -24,6 +24,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
 from granphon.media import crystal as crystal_module
+from granphon.media.state import as_state
 
 G = 9.81
 #: Al 6061 and steel 316, balls of 19.05 mm
@@ -1464,3 +1465,9 @@ def test_a_chain_may_be_given_as_a_lattice():
     heavy = replace(PLAIN, mass=0.05)
     chain = gp.Crystal.on(gp.Lattice("chain", ((1.0,),)), [PLAIN, heavy, PLAIN])
     assert chain == gp.Crystal.on("chain", [PLAIN, heavy, PLAIN])
+
+
+def test_a_state_of_a_single_load_has_no_index():
+    state = as_state(gp.Crystal.on("triangular", [PLAIN]).at_pressure([1e3, 2e3]))
+    with pytest.raises(InputError, match="no index"):
+        _ = state[0][0]

@@ -186,6 +186,10 @@ def test_shapes_are_those_of_the_load(medium, states):
             states.standard_error(wrong)
     with pytest.raises(InputError, match="function"):
         states.over_samples("force")
+    with pytest.raises(InputError, match="one shape"):
+        states.over_samples(lambda _: [[1.0], [2.0, 3.0]])
+    with pytest.raises(InputError, match="longitudinal, transverse"):
+        states.branch_scales((1.0, 0.0), ["shear"])
     assert gp.sound_velocities(states).longitudinal_error.shape == (2, 3)
     assert gp.moduli(states).shears.shape == (2, 3, 2)
     assert gp.local_exponent(states).shape == (2, 3)
