@@ -810,8 +810,21 @@ class Crystal(Result):
         lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
         face_edges = (lower_edge, upper_edge)
         layering = Layers.across(axis, self.cell)
-        n = self.n_balls
+        layers_alone = self._stack_layers(layering, count)
         normal_axis = self.periods - 1  # the last period becomes the axis across the layers
+        heights = layers_alone.positions[:, normal_axis]
+        face_balls = find_faces(heights, layers_alone._mean_radii, face_edges, self.n_balls)
+        thickness = count * abs(float(layering.stack[normal_axis]))
+        faces = Faces(normal_axis, thickness, face_edges, face_balls)
+        crystal = layers_alone._derive(faces=(*self.faces, faces))
+        crystal._require_joined()
+        return crystal
+
+    def _stack_layers(self, layering: Layers, count: int) -> Self:
+        """Return ``count`` layers of the crystal, turned as the ``layering`` says, without the
+        faces of this cut. The layers come from the lowest up.
+        """
+        n = self.n_balls
         table = self.contacts
         # the balls of one layer, and then the contacts within and between all layers
         sites, gathered_shift = layering.gather(self.positions, table.i, table.j, table.shift)
@@ -823,14 +836,8 @@ class Crystal(Result):
         positions = layer_positions.reshape(-1, self.dimension)
         origin = np.tile(np.arange(n), count)
         crystal = self._take(origin, contacts, positions, cell=layering.cell)
-        heights = positions[:, normal_axis]
-        face_balls = find_faces(heights, self._mean_radii[origin], face_edges, n)
-        thickness = count * abs(float(layering.stack[normal_axis]))
-        faces = Faces(normal_axis, thickness, face_edges, face_balls)
         on_site = turn_on_site(crystal.on_site, layering.turn, self.named_motions)
-        crystal = crystal._derive(faces=(*crystal.faces, faces), on_site=on_site)
-        crystal._require_joined()
-        return crystal
+        return crystal._derive(on_site=on_site)
 
     def _require_joined(self) -> None:
         """Raise :class:`InputError` unless each face has a ball, each ball touches another or is
@@ -1643,9 +1650,9 @@ class Crystal(Result):
         """
         mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
-            low, high = face.edges
-            if low == high == "free":
+            if face.edges in (("free", "free"), ("clamped", "clamped")):
                 continue
+            low, high = face.edges
             stands_on_low = low != "free"
             component = acceleration[face.axis]
             # m/s^2, away from the face that holds
@@ -1653,14 +1660,12 @@ class Crystal(Result):
             thicknesses = [cut.thickness for cut in self.faces if cut is not face]
             # the weight of all balls over the area of the face
             weight_pressure = mass * lift / (self.measure * math.prod(thicknesses))
-            is_held_at_both = face.edges == ("clamped", "clamped")
-            if lift <= 0.0 or pressure > weight_pressure or is_held_at_both:
+            if lift <= 0.0 or pressure > weight_pressure:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
             edge = low if stands_on_low else high
-            support = edge.name if isinstance(edge, Wall) else edge
-            if support == "clamped":
-                support = "clamp"
+            name = edge.name if isinstance(edge, Wall) else edge
+            support = "clamp" if edge == "clamped" else name
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"

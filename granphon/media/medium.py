@@ -427,41 +427,13 @@ class LawMedium(Medium[ContactState]):
         return state, [self._follow(state, load.applied, change) for change in changes]
 
     def _follow(self, state: ContactState, load: Load, change: Change) -> Course[Any]:
-        """Return the course of a ``state`` under an applied ``load`` with a ``change``.
-
-        A given overlap changes as the load says. Under a force or a pressure the changed contacts
-        at the old overlap lack some force; the overlap changes by this force over the resistance.
-        """
-        overlap = state.overlap
-        shrinkage = overlap if state.finite_overlap else 0.0
-
-        def prepare(step: float) -> tuple[LawMedium, Law, Load]:
-            """Return the medium changed by a ``step``, its law to first order in the distance from
-            the law of this medium, and the changed load.
-            """
-            medium, changed_load = change(step)
-            return medium, medium._law_near(self), changed_load.applied
-
-        def find_missing_force(step: float) -> Any:
-            """Return the force, N, that contacts lack at a step if the overlap stays."""
-            medium, law, changed_load = prepare(step)
-            required_force, _ = medium._ask_force(changed_load, shrinkage)
-            return required_force - law.force(overlap)
-
-        # the derivative of the overlap, m, by the step
-        if load.kind == "overlap":
-            derivative = differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
-        else:
-            # by the overlap the force of contacts rises with k, and the required force falls if the
-            # boundary shrinks
-            _, slope = self._ask_force(load, shrinkage)
-            resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
-            derivative = differentiate(find_missing_force, _STEP_OF_LAW) / resistance
+        """Return the course of a ``state`` under an applied ``load`` with a ``change``."""
+        derivative = self._differentiate_overlap(state, load, change)
 
         def find_state(step: float) -> ContactState:
             """Return the state at a ``step``, whose overlap changes in proportion to the step."""
-            medium, law, _ = prepare(step)
-            changed_overlap = overlap + step * derivative
+            medium, law, _ = self._apply(change, step)
+            changed_overlap = state.overlap + step * derivative
             return replace(
                 state,
                 packing=medium.packing,
@@ -472,6 +444,37 @@ class LawMedium(Medium[ContactState]):
             )
 
         return Course(find_state, _STEP_OF_LAW)
+
+    def _apply(self, change: Change, step: float) -> tuple[LawMedium, Law, Load]:
+        """Return the medium changed by a ``step`` of the ``change``, its law to first order in the
+        distance from the law of this medium, and the changed load, applied.
+        """
+        medium, changed_load = change(step)
+        return medium, medium._law_near(self), changed_load.applied
+
+    def _differentiate_overlap(self, state: ContactState, load: Load, change: Change) -> Any:
+        """Return the derivative of the overlap of a ``state``, m, by the step of a ``change``.
+
+        A given overlap changes as the ``load`` says. Under a force or a pressure the changed
+        contacts at the old overlap lack some force; the overlap changes by this force over the
+        resistance.
+        """
+        if load.kind == "overlap":
+            return differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
+        overlap = state.overlap
+        shrinkage = overlap if state.finite_overlap else 0.0
+
+        def find_missing_force(step: float) -> Any:
+            """Return the force, N, that contacts lack at a step if the overlap stays."""
+            medium, law, changed_load = self._apply(change, step)
+            required_force, _ = medium._ask_force(changed_load, shrinkage)
+            return required_force - law.force(overlap)
+
+        # by the overlap the force of contacts rises with k, and the required force falls if the
+        # boundary shrinks
+        _, slope = self._ask_force(load, shrinkage)
+        resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
+        return differentiate(find_missing_force, _STEP_OF_LAW) / resistance
 
     def _law_near(self, origin: Any) -> Law:
         """Return the law of this medium. A subclass may return an approximation, to first order in

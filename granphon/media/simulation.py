@@ -1184,15 +1184,14 @@ class DirectSimulation(Medium[SimulatedState]):
     @property
     def _largest_excess(self) -> float:
         """Excess, m, over the mean diameter that the largest ball has, of given diameters, or may
-        have, of drawn ones.
+        have, of drawn ones; zero of equal balls.
         """
         packing = self.packing
-        largest_of_spread = packing.spread.largest if packing.spread else 0.0
+        if packing.spread is None:
+            return 0.0
         if self.diameters is None:
-            return max(0.0, largest_of_spread)
-        # diameters that are given may be larger than the largest of the packing's spread
-        largest_of_given = packing.width_units.width * float(np.max(self.deviations(0)))
-        return max(largest_of_given, largest_of_spread)
+            return packing.spread.largest
+        return packing.width_units.width * float(np.max(self.deviations(0)))
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of the sample number ``index``, from 0; None if diameters are given."""
@@ -1588,6 +1587,7 @@ class DirectSimulation(Medium[SimulatedState]):
         start = history.reduce_start(self.packing, self.is_exact)
         return start if isinstance(start, ReducedLoad) else None
 
+    @in_newtons
     def require_start(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for a load below the start of a history,
         where one of the two is a force and the other an overlap.
@@ -1614,10 +1614,8 @@ class DirectSimulation(Medium[SimulatedState]):
             return 0.0  # loads of the kind of the start are compared with it unsolved
         # a start at a low force takes longer, and so does one in the exact geometry
         slowness = 1.0 + _SLOW_FORCE / start.force if starts_at_force else 1.0
-        balls = self.balls
-        if self.is_exact:
-            balls *= _EXACT_TIME_RATIO
-        return slowness * self.samples * max(balls, _LEAST_BALLS[self.is_exact])
+        quick_balls = self.balls * (_EXACT_TIME_RATIO if self.is_exact else 1)
+        return slowness * self.samples * max(quick_balls, _LEAST_BALLS[self.is_exact])
 
 
 def _list_names_of_arrays(kind: type[Equilibrium]) -> list[str]:

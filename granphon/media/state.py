@@ -497,7 +497,7 @@ class ContactState(State, Result):
 
     @property
     def exponent(self) -> Values:
-        """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see
+        """Local exponent d log v / d log P = f k'/2k^2 of all sound velocities v, see
         :func:`granphon.local_exponent`.
         """
         slope = self.law.stiffness_slope(self.overlap)

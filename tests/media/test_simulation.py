@@ -920,3 +920,10 @@ def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
         gp.validity(gp.EffectiveMedium(packing).at_force(0.1)),
     ):
         assert "shear" not in [check.name for check in without.checks]
+
+
+def test_the_largest_of_given_diameters_is_one_of_them(rough):
+    """The packing has a spread, but the given balls are equal: none touch at overlap zero."""
+    equal_balls = gp.DirectSimulation(rough, diameters=np.full((3, 3), rough.diameter))
+    with pytest.raises(InputError, match="no balls touch"):
+        equal_balls.at_overlap(0.0)
