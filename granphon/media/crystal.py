@@ -170,7 +170,9 @@ class Side(NamedTuple):
 
     @property
     def strength(self) -> float:
-        """The yield strength of the wall, Pa; infinite where it is not known."""
+        """The yield strength of the wall, Pa; infinite where it is not known, or there is no wall
+        of a material.
+        """
         strength = self.edge.solid.yield_strength if isinstance(self.edge, Wall) else None
         return math.inf if strength is None else strength
 
@@ -182,7 +184,7 @@ class _Bodies(NamedTuple):
     ----------
     ball_number : (n,) the number of each ball among those that move by themselves; -1 of a ball of
         a clamped layer.
-    walls : the faces whose upper wall moves.
+    walls : the faces of each cut whose upper face a load moves, as a wall.
     wall_of_ball : (n,) the number of the moving wall that carries each ball; -1 of a ball that none
         carries.
     """
@@ -262,7 +264,7 @@ class Crystal(Result):
 
     Attributes
     ----------
-    kinds, names : the different balls, and the name of each kind: A, B, C, ... if its ball has no
+    kinds, names : the ball of each kind, and the name of each kind: A, B, C, ... if its ball has no
         name.
     kind : (n,) the number of the kind of each ball.
     deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their
@@ -623,7 +625,7 @@ class Crystal(Result):
         else:
             sizes = given_diameters.ravel().astype(float)
         sample = supercell._derive(deviations=supercell._centre_sizes(sizes))
-        if p == self.dimension and not self._floors and self.on_site is None:
+        if p == self.dimension and not self._flat_sides and self.on_site is None:
             # with the grid of its cells the sample comes to rest sooner, in the same state
             vars(sample)["_grid"] = Grid.of(self.contacts, counts, self.n_balls)
         return sample
@@ -669,7 +671,8 @@ class Crystal(Result):
         ``index`` is the number of a ball, or a list of numbers, each once. The ball must have the
         radius of the ball that it replaces, to half a millionth, so that it touches the same
         neighbours. In a sample the new ball has the mean diameter of its kind. Other kinds keep
-        their names, and a new kind whose ball has no name gets the next free letter.
+        their names; those with equal balls, as :meth:`with_balls` may make them, become one. A new
+        kind whose ball has no name gets the next free letter.
 
         Raises :class:`~granphon.base.errors.InputError` for another radius, an argument that is no
         ball, an empty list, a number that no ball has or that is given twice, a name that another
@@ -795,8 +798,8 @@ class Crystal(Result):
 
         The layers follow each other along the first axis that is no longer a period, the lower face
         first: y of a crystal cut from a plane, z from space, x from a chain. If need be the crystal
-        is turned, so that the periods that remain lie along x or in the xy plane. Where both faces
-        are walls, a load moves the upper wall.
+        is turned, so that the periods that remain lie along x or in the xy plane. Where neither
+        face is free, a load moves the upper one.
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, a number of
         layers that is not whole and above zero or does not fit into memory, another edge, a wall of
@@ -898,8 +901,8 @@ class Crystal(Result):
 
     @property
     def n_contacts(self) -> int:
-        """Number of contacts in the cell; contacts with floors count, and come last."""
-        return len(self.contacts) + sum(len(floor.balls) for floor in self._floors)
+        """Number of contacts in the cell; contacts with floors and walls count, and come last."""
+        return len(self.contacts) + sum(len(side.balls) for side in self._flat_sides)
 
     @property
     def measure(self) -> float:
@@ -971,12 +974,12 @@ class Crystal(Result):
 
     def _take_least_of_ends(self, quantity: Array) -> Array:
         """Return (n_c,) for each contact the smaller of the two values that a ``quantity`` (n,) of
-        balls has at its two ends; for a contact with a floor, the value of the ball.
+        balls has at its two ends; for a contact with a floor or wall, the value of the ball.
         """
         table = self.contacts
         between_balls = np.minimum(quantity[table.i], quantity[table.j])
-        on_floors = [quantity[floor.balls] for floor in self._floors]
-        return np.concatenate([between_balls, *on_floors])
+        on_flat_sides = [quantity[side.balls] for side in self._flat_sides]
+        return np.concatenate([between_balls, *on_flat_sides])
 
     @property
     def _contact_strengths(self) -> Array:
@@ -987,7 +990,7 @@ class Crystal(Result):
         of_kinds = np.array([math.inf if value is None else value for value in strengths])
         of_balls = self._take_least_of_ends(of_kinds[self.kind])
         no_wall = np.full(len(self.contacts), math.inf)  # of the contacts between balls
-        on_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
+        on_walls = [np.full(len(side.balls), side.strength) for side in self._flat_sides]
         of_walls = np.concatenate([no_wall, *on_walls])
         return np.asarray(np.minimum(of_balls, of_walls))
 
@@ -1013,41 +1016,42 @@ class Crystal(Result):
         return sides
 
     @property
-    def _floors(self) -> list[Side]:
-        """The faces that stand on a floor or wall."""
+    def _flat_sides(self) -> list[Side]:
+        """The faces that stand on a floor or wall, in the order of :attr:`_sides`."""
         return [side for side in self._sides if side.body is not None]
 
     @property
-    def _walls(self) -> list[Body]:
+    def _flat_bodies(self) -> list[Body]:
         """The different flat bodies that balls touch: floors and walls."""
-        return list(dict.fromkeys(side.body for side in self._floors if side.body is not None))
+        return list(dict.fromkeys(side.body for side in self._flat_sides if side.body is not None))
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
         """The different pairs of kinds that touch, and the number (n_c,) of the pair of each
-        contact. A wall counts as a kind. A pair has four entries: the two bodies, and their names.
+        contact. Floors and walls count as kinds. A pair has four entries: the two bodies, and their
+        names.
         """
         table = self.contacts
-        walls = self._walls  # their numbers follow those of the kinds of balls
-        body_count = len(self.kinds) + len(walls)
+        flat_bodies = self._flat_bodies  # their numbers follow those of the kinds of balls
+        body_count = len(self.kinds) + len(flat_bodies)
         kinds_i = self.kind[table.i]
         kinds_j = self.kind[table.j]
-        on_floors = [self.kind[floor.balls] for floor in self._floors]
-        kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
-        wall_of_floor = [
-            len(self.kinds) + walls.index(floor.body) for floor in self._floors if floor.body
+        on_flat_sides = [self.kind[side.balls] for side in self._flat_sides]
+        kinds_on_flat_sides = np.concatenate([np.zeros(0, np.intp), *on_flat_sides])
+        body_of_side = [
+            len(self.kinds) + flat_bodies.index(side.body) for side in self._flat_sides if side.body
         ]
-        wall_of_contact = np.repeat(
-            np.array(wall_of_floor, np.intp), [len(balls) for balls in on_floors]
+        body_of_contact = np.repeat(
+            np.array(body_of_side, np.intp), [len(balls) for balls in on_flat_sides]
         )
-        lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
-        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), wall_of_contact])
+        lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_flat_sides])
+        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), body_of_contact])
         # one whole number for each pair of kinds
         keys, pair_of_contact = np.unique(
             lower_kind * body_count + higher_kind, return_inverse=True
         )
-        bodies: list[Body] = [*self.kinds, *walls]
-        names = [*self.names, *(wall.name for wall in walls)]
+        bodies: list[Body] = [*self.kinds, *flat_bodies]
+        names = [*self.names, *(body.name for body in flat_bodies)]
         pairs = []
         for key in keys.tolist():
             first, second = divmod(key, body_count)
@@ -1091,9 +1095,9 @@ class Crystal(Result):
         """
         if number < self.n_balls:
             return self.names[int(self.kind[number])]
-        bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
-        floor = number - self.n_balls
-        return bodies[floor].name if floor < len(bodies) else RIGID_PLANE.name
+        bodies: list[Body] = [side.body or RIGID_PLANE for side in self._flat_sides]
+        index = number - self.n_balls
+        return bodies[index].name if index < len(bodies) else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
         """Return the state in which balls just touch, with zero stress, strain and displacements.
@@ -1129,7 +1133,7 @@ class Crystal(Result):
     @cached_property
     def contact_model(self) -> ContactModel:
         """The kinds and the laws of their contacts, for networks of the crystal."""
-        walls = tuple(wall for wall in self._walls if isinstance(wall, Wall))
+        walls = tuple(body for body in self._flat_bodies if isinstance(body, Wall))
         return ContactModel(
             self.kinds,
             self.names,
@@ -1193,14 +1197,14 @@ class Crystal(Result):
     @cached_property
     def _assembly(self) -> Assembly:
         """What comes to rest: balls, walls, the cell, and their contacts. Contacts between balls
-        come first, then those with floors, and springs to the ground, as contacts, last.
+        come first, then those with floors and walls, and springs to the ground, as contacts, last.
 
         Raises :class:`~granphon.base.errors.InputError` if balls have a spread, and none are drawn.
         """
         self._require_drawn()
         bodies = self._bodies
         d = self.dimension
-        rows = [self._list_ball_rows(), *map(self._list_floor_rows, self._floors)]
+        rows = [self._list_ball_rows(), *map(self._list_flat_rows, self._flat_sides)]
         rows.append(self._list_spring_rows())
         # the columns of all rows, each in one array
         columns = _Rows(*(np.concatenate(column) for column in zip(*rows, strict=True)))
@@ -1236,20 +1240,20 @@ class Crystal(Result):
         offset = self._bulges[table.i] + self._bulges[table.j]
         return _Rows(body_of_ball[table.i], body_of_ball[table.j], table.vector, offset)
 
-    def _list_floor_rows(self, floor: Side) -> _Rows:
-        """Return the contacts with a ``floor`` or wall; their vectors lead from the centre of the
-        ball to the flat body.
+    def _list_flat_rows(self, side: Side) -> _Rows:
+        """Return the contacts with the floor or wall at a ``side``; their vectors lead from the
+        centre of the ball to the flat body.
         """
         bodies = self._bodies
-        n = len(floor.balls)
-        flat_body = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
-        radii = self._mean_radii[floor.balls]
-        vector = floor.sign * radii[:, None] * np.eye(self.dimension)[floor.axis]
+        n = len(side.balls)
+        flat_body = bodies.n_balls + side.wall if side.wall >= 0 else bodies.held_body
+        radii = self._mean_radii[side.balls]
+        vector = side.sign * radii[:, None] * np.eye(self.dimension)[side.axis]
         return _Rows(
-            bodies.body_of_ball[floor.balls],
+            bodies.body_of_ball[side.balls],
             np.full(n, flat_body),
             vector,
-            self._bulges[floor.balls],
+            self._bulges[side.balls],
         )
 
     def _list_spring_rows(self) -> _Rows:
@@ -1342,10 +1346,10 @@ class Crystal(Result):
         ----------
         pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut
             crystal P also acts on both faces; on a free face the outer balls share it equally.
-        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or
-            (..., d) for one acceleration at each load; zeros are no gravity. With gravity the
-            periods keep the length at which balls touch, as between walls; P acts on the faces
-            alone, and may be zero.
+        gravity : (d,) the acceleration, m/s^2, of a crystal that a floor, a wall, a clamp or
+            springs to the ground hold, or (..., d) for one acceleration at each load; zeros are no
+            gravity. On a line a number will do. With gravity the periods keep the length at which
+            balls touch, as between walls; P acts on the faces alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
             cell, and static forces enter the response. By default contacts keep the directions of
             the sites, and overlaps are small, which drops terms of relative order delta/d.
@@ -1432,8 +1436,7 @@ class Crystal(Result):
             xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
             that was cut, the stress acts along the periods that remain, and the faces are not
             pressed.
-        gravity : m/s^2, of a crystal that stands on a floor or clamp, in the shapes of
-            :meth:`at_pressure`; the periods take the stress all the same.
+        gravity : m/s^2, as in :meth:`at_pressure`; the periods take the stress all the same.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
@@ -1885,8 +1888,8 @@ class Crystal(Result):
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
         (loads, n_w), m, in the ``states`` at rest, one for each load.
 
-        Along an axis on which no floor, clamp or spring to the ground fixes the crystal, the mean
-        displacement of the balls is made zero.
+        Along an axis on which no floor, wall, clamp or spring to the ground fixes the crystal, the
+        mean displacement of the balls is made zero.
         """
         bodies = self._bodies
         d = self.dimension
@@ -1900,7 +1903,7 @@ class Crystal(Result):
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
             _, anchored_axes, _ = self._springs
-            held_axes = [*(side.axis for side in self._floors), *anchored_axes.tolist()]
+            held_axes = [*(side.axis for side in self._flat_sides), *anchored_axes.tolist()]
             free_axes = np.setdiff1d(np.arange(d), held_axes)
             along_free_axes = displacements[..., free_axes]
             displacements[..., free_axes] -= np.mean(along_free_axes, axis=1, keepdims=True)
@@ -1928,19 +1931,19 @@ class CrystalState(Result):
     Attributes
     ----------
     crystal : the :class:`~granphon.Crystal`.
-    normal_force : (..., n_c) forces of the contacts, N, those with floors last; 0 where a contact
-        is open, below 0 where it adheres. "..." is the shape of the load.
+    normal_force : (..., n_c) forces of the contacts, N, those with floors and walls last; 0 where a
+        contact is open, below 0 where it pulls. "..." is the shape of the load.
     overlap : (..., n_c) m; zero or below of an open contact.
     normal_stiffness : (..., n_c) N/m; 0 where a contact is open.
-    normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor.
+    normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor or wall.
     displacements : (..., n, d) of the balls from the positions at which they touch, beside the
         strain of the cell, m.
     stress : (..., p, p) Pa, N/m or N along three, two or one periods; tension is positive. With
         finite overlap the stress is Cauchy's.
     strain : (..., p, p) of the periods, from the cell in which balls only touch; extension is
         positive.
-    ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m; below zero
-        where the walls come nearer to each other.
+    ways : (..., n_w) displacement of the upper face of each cut neither of whose faces is free, m;
+        below zero where the faces come nearer to each other.
     finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has
         the positions at which balls touch, which drops terms of relative order delta/d.
     """
@@ -2086,8 +2089,8 @@ class CrystalState(Result):
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)
-        on_floors = [crystal._mean_radii[floor.balls] for floor in crystal._floors]
-        ball_radius = np.concatenate([arms, *on_floors])
+        on_flat_sides = [crystal._mean_radii[side.balls] for side in crystal._flat_sides]
+        ball_radius = np.concatenate([arms, *on_flat_sides])
         relative_radius = np.max(self.contact_radius / ball_radius, axis=-1)
         checks = [check_limit("contact_radius", relative_radius)]
         last_overlap = crystal._laws.most
@@ -2154,8 +2157,8 @@ class CrystalState(Result):
         is_clamped = self._is_clamped
         table = self.crystal.contacts
         between_balls = is_clamped[table.i] & is_clamped[table.j]
-        on_floors = [is_clamped[floor.balls] for floor in self.crystal._floors]
-        is_between_held = np.concatenate([between_balls, *on_floors])
+        on_flat_sides = [is_clamped[side.balls] for side in self.crystal._flat_sides]
+        is_between_held = np.concatenate([between_balls, *on_flat_sides])
         return np.asarray((self.normal_stiffness > 0.0) & ~is_between_held)
 
     @cached_property
@@ -2191,20 +2194,22 @@ class CrystalState(Result):
         )
 
     def _list_springs(self) -> Array | None:
-        """Return the springs to the ground of the network's bodies, (n + floors, motions), N/m and
-        N m: those of the balls, and zeros of the floors. None without springs.
+        """Return the springs to the ground of the network's bodies, those of :meth:`_list_bodies`:
+        an array (bodies, motions), N/m and N m, with zeros of floors and walls. None without
+        springs.
         """
         on_site = self.crystal.on_site
         if on_site is None:
             return None
-        return np.pad(on_site, ((0, len(self.crystal._floors)), (0, 0)))
+        return np.pad(on_site, ((0, len(self.crystal._flat_sides)), (0, 0)))
 
     def _list_bodies(self) -> dict[str, Any]:
-        """Return the cell and the bodies, first the n balls and then the floors, as arguments of a
-        network, by name: lengths in m, masses in kg, moments of inertia in kg m^2.
+        """Return the cell and the bodies, first the n balls and then a body for each face on a
+        floor or wall, as arguments of a network, by name: lengths in m, masses in kg, moments of
+        inertia in kg m^2.
         """
         crystal = self.crystal
-        floors = crystal._floors
+        flat_sides = crystal._flat_sides
         n = crystal.n_balls
         d = crystal.dimension
         p = crystal.periods
@@ -2215,19 +2220,19 @@ class CrystalState(Result):
             displacements = self.displacements
         cell = np.zeros((3, 3))
         cell[:p, :d] = crystal.cell @ deformation.T
-        positions = np.zeros((n + len(floors), 3))
+        positions = np.zeros((n + len(flat_sides), 3))
         positions[:n, :d] = crystal.positions @ deformation.T + displacements
-        # a floor stands where the balls at its face touch it, on average
-        for number, floor in enumerate(floors, start=n):
-            radii = crystal._mean_radii[floor.balls]
-            heights = positions[floor.balls, floor.axis] + floor.sign * radii
-            positions[number, floor.axis] = np.mean(heights)
+        # a floor or wall stands where the balls at its face touch it, on average
+        for number, side in enumerate(flat_sides, start=n):
+            radii = crystal._mean_radii[side.balls]
+            heights = positions[side.balls, side.axis] + side.sign * radii
+            positions[number, side.axis] = np.mean(heights)
         # a body of infinite mass and radius does not move, and is flat
-        infinities = np.full(len(floors), np.inf)
+        infinities = np.full(len(flat_sides), np.inf)
         masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
-        kinds += [floor.body.name for floor in floors if floor.body]
+        kinds += [side.body.name for side in flat_sides if side.body]
         return {
             "cell": cell,
             "positions": positions,
@@ -2239,7 +2244,7 @@ class CrystalState(Result):
 
     def _list_contacts(self) -> dict[str, Any]:
         """Return the contacts :attr:`_in_network` as arguments of a network, by name, those with
-        floors last.
+        floors and walls last.
         """
         crystal = self.crystal
         table = crystal.contacts
@@ -2249,7 +2254,7 @@ class CrystalState(Result):
         normal = np.zeros((crystal.n_contacts, 3))
         normal[:, : crystal.dimension] = self.normal
         if self.finite_overlap:  # arms are the balls' own radii less half of the overlap
-            bulges = np.append(crystal._bulges, np.zeros(len(crystal._floors)))
+            bulges = np.append(crystal._bulges, np.zeros(len(crystal._flat_sides)))
             half_overlap = 0.5 * self.overlap
             arm_i = arm_i + bulges[i] - half_overlap
             arm_j = arm_j + bulges[j] - half_overlap
@@ -2274,8 +2279,8 @@ class CrystalState(Result):
 
     def _list_ends(self) -> tuple[Index, Index, Array, Array]:
         """Return the bodies i (n_c,) and j (n_c,) of the contacts, and the arms (n_c,) of i and
-        (n_c,) of j at touch, m. Of a contact with a floor, j is n plus the number of the floor, and
-        the arm of j is zero.
+        (n_c,) of j at touch, m. Of a contact with a floor or wall, j is the number of that body in
+        :meth:`_list_bodies`, and the arm of j is zero.
         """
         crystal = self.crystal
         table = crystal.contacts
@@ -2283,11 +2288,11 @@ class CrystalState(Result):
         j = [table.j]
         arm_i = [table.arm_i]
         arm_j = [table.arm_j]
-        for number, floor in enumerate(crystal._floors, start=crystal.n_balls):
-            i.append(floor.balls)
-            j.append(np.full(len(floor.balls), number))
-            arm_i.append(crystal._mean_radii[floor.balls])
-            arm_j.append(np.zeros(len(floor.balls)))
+        for number, side in enumerate(crystal._flat_sides, start=crystal.n_balls):
+            i.append(side.balls)
+            j.append(np.full(len(side.balls), number))
+            arm_i.append(crystal._mean_radii[side.balls])
+            arm_j.append(np.zeros(len(side.balls)))
         return np.concatenate(i), np.concatenate(j), np.concatenate(arm_i), np.concatenate(arm_j)
 
 
