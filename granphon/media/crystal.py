@@ -1760,7 +1760,7 @@ class Crystal(Result):
         laws = self._laws
         balls_differ = self._assembly.differs
         next_pressure = self._estimate_pressure(goal)
-        search = PressureSearch(goal, balls_differ)
+        search = PressureSearch(goal, balls_differ=balls_differ, contacts_adhere=laws.adhere)
         start: Rest | None = None
         state: Rest | None = None
         for _ in range(MOST_MEANS):

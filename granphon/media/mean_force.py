@@ -1,7 +1,7 @@
 """The search for the pressure under which the contacts of a crystal have a mean force or overlap.
 
 The mean grows with the pressure. The next pressure follows from the power with which overlaps grow
-with it, and where balls differ from a secant.
+with it, and from a secant where balls differ in diameter or contacts adhere.
 """
 
 from __future__ import annotations
@@ -48,17 +48,19 @@ class PressureSearch:
     """The search for the pressure at which contacts have the mean ``goal``.
 
     ``balls_differ`` says whether balls differ in diameter, on which the relative error
-    ``tolerance`` depends to which the goal is reached. ``low`` and ``high`` are the largest
-    pressure that was found too low, and the smallest that was found too high. ``last_pressure`` and
+    ``tolerance`` depends to which the goal is reached; ``contacts_adhere`` says whether contacts
+    adhere, so that the pressure may be below zero. ``low`` and ``high`` are the largest pressure
+    that was found too low, and the smallest that was found too high. ``last_pressure`` and
     ``last_mean`` belong to the last trial of :meth:`extrapolate`, and ``last_error``, the size of
     its relative error, to that of :meth:`choose`.
     """
 
-    def __init__(self, goal: MeanGoal, balls_differ: bool) -> None:
+    def __init__(self, goal: MeanGoal, *, balls_differ: bool, contacts_adhere: bool) -> None:
         self.goal = goal
         self.balls_differ = balls_differ
+        self.contacts_adhere = contacts_adhere
         self.tolerance = _SAMPLE_TOLERANCE if balls_differ else _MEAN_TOLERANCE
-        self.low = 0.0
+        self.low = -math.inf if contacts_adhere else 0.0
         self.high = math.inf
         self.last_pressure = 0.0
         self.last_mean = math.nan
@@ -101,7 +103,8 @@ class PressureSearch:
         next pressure: the ``guess`` if it is inside the interval, else the middle of the interval.
         Return None if the interval has no pressure left inside. This trial becomes the last one.
 
-        As long as no mean was too large, the interval is taken to end at twice the ``pressure``.
+        As long as no mean was too large, or none too small, the interval is taken to end where the
+        ``pressure`` has changed by its own size.
         """
         excess = self.find_excess(mean)
         self.last_error = abs(excess)
@@ -109,7 +112,8 @@ class PressureSearch:
             self.low = pressure
         else:
             self.high = pressure
-        middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
+        size = abs(pressure)
+        middle = 0.5 * (max(self.low, pressure - size) + min(self.high, pressure + size))
         next_pressure = guess if self.low < guess < self.high else middle
         return None if next_pressure in (self.low, self.high) else next_pressure
 
@@ -120,14 +124,15 @@ class PressureSearch:
         which overlaps are expected to grow on the way there. The last trial at ``pressure`` had
         these ``contacts`` with this ``mean``.
 
-        The pressure follows from the power with which overlaps grow with it; where balls differ,
-        from a secant.
+        The pressure follows from the power with which overlaps grow with it; where balls differ or
+        contacts adhere, from a secant.
         """
         pressure_growth, overlap_growth = contacts.find_growth(self.goal, mean)
         guess = pressure * pressure_growth
-        if self.balls_differ:
+        if self.balls_differ or self.contacts_adhere:
             # overlaps that balls of different diameters have on their sites do not depend on the
-            # pressure: the mean follows no power, and the last state is not scaled
+            # pressure, nor does the pull of contacts that adhere: the mean follows no power, and
+            # the last state is not scaled
             overlap_growth = 1.0
             guess = self.extrapolate(pressure, mean, guess)
         return self.choose(pressure, mean, guess), overlap_growth
