@@ -663,8 +663,7 @@ def test_four_indices_of_a_hexagonal_cell():
 @pytest.mark.parametrize("law", [gp.DMT(0.1), gp.JKR(0.1)])
 def test_contacts_that_adhere_have_a_small_mean_overlap_under_tension(law):
     """All contacts of the chain bear one force below zero; their overlaps differ by their kinds."""
-    soft = gp.Ball(gp.Material(70e9, 0.33, 2700.0), PLAIN.diameter)
-    state = gp.Crystal.on("chain", [PLAIN, PLAIN, soft], law=law).at_overlap(1e-9)
+    state = gp.Crystal.on("chain", [PLAIN, PLAIN, SOFT], law=law).at_overlap(1e-9)
     assert_allclose(np.mean(state.overlap), 1e-9, rtol=1e-9)
     assert np.ptp(state.overlap) > 1e-11
     assert_allclose(state.normal_force, -state.stress[0, 0], rtol=1e-9)
