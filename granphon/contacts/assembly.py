@@ -137,8 +137,8 @@ class Assembly:
 
     @cached_property
     def free_axes(self) -> list[int]:
-        """The axes along which no wall and nothing held resists a motion of all balls together. There
-        are none if no ball moves by itself.
+        """The axes along which no wall and nothing held resists a motion of all balls together. If
+        no ball moves by itself, there are none.
         """
         if not self.n_balls:
             return []

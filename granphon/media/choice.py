@@ -144,7 +144,9 @@ class AutoMedium(Medium[ContactState]):
     }
 
     def __post_init__(self) -> None:
-        """Read the options, and replace each by the value that was read."""
+        """Read the options, replace each by the value that was read, and raise the errors that the
+        class lists for options.
+        """
         given_packing(self.packing)
         tolerance = require("tolerance", self.options["tolerance"].rule, self.tolerance)
         options = {name: self.truth.options[name] for name in REFERENCE_OPTIONS}

@@ -645,7 +645,7 @@ class Crystal(Result):
             least_diameter = ball.diameter + float(np.min(deviations_of_kind))
             if least_diameter <= 0.0:
                 problem = f"the smallest ball has a diameter of {least_diameter:g} m"
-                raise InputError(problem, mend="Give a smaller spread")
+                raise InputError(problem, mend="Give a smaller spread, or other diameters")
         return deviations
 
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
@@ -844,7 +844,7 @@ class Crystal(Result):
 
     def _require_joined(self) -> None:
         """Raise :class:`InputError` unless each face has a ball, each ball touches another or is
-        held, some balls touch, and all hang together, also by way of a floor or clamp.
+        held, some balls touch, and all hang together, also by way of a floor, wall or clamp.
         """
         n = self.n_balls
         table = self.contacts
@@ -857,7 +857,7 @@ class Crystal(Result):
         if not self.n_contacts:
             problem = f"no balls of crystal {self.name!r} touch"
             raise InputError(problem, mend="Give more layers, or remove fewer balls")
-        is_held = np.zeros(n, bool)  # a floor or clamp spans all periods and joins its balls
+        is_held = np.zeros(n, bool)  # a floor, wall or clamp spans all periods and joins its balls
         for side in self._sides:
             if side.edge != "free":
                 is_held[side.balls] = True

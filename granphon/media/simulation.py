@@ -399,7 +399,8 @@ class SimulatedState(ContactState):
         "..." is the shape of the load. The density is the mean over samples of
         :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which
         describes ``bins`` and ``largest``. The error is nan if there is only one sample. Raises
-        :class:`~granphon.base.errors.InputError` without a history of friction.
+        :class:`~granphon.base.errors.InputError` without a history of friction, and for ``bins``
+        and ``largest`` that the method refuses.
         """
         return self._average_distribution("tangential_ratio_distribution", bins, largest)
 
@@ -408,8 +409,8 @@ class SimulatedState(ContactState):
         bins), and the standard error of the density (..., bins).
 
         See :meth:`tangential_ratio_distribution`. Raises
-        :class:`~granphon.base.errors.InputError` without a history of friction, and if mu is zero
-        or infinite.
+        :class:`~granphon.base.errors.InputError` without a history of friction, if mu is zero or
+        infinite, and if ``bins`` is no whole number from 1 to a million.
         """
         return self._average_distribution("mobilisation_distribution", bins)
 
