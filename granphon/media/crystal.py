@@ -732,8 +732,8 @@ class Crystal(Result):
         return self._derive(kinds=tuple(changed_kinds.values()))
 
     def with_springs(self, on_site: Any) -> Self:
-        """Return the crystal with other springs to the ground; ``on_site`` has any of the forms
-        that the class takes, None for no springs.
+        """Return the crystal with other springs to the ground: ``on_site`` are their stiffnesses
+        (n, motions), N/m and N m, or has another form that the class takes; None for no springs.
 
         Raises :class:`~granphon.base.errors.InputError` for what the class refuses.
         """
