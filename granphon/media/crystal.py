@@ -1031,32 +1031,35 @@ class Crystal(Result):
         contact. Floors and walls count as kinds. A pair has four entries: the two bodies, and their
         names.
         """
-        table = self.contacts
-        flat_bodies = self._flat_bodies  # their numbers follow those of the kinds of balls
-        body_count = len(self.kinds) + len(flat_bodies)
-        kinds_i = self.kind[table.i]
-        kinds_j = self.kind[table.j]
-        on_flat_sides = [self.kind[side.balls] for side in self._flat_sides]
-        kinds_on_flat_sides = np.concatenate([np.zeros(0, np.intp), *on_flat_sides])
-        body_of_side = [
-            len(self.kinds) + flat_bodies.index(side.body) for side in self._flat_sides if side.body
-        ]
-        body_of_contact = np.repeat(
-            np.array(body_of_side, np.intp), [len(balls) for balls in on_flat_sides]
-        )
-        lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_flat_sides])
-        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), body_of_contact])
+        bodies: list[Body] = [*self.kinds, *self._flat_bodies]
+        names = [*self.names, *(body.name for body in self._flat_bodies)]
+        lower_kind, higher_kind = self._find_kinds_of_ends()
         # one whole number for each pair of kinds
         keys, pair_of_contact = np.unique(
-            lower_kind * body_count + higher_kind, return_inverse=True
+            lower_kind * len(bodies) + higher_kind, return_inverse=True
         )
-        bodies: list[Body] = [*self.kinds, *flat_bodies]
-        names = [*self.names, *(body.name for body in flat_bodies)]
         pairs = []
         for key in keys.tolist():
-            first, second = divmod(key, body_count)
+            first, second = divmod(key, len(bodies))
             pairs.append((bodies[first], bodies[second], names[first], names[second]))
         return pairs, pair_of_contact.astype(np.intp)
+
+    def _find_kinds_of_ends(self) -> tuple[Index, Index]:
+        """Return the numbers (n_c,) of the kinds of the two bodies of each contact, the lower
+        number first. The numbers of floors and walls, in the order of :attr:`_flat_bodies`, follow
+        those of the kinds of balls.
+        """
+        table = self.contacts
+        flat_bodies: list[Body | None] = [*self._flat_bodies]
+        kinds_i = self.kind[table.i]
+        kinds_j = self.kind[table.j]
+        lower_kinds = [np.minimum(kinds_i, kinds_j)]
+        higher_kinds = [np.maximum(kinds_i, kinds_j)]
+        for side in self._flat_sides:
+            number = len(self.kinds) + flat_bodies.index(side.body)
+            lower_kinds.append(self.kind[side.balls])
+            higher_kinds.append(np.full(len(side.balls), number))
+        return np.concatenate(lower_kinds), np.concatenate(higher_kinds)
 
     @cached_property
     def _laws(self) -> ContactLaws:
