@@ -582,7 +582,8 @@ class Crystal(Result):
         diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a
             shape and a seed.
 
-        The diameters of a kind are shifted so that their mean is exactly the diameter of the kind.
+        The diameters of a kind are shifted so that their mean is the diameter of the kind, to
+        rounding.
         The diameters differ little, as in a packing. All balls of a kind have the mass and the
         contact law of the mean ball, and mean balls touch at the reference sites. A contact of
         balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In the state at

@@ -272,6 +272,9 @@ _LIST_POWER = 1.25
 _QUICK_TIME = 0.1
 #: largest number of Newton steps for the overlap under a boundary that shrinks
 _MOST_STEPS = 100
+#: spacing over diameter below which such a boundary counts as shrunk to nothing: the difference of
+#: diameter and overlap has lost the digits of the pressure
+_LEAST_SPACING = 1e-6
 #: where the effective medium has its local field from; the first is the default
 _LOCAL_FIELDS = ("computed", "paper")
 
@@ -402,19 +405,23 @@ class LawMedium(Medium[ContactState]):
         """Return the overlap delta, m, at which contacts exert the force that a pressure, the
         ``load``, asks of them on a boundary that has shrunk with the balls.
 
-        The search begins at the larger ``overlap`` of a boundary that does not shrink. As the
-        overlap rises, the force of the law rises and is convex, and the force that the boundary
-        asks for falls, in space along a parabola that is far flatter than the law. So Newton's
-        method descends from there. An overlap that is not finite stays so: :meth:`at` refuses it.
+        The search begins at the larger ``overlap`` of a boundary that does not shrink, or at the
+        diameter if this is less, where the boundary has shrunk to nothing and asks for no force.
+        Up to there the force of the law rises with the overlap, and the force that the boundary
+        asks for falls: they meet once. Newton's method descends to this overlap, or under a huge
+        pressure jumps below it once and ascends. If the boundary shrinks to nothing, the overlap is
+        the diameter, which :meth:`at` refuses.
         """
         law = self.law
+        diameter = self.packing.diameter
+        overlap = np.minimum(overlap, diameter)
         for _ in range(_MOST_STEPS):
             force, slope = self._ask_force(load, overlap)
             step = (law.force(overlap) - force) / (law.stiffness(overlap) - slope)
             overlap = overlap - step
             if np.all(np.abs(step) <= ROUNDED * np.abs(overlap)):
                 break
-        return overlap
+        return np.where(diameter - overlap < _LEAST_SPACING * diameter, diameter, overlap)
 
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
