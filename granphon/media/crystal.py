@@ -1763,8 +1763,11 @@ class Crystal(Result):
         """
         laws = self._laws
         balls_differ = self._assembly.differs
+        has_gravity = acceleration is not None
         next_pressure = self._estimate_pressure(goal)
-        search = PressureSearch(goal, balls_differ=balls_differ, contacts_adhere=laws.adhere)
+        search = PressureSearch(
+            goal, balls_differ=balls_differ, contacts_adhere=laws.adhere, has_gravity=has_gravity
+        )
         start: Rest | None = None
         state: Rest | None = None
         for _ in range(MOST_MEANS):
@@ -1786,7 +1789,7 @@ class Crystal(Result):
             rounding = contacts.bound_rounding(goal, balls_differ, laws.adhere)
             if search.is_reached(mean, rounding):
                 return state, load
-            if acceleration is not None and search.is_stuck(mean, rounding):
+            if has_gravity and search.is_stuck(mean, rounding):
                 break  # gravity alone presses more than the goal
             guess, overlap_growth = search.find_next(contacts, pressure, mean)
             if guess is None:
@@ -1796,7 +1799,6 @@ class Crystal(Result):
             # the next state is found from this one with the overlaps that are expected there
             start = lattice_state.scale(overlap_growth)
             next_pressure = guess
-        has_gravity = acceleration is not None
         raise self._explain_unreached_mean(goal, pressure, mean, has_gravity)
 
     def _explain_unreached_mean(

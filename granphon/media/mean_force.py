@@ -1,7 +1,7 @@
 """The search for the pressure under which the contacts of a crystal have a mean force or overlap.
 
 The mean grows with the pressure. The next pressure follows from the power with which overlaps grow
-with it, and from a secant where balls differ in diameter or contacts adhere.
+with it, and from a secant where balls differ in diameter, contacts adhere, or gravity acts.
 """
 
 from __future__ import annotations
@@ -49,16 +49,21 @@ class PressureSearch:
 
     ``balls_differ`` says whether balls differ in diameter, on which the relative error
     ``tolerance`` depends to which the goal is reached; ``contacts_adhere`` says whether contacts
-    adhere, so that the pressure may be below zero. ``low`` and ``high`` are the largest pressure
-    that was found too low, and the smallest that was found too high. ``last_pressure`` and
-    ``last_mean`` belong to the last trial of :meth:`extrapolate`, and ``last_error``, the size of
-    its relative error, to that of :meth:`choose`.
+    adhere, so that the pressure may be below zero; ``has_gravity`` says whether gravity presses
+    contacts too. Only without all of these, ``follows_power`` is true: overlaps grow as a power of
+    the pressure.
+
+    ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
+    found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
+    :meth:`extrapolate`, and ``last_error``, the size of its relative error, to that of
+    :meth:`choose`.
     """
 
-    def __init__(self, goal: MeanGoal, *, balls_differ: bool, contacts_adhere: bool) -> None:
+    def __init__(
+        self, goal: MeanGoal, *, balls_differ: bool, contacts_adhere: bool, has_gravity: bool
+    ) -> None:
         self.goal = goal
-        self.balls_differ = balls_differ
-        self.contacts_adhere = contacts_adhere
+        self.follows_power = not (balls_differ or contacts_adhere or has_gravity)
         self.tolerance = _SAMPLE_TOLERANCE if balls_differ else _MEAN_TOLERANCE
         self.low = -math.inf if contacts_adhere else 0.0
         self.high = math.inf
@@ -80,10 +85,12 @@ class PressureSearch:
 
     def is_stuck(self, mean: float, rounding: float) -> bool:
         """Return whether a ``mean`` is above the goal, and as far from the goal as the mean of the
-        trial before, to the relative error ``rounding``: less pressure changes nothing.
+        trial before, to the relative error ``rounding``: less pressure changes nothing. It does if
+        the pressure may be below zero.
         """
         excess = self.find_excess(mean)
-        return excess > 0.0 and abs(excess - self.last_error) <= rounding * excess
+        is_equal = abs(excess - self.last_error) <= rounding * excess
+        return self.low >= 0.0 and excess > 0.0 and is_equal
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
         """Return the pressure at which the secant through the last two trials, of which the second
@@ -124,15 +131,14 @@ class PressureSearch:
         which overlaps are expected to grow on the way there. The last trial at ``pressure`` had
         these ``contacts`` with this ``mean``.
 
-        The pressure follows from the power with which overlaps grow with it; where balls differ or
-        contacts adhere, from a secant.
+        The pressure follows from the power with which overlaps grow with it, or from a secant.
         """
         pressure_growth, overlap_growth = contacts.find_growth(self.goal, mean)
         guess = pressure * pressure_growth
-        if self.balls_differ or self.contacts_adhere:
+        if not self.follows_power:
             # overlaps that balls of different diameters have on their sites do not depend on the
-            # pressure, nor does the pull of contacts that adhere: the mean follows no power, and
-            # the last state is not scaled
+            # pressure, nor do the pull of contacts that adhere and the weight of balls: the mean
+            # follows no power, and the last state is not scaled
             overlap_growth = 1.0
             guess = self.extrapolate(pressure, mean, guess)
         return self.choose(pressure, mean, guess), overlap_growth

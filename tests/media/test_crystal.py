@@ -660,6 +660,18 @@ def test_four_indices_of_a_hexagonal_cell():
         assert_allclose(crystal.cut(four, 3).positions, crystal.cut(three, 3).positions)
 
 
+@pytest.mark.parametrize("law", [gp.Hertz(), gp.JKR(0.1)])
+def test_a_mean_that_is_little_more_than_the_weight_makes_is_found(law):
+    """With gravity the mean is no power of the pressure, and contacts that adhere may be pulled."""
+    layers = gp.Crystal.on("triangular", [PLAIN], law=law).cut(1, 3, ("floor", "free"))
+    weight = layers.at_pressure(0.0, gravity=(0.0, -9.81))
+    mean = np.mean(weight.normal_force[weight.normal_stiffness > 0.0])
+    for factor in (1.0001, 1.2):
+        state = layers.at_force(factor * mean, gravity=(0.0, -9.81))
+        closed_forces = state.normal_force[state.normal_stiffness > 0.0]
+        assert_allclose(np.mean(closed_forces), factor * mean, rtol=1e-10)
+
+
 @pytest.mark.parametrize("law", [gp.DMT(0.1), gp.JKR(0.1)])
 def test_contacts_that_adhere_have_a_small_mean_overlap_under_tension(law):
     """All contacts of the chain bear one force below zero; their overlaps differ by their kinds."""
