@@ -365,8 +365,8 @@ class Crystal(Result):
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Make a crystal of the values of its fields, in the order of the class, without checks of
-        the values.
+        """Make a crystal of the values of its fields, in the order of the class. Of the values the
+        laws alone are checked, by :meth:`_set`.
         """
         crystal = object.__new__(cls)
         names = [field.name for field in fields(cls)]
