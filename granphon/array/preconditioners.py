@@ -121,7 +121,7 @@ class Patches:
         """
         matrix = self._cut_matrix(balls, tangent)
         try:
-            factors = factorise(matrix, symmetric=False, is_approximate=True)
+            factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # the matrix is singular to the last digit
             return None
         m = self._n_motions

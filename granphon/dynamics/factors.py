@@ -75,16 +75,16 @@ class Elimination:
         return _LDLFactors(self._symbolic.factor(columns))
 
 
-def factorise(matrix: Any, symmetric: bool = True, is_approximate: bool = False) -> Factors:
+def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) -> Factors:
     """Return the factors of a sparse ``matrix`` A, which has an entry A_ji wherever it has A_ij.
 
-    ``symmetric`` says whether A_ij = A_ji, without conjugation if A is complex. If
-    ``is_approximate``, factors are in single precision, see :class:`Elimination`. Raises
-    RuntimeError if the matrix is singular.
+    ``symmetric`` says whether A_ij = A_ji, without conjugation if A is complex. ``approximate``
+    factors are in single precision, see :class:`Elimination`. Raises RuntimeError if the matrix is
+    singular.
     """
     if symmetric:
-        return Elimination(matrix, is_approximate).factorise(matrix)
-    return _LUFactors(matrix, _PIVOT, is_approximate)
+        return Elimination(matrix, approximate).factorise(matrix)
+    return _LUFactors(matrix, _PIVOT, approximate)
 
 
 def _halve_precision(matrix: Any) -> Any:
@@ -122,10 +122,10 @@ class _LUFactors:
     """Factors L U of a sparse ``matrix``, found by SuperLU.
 
     A pivot is taken from the diagonal if its entry is at least the part ``pivot`` of the largest
-    entry of its column. If ``is_approximate``, factors are in single precision.
+    entry of its column. If ``approximate``, factors are in single precision.
     """
 
-    def __init__(self, matrix: Any, pivot: float, is_approximate: bool) -> None:
+    def __init__(self, matrix: Any, pivot: float, approximate: bool) -> None:
         """Factorise the sparse ``matrix``; raise RuntimeError if it is singular."""
         from scipy.sparse.linalg import splu
 
@@ -133,7 +133,7 @@ class _LUFactors:
         columns = matrix.tocsc()
         options: dict[str, Any] = {"SymmetricMode": True}
         relax = None
-        if is_approximate:
+        if approximate:
             columns = _halve_precision(columns)
             options["Equil"] = False
             # SuperLU would else treat neighbouring columns as one dense block (a supernode), and
@@ -162,7 +162,7 @@ class _LUFactors:
         factors = self._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
             # new factors, with pivot = 0, which takes any entry on the diagonal but zero
-            factors = _LUFactors(self._matrix, pivot=0.0, is_approximate=False)._factors
+            factors = _LUFactors(self._matrix, pivot=0.0, approximate=False)._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
             raise ConvergenceError(
                 "the factors of a matrix have pivots off the diagonal",

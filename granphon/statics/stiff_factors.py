@@ -43,7 +43,7 @@ def factorise_stiff(
     matrix = pattern.make_matrix(data)
     matrix.data *= scale[matrix.indices] * np.repeat(scale, np.diff(matrix.indptr))
     matrix.data[pattern.diagonal] += options.grid.spring
-    factors = factorise(matrix, is_approximate=True)
+    factors = factorise(matrix, approximate=True)
 
     def solve(force: Array) -> Array:
         """Return the motion (n m,) under a ``force`` (n m,), with the digits of single

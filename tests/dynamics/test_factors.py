@@ -87,7 +87,7 @@ def test_approximate_factors_are_in_single_precision():
     positive = (matrix @ matrix.T + eye_array(60)).tocsc()
     b = np.arange(60.0)
     error = np.abs(
-        factorise(positive, is_approximate=True).solve(b) / factorise(positive).solve(b) - 1.0
+        factorise(positive, approximate=True).solve(b) / factorise(positive).solve(b) - 1.0
     )
     assert 1e-9 < np.max(error) < 1e-2
 
@@ -95,7 +95,7 @@ def test_approximate_factors_are_in_single_precision():
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_approximate_factors_of_a_complex_matrix_are_complex(symmetric):
     matrix = csc_array(np.array([[2.0, 1.0j], [1.0j, 3.0]]))
-    solution = factorise(matrix, symmetric, is_approximate=True).solve(np.array([1.0, 1.0]))
+    solution = factorise(matrix, symmetric, approximate=True).solve(np.array([1.0, 1.0]))
     assert solution.dtype == np.complex64
     assert_allclose(matrix @ solution, 1.0, rtol=1e-6)
 
