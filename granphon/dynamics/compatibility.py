@@ -123,7 +123,7 @@ def _repeat(name: str, values: ArrayLike, shape: tuple[int, ...], low: Low | Non
     names; numbers are not checked if ``low`` is None.
     """
     numbers = real_array(name, values)
-    if low is not None:
+    if numbers.size and low is not None:  # a lattice may have no balls or no contacts
         numbers = finite_array(name, numbers, low=low)
     try:
         return read_only(np.broadcast_to(numbers, shape))
@@ -218,7 +218,7 @@ class Compatibility:
 
     Raises
     ------
-    InputError : no period, no ball or no contact; vectors of the cell that are dependent, or not
+    InputError : no period; vectors of the cell that are dependent, or not
         along x or in the xy plane; a wrong shape; a number other than ``distance`` that is not
         finite; a mass, a radius of gyration or a stiffness that is not above zero; a ratio of
         stiffnesses or a spring to the ground below zero; more springs than contacts; contacts that
@@ -269,12 +269,6 @@ class Compatibility:
             raise InputError(
                 f"cell is {brief(self.cell)}",
                 "Its vectors are independent: one lies along x, two lie in the xy plane",
-            )
-        if not len(self.positions) or not len(contacts):
-            raise InputError(
-                f"the lattice {name} has {counted(len(self.positions), 'ball')} and"
-                f" {counted(len(contacts), 'contact')}",
-                mend="Give at least one of each",
             )
         self.contacts = contacts
         self.mindlin_ratio = self._read_ratio("mindlin_ratio", mindlin_ratio)

@@ -199,15 +199,15 @@ class Phonons:
             self._cell = _Cell.of_lattice(self.lattice)
         else:
             require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
+            if not np.any(atoms.cell):
+                raise InputError(
+                    "the Atoms have no cell",
+                    "Wave vectors are fractions of its reciprocal vectors",
+                    "Give the Atoms a cell of any size",
+                )
             self._cell = _Cell.of_atoms(atoms, self.state.reference_lattice.periods)
             self.atoms = self._cell.put_on(atoms.copy())
             self.lattice = self.calculator.contact_lattice(self.atoms)
-        if not self.lattice.measure > 0.0:
-            raise InputError(
-                "the Atoms have no cell",
-                "Wave vectors are fractions of its reciprocal vectors",
-                "Give the Atoms a cell of any size",
-            )
         if not len(self.lattice.contacts):
             raise InputError(
                 "no two of these balls touch",

@@ -15,7 +15,6 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.motions import OUT_OF_PLANE
-from granphon.balls.neighbours import freeze_contacts
 from granphon.base.errors import (
     GranphonError,
     InputError,
@@ -232,23 +231,6 @@ def test_matrices_at_a_wave_vector_that_is_not_finite_are_refused(hexagonal):
 def test_cells_of_dependent_vectors_or_other_axes_are_refused(hexagonal, cell):
     with pytest.raises(InputError, match="cell"):
         gp.ContactLattice(cell, hexagonal.positions, hexagonal.contacts, 0.8)
-
-
-def test_a_lattice_has_balls_and_contacts(hexagonal):
-    table = hexagonal.contacts
-    nothing = freeze_contacts(
-        table.i[:0],
-        table.j[:0],
-        table.shift[:0],
-        table.normal[:0],
-        table.vector[:0],
-        table.arm_i[:0],
-        table.arm_j[:0],
-    )
-    with pytest.raises(InputError, match="1 ball and 0 contacts"):
-        gp.ContactLattice(hexagonal.cell, hexagonal.positions, nothing, 0.8)
-    with pytest.raises(InputError, match="0 balls"):
-        gp.ContactLattice(hexagonal.cell, np.zeros((0, 2)), table, 0.8)
 
 
 @pytest.mark.parametrize("branches", [[[3]], [[-1]], [[0], [1]], [0]])
