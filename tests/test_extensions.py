@@ -230,6 +230,13 @@ def test_a_reader_that_fails_is_named():
             )
             for name in ("load", "medium", "dos", "motion", "response_frequency")
         ),
+        *(  # the summary would lose one of the two; without its schema it cannot be read
+            (
+                lambda name=name: gp.register_observable(name, "1", "x", len),
+                f"name {name!r}.*summaries",
+            )
+            for name in ("schema", "files", "local_field")
+        ),
         (lambda: gp.register_law("mine", object()), "is no contact law"),
         (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),
         (lambda: gp.register_law("mine", Soft, part="furlong"), "cannot have 'furlong'"),

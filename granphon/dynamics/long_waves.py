@@ -499,12 +499,15 @@ class LongWaves(Compatibility):
 
     @cached_property
     def is_twisted_by_sound(self) -> bool:
-        """Whether a uniform strain twists contacts, or makes balls roll, once the inner motions
-        have relaxed.
+        """Whether a uniform strain twists contacts that resist torsion, or makes balls roll whose
+        contacts resist bending, once the inner motions have relaxed.
 
-        If not, the elastic constants are the same at any torsion and bending above zero. That is so
-        in cells of one ball, and in cells of two that an inversion exchanges, as in hcp and
-        diamond.
+        A resistance of zero is not examined: strains of kagome make its balls roll and twist no
+        contact, so that it is False with torsion alone, and True with bending.
+
+        If False, the elastic constants are the same at any values above zero of the resistances
+        that are above zero. That is so in cells of one ball, and in cells of two that an inversion
+        exchanges, as in hcp and diamond.
         """
         relaxed_rows = self._relaxed_rows
         is_turning = [row.kind in ("twist", "roll") for row in self.rows]

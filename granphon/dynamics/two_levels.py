@@ -24,8 +24,12 @@ from granphon.dynamics.linalg import NO_ENERGY
 #: number of balls in a box: half as many make the matrix of the boxes ten times as dear, and save a
 #: tenth of the iterations
 _BALLS_PER_BOX = 20.0
-#: largest number of boxes, by the dimension, whose factors take a gigabyte
+#: largest number of boxes whose factors take a gigabyte, by the number of axes along which boxes
+#: follow each other
 _MOST_BOXES = {1: 50_000, 2: 20_000, 3: 5_000}
+#: thickness, in mean radii, above which balls are taken to lie in more than one layer: a layer of
+#: equal balls is two radii thick, and two close-packed layers are 3.63
+_SINGLE_LAYER = 3.0
 #: eigenvalue of the products of the motions of a box, over the largest, up to which these motions
 #: are dependent
 _DEPENDENCE = 1e-6
@@ -83,7 +87,10 @@ class _Boxes(NamedTuple):
 
 def _find_boxes(frame: BallFrame) -> _Boxes:
     """Return the boxes of the balls of a ``frame``, of about :data:`_BALLS_PER_BOX` balls each, or
-    more if there would be more than :data:`_MOST_BOXES`; boxes divide the cell evenly.
+    of more balls if there would be more than :data:`_MOST_BOXES` boxes.
+
+    Boxes divide the period evenly along axes with a period, and along the others the extent of the
+    balls, from a mean radius below the lowest centre to one above the highest.
     """
     n = len(frame.positions)
     p = len(frame.cell)
@@ -98,11 +105,14 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     cells = -np.floor(coordinates[:, :p])
     coordinates[:, :p] += cells
     lengths = np.linalg.norm(axes, axis=1)
-    lowest_coordinates = np.where(np.arange(3) < p, 0.0, coordinates.min(axis=0))
-    # across the periods the balls fill the distance of the outermost centres and a diameter more
-    extents = np.where(np.arange(3) < p, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
-    dimension = int(np.count_nonzero(extents * lengths > 3.0 * frame.radius))
-    balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[max(dimension, 1)])
+    has_period = np.arange(3) < p
+    # where the boxes begin, and how far they reach: one period, or the extent of the balls
+    lowest_coordinates = np.where(has_period, 0.0, coordinates.min(axis=0) - frame.radius)
+    extents = np.where(has_period, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
+    is_divided = extents * lengths > _SINGLE_LAYER * frame.radius
+    # a single ball is divided along no axis, and counts as a line
+    dimension = max(int(np.count_nonzero(is_divided)), 1)
+    balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[dimension])
     side = _find_side(extents * lengths, n / balls_per_box)
     # numbers (3,) of boxes along the axes, and the indices (n, 3) of the box of each ball
     numbers = np.maximum(np.rint(extents * lengths / side), 1.0)

@@ -1511,9 +1511,11 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the first sample at rest under one reduced load, with the same numbers as in a
         state at many loads.
 
-        In such a state the search at each load starts from the equilibrium at the load before it,
-        in the order of :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the
-        reduced overlap and displacements of that equilibrium; it is None for the first load.
+        In such a state, with the directions of the lattice and a cell that keeps its shape, the
+        search at each load starts from the equilibrium at the load before it, in the order of
+        :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the reduced overlap and
+        displacements of that equilibrium; it is None for the first load. In exact directions, and
+        where the cell shears, the search starts from the lattice, and ``before`` is not used.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)

@@ -943,8 +943,8 @@ BALLS = Setting(
 
 
 def _read_structure(value: Any) -> Any:
-    """Return the name of a structure such as NaCl, the name of a lattice, or the lattice that a
-    block {name, cell, sites} describes; Refused for any other value.
+    """Return the name of a structure such as NaCl, written in any case of letters, the name of a
+    lattice, or the lattice that a block {name, cell, sites} describes; Refused for any other value.
     """
     structure = name_structure(value)
     if structure is not None:
@@ -955,7 +955,10 @@ def _read_structure(value: Any) -> Any:
         return read_lattice(value)
     except Refused as refused:
         allowed = f"{', '.join((*LATTICES, *STRUCTURES))}, or a block of name, cell and sites"
-        raise Refused(refused.found, allowed, refused.mend) from None
+        # the reader of lattices has not compared the value with the names of structures
+        guess = closest(value, (*LATTICES, *STRUCTURES)) if isinstance(value, str) else None
+        mend = f"Did you mean {guess!r}?" if guess in STRUCTURES else refused.mend
+        raise Refused(refused.found, allowed, mend) from None
 
 
 def _read_removed_balls(value: Any) -> tuple[int, ...]:

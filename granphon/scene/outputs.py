@@ -48,13 +48,6 @@ if TYPE_CHECKING:
 
 #: version number of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
-#: keys of summary.yaml that no observable can have as its name: the outputs of granphon, or the
-#: writer of the summary, have them for something else
-SUMMARY_KEYS = frozenset({
-    "schema", "versions", "source", "observe", "finite_overlap", "medium", "sizes", "states",
-    "peaks", "matters_most", "design", "local_field", "errors_from", "ok", "validity", "warnings",
-    "files", "units",
-})  # fmt: skip
 #: name of the table of measured diameters that are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
 #: most variables of a design that the summary lists
@@ -1782,17 +1775,6 @@ def require_folder(folder: Path) -> None:
         if os.path.lexists(folder):
             problem = f"{folder} is no folder"
         raise MissingFileError(problem, mend="Give the folder of a run")
-
-
-def require_names_of_numbers() -> None:
-    """Raise InputError if an observable was registered under one of the :data:`SUMMARY_KEYS`, so
-    that summary.yaml cannot have its number.
-    """
-    for name in CATALOGUE.added:
-        if name in SUMMARY_KEYS:
-            problem = f"{CATALOGUE.describe(name)} cannot stand in summary.yaml"
-            why = "It has this key for something else"
-            raise InputError(problem, why, "Register it by another name")
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

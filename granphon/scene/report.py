@@ -30,11 +30,10 @@ from granphon.base.text import (
     spell,
 )
 from granphon.figures.style import pick_evenly
-from granphon.observables.catalogue import CATALOGUE
+from granphon.observables.catalogue import CATALOGUE, SUMMARY_KEYS
 from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
 from granphon.scene.outputs import (
     OUTPUTS,
-    SUMMARY_KEYS,
     Export,
     list_told,
     read_summary,

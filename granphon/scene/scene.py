@@ -66,7 +66,6 @@ from granphon.scene.outputs import (
     expected_files,
     list_files,
     list_outputs,
-    require_names_of_numbers,
 )
 from granphon.scene.values import SceneValues
 from granphon.waves.settings import NETWORK_BLOCKS
@@ -263,7 +262,6 @@ class Scene(SceneValues):
         require_path(folder)
         for name, flag in (("force", force), ("figures", figures), ("resume", resume)):
             require(name, truth, flag)
-        require_names_of_numbers()
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)

@@ -195,7 +195,9 @@ class Kernel:
 
 
 def _round(resolution: float, rounding: str) -> float:
-    """Return a ``resolution`` in :data:`_N_DIGITS` digits, by a ``rounding`` of :mod:`decimal`."""
+    """Return a ``resolution`` to :data:`_N_DIGITS` significant digits, by a ``rounding`` of
+    :mod:`decimal`.
+    """
     context = decimal.Context(_N_DIGITS, rounding)
     return float(context.create_decimal_from_float(resolution))
 

@@ -77,8 +77,12 @@ class WaveEstimate:
 
     def bind(self, name: str, *arguments: Any, **options: Any) -> Callable[[], Cost]:
         """Return the function that finds the cost of the result ``name``, one of :data:`FINDERS`,
-        with the ``arguments`` and ``options`` of its method. The function raises
-        :class:`~granphon.base.errors.InputError` for values that the method refuses.
+        with the ``arguments`` and ``options`` of its method.
+
+        The function raises :class:`~granphon.base.errors.InputError` for values that the method
+        refuses; :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much;
+        and :class:`~granphon.base.errors.InstabilityError` for an array that does not hold between
+        the free ends of a pulse.
 
         Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
         TypeError for arguments that the method does not have, and if some are missing.

@@ -468,12 +468,15 @@ class NonlinearWaves:
 
         Parameters
         ----------
-        positions : positions of the balls at the start, (n, 3) or (n, d), m; by default those of
-            the network. Or give ``displacements`` from there, m, which keep digits that positions
-            lose.
-        velocities, rotations, spins : those of the balls at the start, (n, 3) or (n, d), m/s, rad
-            and rad/s; zero by default. Contacts come from rest to the start in one step, in
-            which they slide only as far as Coulomb's limit makes them.
+        positions : positions of the balls at the start, (n, 3), m; by default those of the network.
+            Or give ``displacements`` from there, m, which keep digits that positions lose. Where
+            balls move along no axis beyond the d dimensions of the network, (n, d) serves too, and
+            so for velocities.
+        velocities, rotations, spins : those of the balls at the start, (n, 3), m/s, rad and rad/s;
+            zero by default. (n, d) serves for rotations and spins where balls turn about no axis
+            beyond the first d: balls in a plane turn about z, and need (n, 3). Contacts come from
+            rest to the start in one step, in which they slide only as far as Coulomb's limit makes
+            them.
         drive : a :class:`Drive`, or several.
         frames : number of times at which the motion is kept; the first is the start, the last the
             end.
@@ -535,8 +538,7 @@ class NonlinearWaves:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
             displacements = self._find_displacements(positions)
-        drives = list(drive) if isinstance(drive, list | tuple) else [drive]
-        system = _System(self, [] if drive is None else drives)
+        system = _System(self, _list_drives(drive))
         x = system.read("displacements", displacements) + system.read("rotations", rotations)
         v = system.read("velocities", velocities) + system.read("spins", spins)
         first_step, top = self._choose_step(system, x, v, step)
@@ -969,6 +971,15 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     return stiffness
 
 
+def _list_drives(drive: Any) -> list[Any]:
+    """Return the drives of the argument ``drive`` of a run: several in a list or tuple, a single
+    one, or None for no drive.
+    """
+    if drive is None:
+        return []
+    return list(drive) if isinstance(drive, list | tuple) else [drive]
+
+
 def _read_drives(
     drives: Sequence[Any], network: ContactNetwork
 ) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
@@ -1243,8 +1254,9 @@ class _System:
         return float(np.mean(self.waves.overlap[contacts] + gaps)) if len(i) else 0.0
 
     def read(self, name: str, value: ArrayLike | None) -> Array:
-        """Return the ``value`` of an argument, vectors (n, 3) or (n, d) of all balls, as
-        mass-weighted motions (size,); zeros for None.
+        """Return the ``value`` of an argument, vectors (n, 3) of all balls, as mass-weighted
+        motions (size,); zeros for None. Vectors (n, d) serve if balls do not move along, or turn
+        about, an axis beyond the first d.
 
         ``name`` is that of the argument of :meth:`NonlinearWaves.run`, which says whether vectors
         are of translations or of rotations. Raises :class:`~granphon.base.errors.InputError` for

@@ -829,9 +829,13 @@ def _solve_strip(work: TransmissionWork, equations: Any, drive: Any) -> tuple[Co
 
 
 def _find_self_energies(work: TransmissionWork, first_green: Complex, last_green: Complex) -> Any:
-    """Return what the leads of the ``work`` add to the stiffness of the strip at its ends, the
-    self-energies: a sparse matrix (size, size), (rad/s)^2. ``first_green`` and ``last_green``, s^2,
-    are Green's functions of the outer blocks of the leads.
+    """Return what the leads of the ``work`` add to the stiffness of the strip at its ends: a sparse
+    matrix (size, size), (rad/s)^2, for the motions of the strip. It holds the stiffness of the
+    contacts between the strip and the leads, which the strip alone lacks, and the self-energies of
+    the leads behind these contacts.
+
+    ``first_green`` (n_1, n_1) and ``last_green`` (n_2, n_2), s^2, are Green's functions of those
+    blocks of the leads, of n_1 and n_2 motions, that are next to the strip.
     """
     from scipy.sparse import csc_array
 

@@ -19,10 +19,9 @@ from granphon.base.settings import SCALES, space_evenly
 from granphon.base.text import read_yaml
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
-from granphon.observables.catalogue import CATALOGUE
+from granphon.observables.catalogue import CATALOGUE, SUMMARY_KEYS
 from granphon.phonons.paths import BandPath
 from granphon.scene.file import write_preset
-from granphon.scene.outputs import SUMMARY_KEYS
 from granphon.scene.scene import Scene, is_complete
 from tests import conftest
 
@@ -1216,18 +1215,6 @@ def test_values_in_place_of_those_of_a_file_are_texts(tmp_path, values):
     path.write_text(MINIMAL)
     with pytest.raises(InputError, match="mapping of texts"):
         Scene.from_yaml(path, values)
-
-
-@pytest.mark.parametrize("name", ["schema", "files", "local_field"])
-def test_an_observable_cannot_have_a_name_that_the_summary_has(tmp_path, name):
-    """The summary would lose one of the two; without its schema it cannot be read."""
-    gp.observables.register(name, "N", "a force", lambda analysis: analysis.state.force)
-    try:
-        with pytest.raises(InputError, match=f"{name}.*summary"):
-            Scene.from_text(MINIMAL).run(tmp_path / "out")
-    finally:
-        CATALOGUE.remove(name)
-    assert not (tmp_path / "out").exists()
 
 
 def test_the_keys_of_a_summary_are_known(tmp_path):
