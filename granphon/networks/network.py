@@ -50,7 +50,7 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
-from granphon.networks.consistency import BALANCED, MOVING, warn_of_faults
+from granphon.networks.consistency import BALANCE_LIMIT, REST_LIMIT, warn_of_faults
 from granphon.networks.demands import NUMBERS_OF_BALLS, list_demands
 from granphon.networks.sources import (
     LARGEST,
@@ -610,7 +610,7 @@ class ContactNetwork(Result):
         if not can_be_judged:
             return True
         _ball, _force, ratio = self.imbalance
-        return ratio <= BALANCED
+        return ratio <= BALANCE_LIMIT
 
     def require_rest(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
@@ -624,7 +624,7 @@ class ContactNetwork(Result):
             return
         farthest = self.find_farthest(self.residual_forces)
         _ball, _force, ratio = farthest
-        if ratio < MOVING:
+        if ratio < REST_LIMIT:
             return
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
