@@ -675,6 +675,7 @@ def write_tables(
         shown = _show_balls(network)
         text_of_balls = frame_text(columns_of_balls | shown, network, fields_of_whole)
     else:
+        _require_readable_kinds(network.kinds or ())
         remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
         text_of_balls = _columns_text(columns_of_balls, BALLS, [remark])
     if _is_frame(contacts):
@@ -685,6 +686,17 @@ def write_tables(
     else:
         text_of_contacts = _columns_text(columns_of_contacts, CONTACTS, [])
     write_texts([(balls, text_of_balls), (contacts, text_of_contacts)])
+
+
+def _require_readable_kinds(kinds: Sequence[str]) -> None:
+    """Raise :class:`InputError` for names of ``kinds`` (n,) that a CSV file could not give back:
+    spaces at the ends of its cells are not read.
+    """
+    for name in dict.fromkeys(kinds):
+        if name != name.strip():
+            why = "Spaces at the ends of a name could not be read again from a CSV file"
+            mend = "Give another name, or write a file of extended XYZ"
+            raise InputError(f"a kind of the network is called {name!r}", why, mend)
 
 
 def _show_balls(network: Any) -> dict[str, Array]:

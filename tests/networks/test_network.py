@@ -809,6 +809,30 @@ def test_what_a_network_may_be():
         make([(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF])
 
 
+def test_a_row_of_a_lattice_is_no_array_of_the_lattice():
+    """A shape has a length along each period of the lattice; a row repeats along one alone."""
+    cell = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(1.0).network
+    is_in_row = ~np.any(cell.shift[:, 1:], axis=1)
+    contacts = {name: getattr(cell, name)[is_in_row] for name in cell.contact_fields}
+    row = replace(cell, pbc=(True, False, False), **contacts).repeat((3,))
+    assert (row.n_balls, row.lattice, row.shape) == (3, None, None)
+    array = cell.repeat((3, 2))
+    assert (array.lattice, array.shape) == (cell.lattice, (3, 2))
+
+
+def test_a_force_that_underflows_makes_no_tangential_force_grow():
+    """p/delta of such an overlap would be beyond the range of floats."""
+    cell = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS, 1e-3)
+    growths = []
+    for force in (0.0, 5e-324, 1e-300, 1e-12):
+        forces = np.full(cell.n_contacts, force)
+        growths.append(
+            replace(cell, normal_force=forces, tangential_law="mindlin").tangential_growth
+        )
+    assert not np.any(growths[:3])
+    np.testing.assert_allclose(growths[3], cell.normal_stiffness / 3.0 / 1e-12)
+
+
 def test_the_fabric_of_lattices_and_rows():
     """Closed forms: isotropic of a triangle, and of the cubes; n n of a row; a share of each of two
     rows by its force.

@@ -220,6 +220,18 @@ def test_labels_that_files_could_not_give_back_are_not_written(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+def test_kinds_that_files_could_not_give_back_are_not_written(tmp_path):
+    """Cells of CSV lose the spaces at their ends; extended XYZ keeps them."""
+    network = gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0))
+    network = replace(network, kinds=(" steel",))
+    frames = tmp_path / "balls.xyz", tmp_path / "contacts.xyz"
+    network.write_tables(*frames)
+    assert gp.ContactNetwork.from_table(*frames, keep_rattlers=True).kinds == (" steel",)
+    with pytest.raises(InputError, match="' steel'"):
+        network.write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    assert not list(tmp_path.glob("*.csv"))
+
+
 def test_dumps_warn_of_moments_of_inertia_that_are_lost(tmp_path):
     """Those of hollow balls change modes where balls rotate, and only there."""
     files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
@@ -956,6 +968,16 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
         part.name_ball(2)
     with pytest.raises(InputError, match=r"\(2, 3\)"):
         part.find_farthest(np.zeros((3, 3)))
+    for force in (np.nan, np.inf, 1e200):
+        with pytest.raises(InputError, match="forces"):
+            part.find_farthest(np.full((2, 3), force))
+    without_force = replace(part, normal_force=np.zeros(part.n_contacts))
+    assert without_force.find_farthest(np.array([[0.0, 0.0, 0.0], [0.0, -2.0, 0.0]])) == (
+        1,
+        2.0,
+        np.inf,
+    )
+    assert without_force.find_farthest(np.zeros((2, 3))) == (0, 0.0, 0.0)
     assert gp.ContactNetwork.from_dict(network.to_dict()) == network
     assert (
         gp.ContactNetwork.from_table(
