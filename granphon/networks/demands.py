@@ -151,3 +151,6 @@ def _list_demands_on_range(network: Any) -> Iterator[_Demand]:
     yield "normal_stiffness", is_stiff, f"has a stiffness {_BEYOND}", ""
     for name in _SPRINGS:
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {_BEYOND}", ""
+    if network.on_site is not None:
+        is_in_range = np.all(network.on_site <= LARGEST, axis=1)
+        yield "on_site", is_in_range, f"has springs to the ground {_BEYOND}", ""

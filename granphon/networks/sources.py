@@ -15,7 +15,7 @@ import numpy as np
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import choice, real_array, require, truth
+from granphon.base.validation import choice, real_array, require, truth, whole_number
 from granphon.networks.faults import BAD, Faults
 
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within
@@ -210,13 +210,15 @@ class Completion:
     bad: str = "refuse"
 
     def __post_init__(self) -> None:
-        """Check the material, ``bad`` and the truth values; the other arguments are checked where
-        they are used.
+        """Check the material, ``bad``, ``held_by`` and the truth values; the other arguments are
+        checked with the fields of the network.
         """
         material: Any = self.material
         if not isinstance(material, Material | None):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
         require("bad", partial(choice, options=BAD), self.bad)
+        if self.held_by is not None:
+            whole_number("held_by", self.held_by, 0)
         for name in ("friction", "prestress", "keep_rattlers"):
             value = getattr(self, name)
             if name != "prestress" or value is not None:
@@ -361,13 +363,13 @@ def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -
 
 
 def read_whole_numbers(name: str, values: Any) -> Index:
-    """Return ``values`` as an array of whole numbers, of the same shape; floats are accepted if
-    they are whole.
+    """Return ``values``, a number or an array, as an array of whole numbers, of the same shape;
+    floats are accepted if they are whole.
 
     Raises :class:`~granphon.base.errors.InputError`, which names the field ``name``, for other
     values, and for floats whose size is 2^53 or more, which are not exact.
     """
-    if isinstance(values, np.ndarray) and values.dtype.kind == "i":
+    if type(values) is np.ndarray and values.dtype.kind == "i":  # not a masked array, for instance
         return np.asarray(values, np.intp)
     numbers = real_array(name, values)
     if numbers.dtype.kind == "i":

@@ -626,6 +626,7 @@ BAD = {
     "texts": (lambda n: {"i": ["a"] * n.n_contacts}, "i: found"),
     "complex": (lambda n: {"masses": n.masses * 1j}, "complex"),
     "masked": (lambda n: {"masses": np.ma.masked_less(n.masses, 1.0)}, "masked"),
+    "masked balls": (lambda n: {"i": np.ma.masked_equal(n.i, 0)}, "masked"),
     "truth values": (lambda n: {"masses": n.masses > 0.0}, "masses: found"),
     "itself": (lambda n: {"j": n.i, "shift": 0 * n.shift}, "joins a ball with itself"),
     "tension": (change("normal_force", 5, -1e-9), "contact 5 .* pull .* between balls"),
@@ -687,6 +688,10 @@ BAD = {
     "count": (lambda _: {"left_out": -1}, "left_out"),
     "cells": (lambda _: {"shape": (4, 4)}, "have 16 balls, and the network has 12"),
     "numbers of cells": (lambda _: {"shape": (12,)}, "triangular lattice"),
+    "stiff ground": (
+        lambda _: {"on_site": np.full((12, 3), 1e61)},
+        "ball 0 .* ground .* 1e-60 to 1e.60 in SI",
+    ),
     "range": (lambda n: {"masses": 1e-300 * n.masses}, "ball 0 .* 1e-60 to 1e.60 in SI"),
 }
 

@@ -640,6 +640,24 @@ def test_a_flat_wall_leaves_a_network_in_space(wall):
     level = places.copy()
     level[2, 2] = radius
     assert read(level).dimension == 3  # contacts lead down
+    # by its shift a contact leads up, too
+    row = {
+        "x": [0.0, 2.0],
+        "y": [0.0, 0.0],
+        "z": [1.0, 1.0],
+        "radius": [1.0, 1.0],
+        "mass": [1.0] * 2,
+    }
+    images = {"i": [0, 0, 1], "j": [1, 0, 1], "shift_1": [0] * 3, "shift_2": [0] * 3}
+    images |= {
+        "normal_force": [1.0] * 3,
+        "normal_stiffness": [1e5] * 3,
+        "shear_stiffness": [8e4] * 3,
+    }
+    for up, dimension in ((1, 3), (0, 2)):
+        shifts = images | {"shift_2": [0, 1 - up, 1 - up], "shift_3": [0, up, up]}
+        network = gp.ContactNetwork.from_table(row, shifts, cell=[20.0, 2.0, 2.0])
+        assert network.dimension == dimension
     # walls that stand beside a layer leave it in the plane, wherever they are
     beside = {
         "i": [0, 1, 1, 0],
@@ -742,6 +760,17 @@ BAD_TABLES = {
     ),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
+    "held and kept": (None, {"held_by": -1, "keep_rattlers": True}, "held_by"),
+    "endless height": (lambda b, c: b.update(z=np.full(36, np.inf)), {}, "36 with a place"),
+    "two walls": (
+        lambda b, c: (
+            b.update(radius=np.full(36, np.inf), mass=np.full(36, np.inf)),
+            b["radius"].__setitem__(0, 1e-3),
+            c.update(nx=np.ones(125), ny=np.zeros(125), nz=np.zeros(125)),
+        ),
+        {},
+        "with two flat walls",
+    ),
     "friction": (None, {"friction": "no"}, "friction"),
     "twice": (
         lambda b, c: c.update({n: np.append(v, v[0]) for n, v in c.items()}),
@@ -888,10 +917,11 @@ def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
     assert wrong > 30
 
 
+@pytest.mark.parametrize("n_tilts", [1, 7])
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
-def test_nearest_images_in_an_oblique_cell(lattice):
-    """In a cell that is tilted by a whole period more, the image with the least fractions is not
-    always the nearest one.
+def test_nearest_images_in_an_oblique_cell(lattice, n_tilts):
+    """In a cell that is tilted by whole periods more, the image with the least fractions is not
+    always the nearest one, and may be many cells away from it.
     """
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(
@@ -899,7 +929,9 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     )
     network = state.network.repeat((3,) * state.packing.structure.periods)
     cell = network.cell[: network.dimension].copy()
-    cell[1] += np.sign(cell[0] @ cell[1]) * cell[0]
+    cell[1] += n_tilts * np.sign(cell[0] @ cell[1]) * cell[0]
+    if network.dimension == 3:
+        cell[2] -= (n_tilts - 1) * cell[1]
     places = (
         network.positions
         + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell
@@ -909,7 +941,7 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     }
     contacts = {"i": network.i, "j": network.j, "normal_force": network.normal_force}
     found = gp.ContactNetwork.from_table(balls, contacts, material=steel, cell=cell)
-    np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
+    np.testing.assert_allclose(found.vector, network.vector, atol=1e-15 * n_tilts**2)
     np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)
 
 
