@@ -1207,7 +1207,8 @@ class ContactNetwork(Result):
             label -1, the next one -2, and so on. Its contacts have no static torques of rolling and
             twist, which the fix does not write.
         frozen : columns of the dump of atoms, each with a value or values there: such balls do not
-            move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
+            move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all of finite mass
+            move.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls and no contact leads
             up or down, else 3.
         motions, friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
@@ -1527,7 +1528,8 @@ class ContactNetwork(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, for what is no name of a file, for two names of
-        one file, and for ``labels`` of the size 2^53 or more, which could not be read again; and
+        one file, for ``labels`` of the size 2^53 or more, which could not be read again, and for
+        negative ``labels`` that the reader gives to walls; and
         OutputError for files that are there and are not such dumps of granphon's own, as dumps of
         LAMMPS, and if a file cannot be written. Neither file is written then.
         """
