@@ -93,6 +93,9 @@ def test_dumps_of_liggghts(kind, keywords, tmp_path):
         held_by=None if kind == "packing" else 1,
     )  # fmt: skip
     require_same(found, network)
+    is_wall = np.isinf(found.radii[found.j])
+    surfaces = found.radii[found.i[is_wall]]  # arms end amid the overlap, seen from either side
+    np.testing.assert_allclose(found.arm_i[is_wall] - found.arm_j[is_wall], surfaces, rtol=1e-12)
     assert any("not read" in note for note in found.notes)
     with pytest.raises(InputError, match="columns, and pos id of"):
         gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="pos id")
@@ -178,6 +181,16 @@ def test_counts_and_times_of_mercury_are_numbers(pattern, text, told, tmp_path):
     restart.write_text(re.sub(pattern, text, restart.read_text()))
     with pytest.raises(InputError, match=told):
         gp.ContactNetwork.from_mercury(fstat, restart, GLASS)
+
+
+def test_bounds_of_the_box_of_mercury_are_finite(tmp_path):
+    network = written.glass_packing()
+    fstat, data, _restart = written.write_mercury(network, tmp_path)
+    heading, rows = data.read_text().split("\n", 1)
+    number, time, *_bounds = heading.split()
+    data.write_text("\n".join([" ".join([number, time, *["inf"] * 6]), rows]))
+    with pytest.raises(InputError, match=r"data:1: .*heading is needed"):
+        gp.ContactNetwork.from_mercury(fstat, data, GLASS, pbc=network.pbc)
 
 
 def test_rows_of_contacts_of_mercury_that_have_run_together_are_told(tmp_path):
