@@ -27,11 +27,11 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 from granphon.base.text import counted
 from granphon.base.validation import is_one_of, one_of, whole_number
-from granphon.networks.faults import settle
+from granphon.networks.faults import MOST_NAMED, settle
 from granphon.networks.sources import (
-    LARGEST,
+    LARGEST_NUMBER,
     MOST_STEPS,
-    SOLID,
+    SOLID_INERTIA,
     TANGENTIAL_LAWS,
     Balls,
     Completion,
@@ -68,8 +68,6 @@ _MOST_FACTOR = 10.0
 #: least overlap, and least force of the law at an overlap, over the mean of all contacts, for which
 #: a warning names a contact: weaker contacts may have opened since
 _LEAST_SHARE = 1e-2
-#: most contacts that a warning names
-_N_NAMED = 3
 #: part of a force vector across the normal, over the part along it, up to which the vector counts
 #: as a normal force
 _ACROSS_TOLERANCE = 1e-3
@@ -233,7 +231,7 @@ class Source:
         balls = self.balls
         inertias = balls.inertias
         if inertias is None:
-            inertias = SOLID * masses * balls.radii**2
+            inertias = SOLID_INERTIA * masses * balls.radii**2
         return inertias if balls.still is None else np.where(balls.still, np.inf, inertias)
 
     def _find_contacts(
@@ -338,7 +336,7 @@ class Source:
         warning.
         """
         lengths = np.max(np.abs(self.cell), axis=1)
-        is_in_range = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
+        is_in_range = (lengths < LARGEST_NUMBER) & ((lengths > 1.0 / LARGEST_NUMBER) | ~self.pbc)
         if not np.all(is_in_range):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
         periods = self.cell[np.flatnonzero(pbc)]
@@ -1099,7 +1097,7 @@ def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array)
     shown = [
         f"{contacts.describe(row)}, {contacts.overlap[row]:.3g} m where places have"
         f" {pairs.overlap[row]:.3g} m"
-        for row in odd_rows[:_N_NAMED].tolist()
+        for row in odd_rows[:MOST_NAMED].tolist()
     ]
     subject = counted(odd_rows.size, "overlap is", "overlaps are")
     fault = (
@@ -1126,7 +1124,7 @@ def _warn_of_open(
         return
     shown = [
         f"{contacts.describe(row)}, where the overlap makes {force_of_law[row]:.3g} N"
-        for row in odd_rows[:_N_NAMED].tolist()
+        for row in odd_rows[:MOST_NAMED].tolist()
     ]
     subject = counted(odd_rows.size, "contact has", "contacts have")
     fault = f"{contacts.name}: {subject} no force, though the balls overlap: {'; '.join(shown)}"

@@ -24,7 +24,13 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, message, warn_caller
 from granphon.base.text import counted
-from granphon.networks.sources import LARGEST, SOLID, find_errors_of_overlaps, find_rounding
+from granphon.networks.faults import MOST_NAMED
+from granphon.networks.sources import (
+    LARGEST_NUMBER,
+    SOLID_INERTIA,
+    find_errors_of_overlaps,
+    find_rounding,
+)
 
 #: sum of the forces on a ball, over the mean force of a contact, up to which they are in balance
 #: where static forces act: programs of discrete elements leave 1e-4 or less, and weights, walls or
@@ -49,11 +55,9 @@ _MOST_FACTOR = 10.0
 _LEAST_FORCE = 1e-3
 #: least overlap of places over the distance: places with less have none, as those of a lattice
 _LEAST_OVERLAP = 1e-10
-#: most balls, or pairs of balls, that a comparison names
-_N_NAMED = 3
 #: moment of inertia of a thin hollow sphere, 2/3 m r^2, the greatest of all, over that of a solid
 #: one
-_HOLLOW_INERTIA = 2.0 / (3.0 * SOLID)
+_HOLLOW_INERTIA = 2.0 / (3.0 * SOLID_INERTIA)
 #: names of the comparisons of what stands in the source of balls
 _COMPARISONS_OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
 
@@ -227,7 +231,7 @@ def _compare_sums(
     """
     failing_balls = np.flatnonzero(ratios > limit)
     order = np.argsort(-ratios[failing_balls], kind="stable")
-    worst_balls = failing_balls[order][:_N_NAMED]
+    worst_balls = failing_balls[order][:MOST_NAMED]
     labels = [network.name_ball(ball) for ball in worst_balls.tolist()]
     if len(labels) > 1:
         fault += f" (the worst balls: {', '.join(map(str, labels))})"
@@ -273,7 +277,7 @@ class _Overlaps:
         force = network.normal_force
         # a force under which the overlap is below 1e-60 m counts as none: powers of such an overlap
         # would underflow
-        has_force = force / network.normal_stiffness > 1.0 / LARGEST
+        has_force = force / network.normal_stiffness > 1.0 / LARGEST_NUMBER
         both_move = network.moving[network.i] & network.moving[network.j]
         contacts = np.flatnonzero(has_force & both_move)
         i = network.i[contacts]
@@ -577,10 +581,10 @@ def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comp
 
 
 def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
-    """Return the labels, or indices, of the two balls of each of the first three of ``contacts``,
-    indices (m,).
+    """Return the labels, or indices, of the two balls of each of the first of ``contacts``, indices
+    (m,), three at most.
     """
-    first_contacts = contacts[:_N_NAMED]
+    first_contacts = contacts[:MOST_NAMED]
     ends_i = network.i[first_contacts].tolist()
     ends_j = network.j[first_contacts].tolist()
     pairs = zip(ends_i, ends_j, strict=True)
@@ -695,7 +699,7 @@ def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
     """Yield the comparisons of the moments of inertia of ``balls``, indices (n,), with those of
     solid spheres of their masses and radii: of the median ratio, and of single moments.
     """
-    solid_inertias = SOLID * network.masses[balls] * network.radii[balls] ** 2
+    solid_inertias = SOLID_INERTIA * network.masses[balls] * network.radii[balls] ** 2
     ratios = network.inertias[balls] / solid_inertias
     median_ratio = float(np.median(ratios))
     yield _compare_median(
@@ -737,7 +741,7 @@ def _compare_single_balls(
     In ``fault`` the number of outliers takes the place of {count}, and the worst of them that of
     {listed}. The other arguments are fields of :class:`Comparison`.
     """
-    order = np.argsort(-np.abs(np.log(ratios)), kind="stable")[:_N_NAMED]
+    order = np.argsort(-np.abs(np.log(ratios)), kind="stable")[:MOST_NAMED]
     labels = [network.name_ball(ball) for ball in outliers[order].tolist()]
     shown = [
         f"ball {label} has {ratio:.3g}"
@@ -798,7 +802,7 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
         meaning="balls that carry no load",
         value=float(rattlers.size),
         limit=0.0,
-        worst=tuple((network.name_ball(ball),) for ball in rattlers[:_N_NAMED].tolist()),
+        worst=tuple((network.name_ball(ball),) for ball in rattlers[:MOST_NAMED].tolist()),
         fault=f"{counted(rattlers.size, 'ball carries', 'balls carry')} no load",
         reason="Each adds modes of frequency zero, or nearly zero. Leave them out:"
         " network.without_rattlers()",

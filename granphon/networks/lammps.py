@@ -29,7 +29,13 @@ from granphon.base.text import join_numbers, list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, texts, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import OWN_MARK, Dump, Frame
-from granphon.networks.sources import SOLID, Balls, Contacts, find_rounding, require_readable_labels
+from granphon.networks.sources import (
+    SOLID_INERTIA,
+    Balls,
+    Contacts,
+    find_rounding,
+    require_readable_labels,
+)
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
@@ -746,7 +752,7 @@ def _warn_of_lost(network: Any) -> None:
     losses = list[str]()
     if network.ball_motions.rotate:
         balls = network.moving & np.isfinite(network.radii)
-        solid = SOLID * network.masses[balls] * network.radii[balls] ** 2
+        solid = SOLID_INERTIA * network.masses[balls] * network.radii[balls] ** 2
         if not np.allclose(network.inertias[balls], solid, rtol=_SPRING_TOLERANCE, atol=0.0):
             losses.append("moments of inertia, which are not those of solid balls")
     if network.contact_torque is not None and np.any(network.contact_torque[is_at_wall]):

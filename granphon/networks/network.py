@@ -53,7 +53,7 @@ from granphon.base.validation import (
 from granphon.networks.consistency import BALANCE_LIMIT, REST_LIMIT, warn_of_faults
 from granphon.networks.demands import NUMBERS_OF_BALLS, list_demands
 from granphon.networks.sources import (
-    LARGEST,
+    LARGEST_NUMBER,
     SLIP_LEVERS,
     TANGENTIAL_LAWS,
     Completion,
@@ -342,13 +342,14 @@ class ContactNetwork(Result):
             fields[name] = read_only(np.where(is_reversed[:, None], opposite, fields[name]))
 
     def _check_cell(self) -> None:
-        """Raise InputError unless periodic vectors of the cell are of sizes between 1/``LARGEST``
-        and ``LARGEST``, lie in the line or plane of the balls, and are independent.
+        """Raise InputError unless periodic vectors of the cell have greatest components between
+        1/``LARGEST_NUMBER`` and ``LARGEST_NUMBER``, m, lie in the line or plane of the balls, and
+        are independent.
         """
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
             size = np.max(np.abs(vector))
-            if not 1.0 / LARGEST < size < LARGEST:  # also if the size is nan
+            if not 1.0 / LARGEST_NUMBER < size < LARGEST_NUMBER:  # also if the size is nan
                 fault = f"vector {axis} of the cell is {vector.tolist()} m, and periodic"
                 mend = "Give a vector of finite length, or let pbc be false there"
                 raise InputError(fault, mend=mend)
@@ -481,7 +482,7 @@ class ContactNetwork(Result):
         """
         power = TANGENTIAL_LAWS[self.tangential_law].power
         overlap = overlap_from(self.normal_force, self.normal_stiffness)
-        is_pressed = overlap > 1.0 / LARGEST  # p over a smaller overlap might overflow
+        is_pressed = overlap > 1.0 / LARGEST_NUMBER  # p over a smaller overlap might overflow
         growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=is_pressed)
         return read_only(growth)
 
@@ -605,7 +606,7 @@ class ContactNetwork(Result):
         if forces.shape != (self.n_balls, 3):
             fault = f"the forces have the shape {forces.shape}"
             raise InputError(fault, mend=f"Give one for each ball: ({self.n_balls}, 3)")
-        if not np.all(np.abs(forces) < LARGEST**2):  # squares of larger ones might overflow
+        if not np.all(np.abs(forces) < LARGEST_NUMBER**2):  # squares of larger ones might overflow
             raise InputError("the forces are not finite, or too large", mend="Give others, in N")
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))

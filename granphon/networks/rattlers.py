@@ -132,7 +132,7 @@ class _Hold:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour at each.
 
         When a neighbour is yielded, the contact has been taken from the count and the sums of the
-        neighbour; those of the ball itself stay, as nothing reads them any more.
+        neighbour. Those of the ball itself are wrong from then on, and nothing reads them any more.
         """
         ends = self._order[self._starts[ball] : self._starts[ball + 1]]
         contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i

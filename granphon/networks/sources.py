@@ -16,33 +16,33 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.validation import choice, real_array, require, truth, whole_number
-from granphon.networks.faults import BAD, Faults
+from granphon.networks.faults import FAULT_ACTIONS, Faults
 
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within
 #: the range of floats
-LARGEST = 1e60
+LARGEST_NUMBER = 1e60
 #: greatest number of cells between two balls
 MOST_STEPS = 1_000_000_000
 #: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
 MOST_BYTES = 4_000_000_000
 #: deviation of the length of a normal from one, or of a normal from the plane, that is put down to
 #: rounding in a file
-UNIT = 1e-6
+UNIT_TOLERANCE = 1e-6
 #: greatest part of a tangential force along the normal: the rounding in a file
-ALONG = 1e-2
+_ALONG_TOLERANCE = 1e-2
 #: part of a tangential force along the normal, over the normal force, that is rounding
-_NOTHING = 1e-12
+_LEAST_ALONG = 1e-12
 #: least and greatest number of significant digits with which a program writes numbers
 _DIGITS = (6, 15)
 #: number of different values of fewer digits from which on the values are rounded, not chosen by
 #: hand
-_CHOSEN = 100
+_LEAST_VALUES = 100
 #: moment of inertia of a solid sphere over m r^2
-SOLID = 0.4
+SOLID_INERTIA = 0.4
 #: least whole number that is not told from the next one as a float
 _FIRST_INEXACT = 2**53
 #: greatest relative error of a number that is read from a text and converted into SI
-_EXACT = 1e-14
+_DIGIT_TOLERANCE = 1e-14
 #: the unit of each field of contacts that holds numbers with one
 _UNITS = {
     "vector": "m",
@@ -88,7 +88,7 @@ TANGENTIAL_LAWS = {
     "liggghts": TangentialLaw(0.5),
 }
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
-_STRAY = 0.25
+_ARM_TOLERANCE = 0.25
 #: how rotations and displacements make slip, see the field ``slip_levers`` of
 #: :class:`~granphon.networks.network.ContactNetwork`
 SLIP_LEVERS = ("arms", "radii", "yade")
@@ -135,11 +135,11 @@ class Balls:
         of range, or with a label that another ball has, too.
         """
         faults = Faults(self.name, "balls", len(self.radii), self.describe)
-        is_placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
+        is_placed = np.all(np.abs(self.positions) < LARGEST_NUMBER, axis=1)
         words = "a place that is not finite, or too large"
         faults.note(~is_placed, words, values=self.positions, unit="m")
         is_flat_wall = self.fixed & np.isinf(self.radii)
-        is_sized = (self.radii > 0.0) & ((self.radii < LARGEST) | is_flat_wall)
+        is_sized = (self.radii > 0.0) & ((self.radii < LARGEST_NUMBER) | is_flat_wall)
         why = ""
         if np.any(np.isinf(self.radii) & ~is_sized):
             why = "Only a body that does not move may have a radius of inf"
@@ -216,7 +216,7 @@ class Completion:
         material: Any = self.material
         if not isinstance(material, Material | None):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
-        require("bad", partial(choice, options=BAD), self.bad)
+        require("bad", partial(choice, options=FAULT_ACTIONS), self.bad)
         if self.held_by is not None:
             whole_number("held_by", self.held_by, 0)
         for name in ("friction", "prestress", "keep_rattlers"):
@@ -306,7 +306,7 @@ class Contacts:
                 continue
             article = "an" if name.startswith(("a", "o")) else "a"
             words = f"{article} {name} that is not finite, or too large"
-            is_in_range = np.abs(values) < LARGEST  # False for nan
+            is_in_range = np.abs(values) < LARGEST_NUMBER  # False for nan
             if values.ndim > 1:
                 is_in_range = is_in_range.all(axis=1)
             faults.note(~is_in_range, words, values=values, unit=unit)
@@ -324,14 +324,16 @@ class Contacts:
             # squares of larger numbers might overflow
             length = np.linalg.norm(np.clip(self.normal, -2.0, 2.0), axis=1)
             words = "a normal whose length is not one"
-            faults.note(np.abs(length - 1.0) > UNIT, words, values=self.normal)
+            faults.note(np.abs(length - 1.0) > UNIT_TOLERANCE, words, values=self.normal)
 
 
 def span_distance(arms: Array, vector: Array) -> Flags:
     """Return (n_c,) whether the sum of the two arms of each contact, ``arms`` (n_c,), m, is the
     length of the ``vector`` (n_c, 3), m, from centre to centre, to a quarter of the sum.
     """
-    return np.asarray(np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms))
+    return np.asarray(
+        np.abs(np.linalg.norm(vector, axis=1) - arms) <= _ARM_TOLERANCE * np.abs(arms)
+    )
 
 
 def are_across(tangential: Array, normal: Array, normal_force: Array | float) -> Flags:
@@ -339,12 +341,13 @@ def are_across(tangential: Array, normal: Array, normal_force: Array | float) ->
     (n_c, 3) of its contact, but for rounding; ``normal_force`` is (n_c,), N, or the number zero if
     it is not known.
 
-    Rounding is a part along the normal up to the sum of :data:`ALONG` times the tangential force,
-    1e-12 times the normal force, and the least float of full precision.
+    Rounding is a part along the normal up to the sum of :data:`_ALONG_TOLERANCE` times the
+    tangential force, :data:`_LEAST_ALONG` times the normal force, and the least float of full
+    precision.
     """
     along = np.abs(np.einsum("ca,ca->c", tangential, normal))
-    rounding = _NOTHING * np.abs(normal_force) + np.finfo(float).tiny
-    return np.asarray(along <= ALONG * np.linalg.norm(tangential, axis=1) + rounding)
+    rounding = _LEAST_ALONG * np.abs(normal_force) + np.finfo(float).tiny
+    return np.asarray(along <= _ALONG_TOLERANCE * np.linalg.norm(tangential, axis=1) + rounding)
 
 
 def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:
@@ -427,10 +430,10 @@ def find_rounding(values: Array) -> Array:
     sizes = np.abs(values)
     with np.errstate(over="ignore"):
         single_precision = values.astype(np.float32)
-    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)
+    is_counted = (sizes < LARGEST_NUMBER) & (sizes > 1.0 / LARGEST_NUMBER)
     least_digits, _most_digits = _DIGITS
     n_digits = _count_digits(sizes[is_counted])
-    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
+    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _LEAST_VALUES:
         return np.zeros(values.shape)
     if n_digits >= least_digits and np.array_equal(
         single_precision[is_counted], values[is_counted]
@@ -442,7 +445,7 @@ def find_rounding(values: Array) -> Array:
     last_units = 10.0 ** (exponents - n_digits + 1.0)
     coarsest = float(np.max(last_units[is_counted]))
     steps = sizes[is_counted] / coarsest
-    if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
+    if np.allclose(steps, np.rint(steps), rtol=_DIGIT_TOLERANCE, atol=0.0):
         last_units = np.full(values.shape, coarsest)
     return np.where(is_counted, 0.5 * last_units, 0.0)
 
@@ -475,7 +478,7 @@ def _count_digits(sizes: Array) -> int:
     for n_digits in range(1, most_digits):
         power = 10.0 ** (n_digits - 1)
         rounded = np.rint(mantissas * power) / power
-        if np.allclose(rounded, mantissas, rtol=_EXACT, atol=0.0):
+        if np.allclose(rounded, mantissas, rtol=_DIGIT_TOLERANCE, atol=0.0):
             return n_digits
     return most_digits
 
@@ -504,7 +507,7 @@ def find_repeated(
     is_same_end = is_from_higher[contacts] == is_from_higher[twins]
     signs = np.where(is_same_end, 1.0, -1.0)[:, None]  # from the other end normals are opposite
     deviation = np.abs(normal[contacts] - signs * normal[twins])
-    has_other_normal = np.any(deviation > UNIT, axis=1)
+    has_other_normal = np.any(deviation > UNIT_TOLERANCE, axis=1)
     is_repeated = both_move[twins] | ~has_other_normal
     return contacts[is_repeated], twins[is_repeated]
 

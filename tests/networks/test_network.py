@@ -692,6 +692,10 @@ BAD = {
         lambda _: {"on_site": np.full((12, 3), 1e61)},
         "ball 0 .* ground .* 1e-60 to 1e.60 in SI",
     ),
+    "strong pull": (
+        lambda n: {"adhesive": True, "normal_force": np.full(n.n_contacts, -1e61)},
+        "contact 0 .* 1e-60 to 1e.60 in SI",
+    ),
     "range": (lambda n: {"masses": 1e-300 * n.masses}, "ball 0 .* 1e-60 to 1e.60 in SI"),
 }
 

@@ -760,6 +760,11 @@ BAD_TABLES = {
     ),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
+    "masked kind": (
+        lambda b, c: b.update(kind=np.ma.array(["a"] * 36, mask=[True] + [False] * 35)),
+        {},
+        "no name in row 0",
+    ),
     "held and kept": (None, {"held_by": -1, "keep_rattlers": True}, "held_by"),
     "endless height": (lambda b, c: b.update(z=np.full(36, np.inf)), {}, "36 with a place"),
     "two walls": (
