@@ -439,6 +439,7 @@ def find_rounding(values: Array) -> Array:
         single_precision[is_counted], values[is_counted]
     ):
         spacing = np.spacing(np.where(is_counted, np.abs(single_precision), np.float32(1.0)))
+        spacing = spacing.astype(float)
         return np.where(is_counted, 0.5 * spacing, 0.0)
     # a unit of the last digit of each value
     exponents = np.floor(np.log10(np.where(is_counted, sizes, 1.0)))
@@ -503,22 +504,24 @@ def find_repeated(
     n_balls = int(max(np.max(i, initial=0), np.max(j, initial=0))) + 1
     pair = np.where(is_from_higher, j, i) * n_balls + np.where(is_from_higher, i, j)
     step = np.where(is_from_higher[:, None], -shift, shift)
-    contacts, twins = _find_twins(pair, step)
-    is_same_end = is_from_higher[contacts] == is_from_higher[twins]
-    signs = np.where(is_same_end, 1.0, -1.0)[:, None]  # from the other end normals are opposite
-    deviation = np.abs(normal[contacts] - signs * normal[twins])
-    has_other_normal = np.any(deviation > UNIT_TOLERANCE, axis=1)
-    is_repeated = both_move[twins] | ~has_other_normal
+    seen_normal = np.where(is_from_higher[:, None], -normal, normal)
+    # normals play no part between balls that move; contacts with a wall that have the same normal
+    # must follow each other
+    key_normal = np.where(both_move[:, None], 0.0, seen_normal)
+    contacts, twins = _find_twins(pair, step, key_normal)
+    deviation = np.abs(key_normal[contacts] - key_normal[twins])
+    is_repeated = ~np.any(deviation > UNIT_TOLERANCE, axis=1)
     return contacts[is_repeated], twins[is_repeated]
 
 
-def _find_twins(pair: Index, step: Index) -> tuple[Index, Index]:
+def _find_twins(pair: Index, step: Index, normal: Array) -> tuple[Index, Index]:
     """Return the indices (m,) of contacts, and the indices (m,) of their twins, later contacts with
     the same ``pair`` and ``step``. Of three such contacts the second is the twin of the first, and
-    the third that of the second.
+    the third that of the second, in ascending order of the ``normal``, or as they are listed where
+    normals are equal.
 
-    ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
-    between them.
+    ``pair`` (n_c,) is a number of the two balls of a contact, ``step`` (n_c, 3) the cells between
+    them, and ``normal`` (n_c, 3) a vector.
     """
     by_pair = np.argsort(pair, kind="stable")
     is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
@@ -526,8 +529,11 @@ def _find_twins(pair: Index, step: Index) -> tuple[Index, Index]:
     # Only contacts whose pair has several contacts are sorted by their steps, too. There are few of
     # them, as balls rarely touch through more than one image.
     contacts = by_pair[is_as_previous | is_as_following]
-    contacts = contacts[np.lexsort((*step[contacts].T, pair[contacts]))]
+    keys = (*normal[contacts].T, *step[contacts].T, pair[contacts])  # the last key counts first
+    contacts = contacts[np.lexsort(keys)]
     has_same_pair = np.diff(pair[contacts]) == 0
     has_same_step = ~np.any(np.diff(step[contacts], axis=0), axis=1)
     is_twin = has_same_pair & has_same_step
-    return contacts[:-1][is_twin], contacts[1:][is_twin]
+    first_contacts = contacts[:-1][is_twin]
+    next_contacts = contacts[1:][is_twin]
+    return np.minimum(first_contacts, next_contacts), np.maximum(first_contacts, next_contacts)

@@ -816,6 +816,15 @@ def test_what_a_network_may_be():
     np.testing.assert_allclose(dense_frequencies(corner), [1.0, 1.0])
     with pytest.raises(gp.GranphonError, match="the same"):
         make([(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF])
+    # also if a contact with another normal stands between
+    turned = replace(corner, normal=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]))
+    fields = {
+        name: np.concatenate([getattr(corner, name), getattr(turned, name)[:1]])
+        for name in corner.contact_fields
+    }
+    fields["normal"] = np.concatenate([turned.normal, turned.normal[:1]])
+    with pytest.raises(gp.GranphonError, match=r"contacts 0 and 2 .* same"):
+        replace(turned, **fields)
 
 
 def test_a_row_of_a_lattice_is_no_array_of_the_lattice():
