@@ -850,8 +850,8 @@ def _compare_coordination(network: Any, is_held: Flags) -> Comparison:
     n_isostatic = max(n_needed, 0) / resisted_by_contact  # contacts of the network
     # a contact with a body that does not move has one end alone at a ball that is held; without
     # contacts there is no mean, and each would join two balls
-    n_ends = np.count_nonzero(is_held[network.i] & is_counted)
-    n_ends += np.count_nonzero(is_held[network.j] & is_counted)
+    n_ends = int(np.count_nonzero(is_held[network.i] & is_counted))
+    n_ends += int(np.count_nonzero(is_held[network.j] & is_counted))
     balls_of_contact = n_ends / n_contacts if n_contacts else 2.0
     contacts_of_ball = balls_of_contact * n_contacts / n_held
     isostatic_number = balls_of_contact * n_isostatic / n_held

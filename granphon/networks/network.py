@@ -829,15 +829,7 @@ class ContactNetwork(Result):
         Raises :class:`~granphon.base.errors.InputError` for what is no index of a ball, for a ball
         given twice, for no ball of a finite radius, and for another number of truth values.
         """
-        # a list of truth values says which balls are kept; any other list has indices
-        plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
-        is_list = isinstance(plain, list | tuple) and len(plain) > 0
-        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
-        if are_flags and len(plain) != self.n_balls:
-            fault = f"balls are {len(plain)} truth values, and the network has {self.n_balls} balls"
-            raise InputError(fault, mend="Give one for each ball, or the indices of balls")
-        indices = np.flatnonzero(plain) if are_flags else balls
-        kept_balls = index_array("balls", indices, self.n_balls)
+        kept_balls = self._read_selection(balls)
         new_index = np.full(self.n_balls, -1)  # -1 for balls that are left out
         new_index[kept_balls] = np.arange(kept_balls.size)
         i = new_index[self.i]
@@ -861,13 +853,34 @@ class ContactNetwork(Result):
         if self.on_site is not None:
             fields["on_site"] = self.on_site[kept_balls]
         if self.contact_model is not None:
-            kept_walls = kept_balls[np.isinf(self.radii[kept_balls])].tolist()
-            walls = self.contact_model.walls if kept_walls else ()
-            if self.kinds is not None:
-                names = {self.kinds[ball] for ball in kept_walls}
-                walls = tuple(wall for wall in walls if wall.name in names)
+            walls = self._select_walls(self.contact_model, kept_balls)
             fields["contact_model"] = replace(self.contact_model, walls=walls)
         return replace(self, **fields)
+
+    def _read_selection(self, balls: ArrayLike) -> Index:
+        """Return the indices (m,) of some ``balls``, which are given by their indices or as (n,)
+        truth values; errors are those of :meth:`select`.
+        """
+        # a list of truth values says which balls are kept; any other list has indices
+        plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
+        is_list = isinstance(plain, list | tuple) and len(plain) > 0
+        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
+        if are_flags and len(plain) != self.n_balls:
+            fault = f"balls are {len(plain)} truth values, and the network has {self.n_balls} balls"
+            raise InputError(fault, mend="Give one for each ball, or the indices of balls")
+        indices = np.flatnonzero(plain) if are_flags else balls
+        return index_array("balls", indices, self.n_balls)
+
+    def _select_walls(self, model: ContactModel, kept_balls: Index) -> tuple[Wall, ...]:
+        """Return those of the elastic walls of a contact ``model`` that are among ``kept_balls``,
+        (m,) indices: the names of kinds tell which they are, and without kinds all are returned if
+        any flat wall is kept.
+        """
+        kept_walls = kept_balls[np.isinf(self.radii[kept_balls])].tolist()
+        if self.kinds is None:
+            return model.walls if kept_walls else ()
+        names = {self.kinds[ball] for ball in kept_walls}
+        return tuple(wall for wall in model.walls if wall.name in names)
 
     @cached_property
     def piece_numbers(self) -> Index:
