@@ -401,14 +401,17 @@ def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative_ratios: Ar
     and not the force.
 
     ``relative_ratios`` (m,) are the ratios of the stiffnesses to those of the law, over the median
-    of these ratios.
+    of these ratios; nan where materials are not known. False for all contacts if most of the strong
+    ones whose ratios are known join balls that are apart, by their places.
     """
     # forces of the law at the overlaps over those of the contacts, found with the stiffness of the
     # law under the force, times the median ratio, in place of that of the contact
     force_ratios = overlaps.find_ratios(EXPONENT) / relative_ratios**EXPONENT
-    force_ratios /= np.nanmedian(force_ratios[overlaps.is_strong])
+    median_ratio = float(np.nanmedian(force_ratios[overlaps.is_strong]))
+    if not median_ratio:
+        return np.zeros(len(force_ratios), bool)
     force = network.normal_force[overlaps.contacts]
-    is_odd = _is_far(relative_ratios) & ~_is_far(force_ratios)
+    is_odd = _is_far(relative_ratios) & ~_is_far(force_ratios / median_ratio)
     return np.asarray(is_odd & (force > _LEAST_FORCE * np.mean(force)))
 
 

@@ -396,7 +396,8 @@ class _LayerStack:
 
         With ``allows_unpressed``, which is for faces of balls of different sizes, a ball of the
         face that has lost no contact stands on no floor. InputError for such a ball without
-        ``allows_unpressed``, and if no ball of the face has lost a contact.
+        ``allows_unpressed``, if no ball of the face has lost a contact, and as
+        :func:`_press_on_floor`.
         """
         p = self.shift.shape[1]  # the axis across the layers
         leads_beyond = np.minimum(self.i, self.j) < 0
@@ -423,10 +424,10 @@ class _LayerStack:
         np.add.at(floor_forces, np.searchsorted(pressed_balls, balls), signs[:, None] * forces)
         normal_force = side * floor_forces[:, p]
         springs = _press_on_floor(self.network, pressed_balls, normal_force, wall, _name_face(side))
-        tangential_force = floor_forces
-        tangential_force[:, p] = 0.0
-        if self.network.tangential_force is None:
-            tangential_force[:] = 0.0
+        tangential_force = np.zeros(floor_forces.shape)
+        if self.network.tangential_force is not None:
+            axes_along = np.arange(3) != p
+            tangential_force[:, axes_along] = floor_forces[:, axes_along]
         return _Floor(side, pressed_balls, springs | {"tangential_force": tangential_force})
 
 

@@ -676,6 +676,7 @@ def write_tables(
         text_of_balls = frame_text(columns_of_balls | shown, network, fields_of_whole)
     else:
         _require_readable_kinds(network.kinds or ())
+        # the text of a table begins each comment with "# "
         remark = _REMARK_PREFIX.removeprefix("# ") + json.dumps(fields_of_whole)
         text_of_balls = _columns_text(columns_of_balls, BALLS, [remark])
     if _is_frame(contacts):
