@@ -903,17 +903,17 @@ class _Joined:
         stiffnesses, and there is no material from which they follow.
         """
         contacts = self.contacts
-        lacking = ["normal_force"] if self.normal_force is None else []
+        missing_names = ["normal_force"] if self.normal_force is None else []
         names = ["normal_stiffness"]
         if completion.friction:
             names.append("shear_stiffness")
-        lacking += [name for name in names if getattr(contacts, name) is None]
-        if not lacking or completion.material is not None:
+        missing_names += [name for name in names if getattr(contacts, name) is None]
+        if not missing_names or completion.material is not None:
             return
         mend = "Give the material of the balls, from which they follow, or the columns"
-        if lacking == ["shear_stiffness"]:
+        if missing_names == ["shear_stiffness"]:
             mend = "Give the column, the material of the balls, or friction=False"
-        problem = f"{contacts.name} has no {', '.join(lacking)}, and no material is given"
+        problem = f"{contacts.name} has no {', '.join(missing_names)}, and no material is given"
         raise InputError(problem, mend=mend)
 
     def _find_rolling_springs(self, shear: Array) -> tuple[Array, Array]:

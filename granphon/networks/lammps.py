@@ -81,7 +81,8 @@ _WALLS = "walls"
 _WALL_ARMS = "wall_arms"
 #: the word for forces of walls that act amid the overlap; they act at the radius otherwise
 _AMID_OVERLAP = "middle"
-#: greatest relative difference of stiffnesses that are of one material: files round forces
+#: greatest relative difference of stiffnesses that are of one material, and of moments of inertia
+#: that are those of solid balls: files round numbers
 _SPRING_TOLERANCE = 1e-3
 
 
@@ -550,9 +551,9 @@ def require_columns(frame: Frame, names: Sequence[str], mend: str) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless a frame has columns of these
     ``names``; the message has the advice ``mend``.
     """
-    lacking = [name for name in names if name not in frame.names]
-    if lacking:
-        fault = f"{frame.name} has no column {' and no column '.join(lacking)}"
+    missing_names = [name for name in names if name not in frame.names]
+    if missing_names:
+        fault = f"{frame.name} has no column {' and no column '.join(missing_names)}"
         raise InputError(fault, f"Its columns are {list_names(frame.names)}", mend)
 
 
@@ -751,9 +752,10 @@ def _warn_of_lost(network: Any) -> None:
     is_at_wall = np.isinf(network.radii[network.j])
     losses = list[str]()
     if network.ball_motions.rotate:
-        balls = network.moving & np.isfinite(network.radii)
-        solid = SOLID_INERTIA * network.masses[balls] * network.radii[balls] ** 2
-        if not np.allclose(network.inertias[balls], solid, rtol=_SPRING_TOLERANCE, atol=0.0):
+        balls = np.flatnonzero(network.moving)
+        solid_inertias = SOLID_INERTIA * network.masses[balls] * network.radii[balls] ** 2
+        deviations = np.abs(network.inertias[balls] - solid_inertias)
+        if np.any(deviations > _SPRING_TOLERANCE * solid_inertias):
             losses.append("moments of inertia, which are not those of solid balls")
     if network.contact_torque is not None and np.any(network.contact_torque[is_at_wall]):
         losses.append("static torques of contacts with flat walls")

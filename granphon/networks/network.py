@@ -811,6 +811,7 @@ class ContactNetwork(Result):
             fault = "all balls of the network are rattlers, which carry no load"
             why = "Each has fewer contacts than can hold it, or is left so by others"
             mend = ""
+            # less than the number that has left no ball; the default one is not above this
             n_most = self.dimension + 1 if n_holding is None else n_holding - 1
             holding = find_most_held_by(self, n_most)
             if holding:
@@ -1621,8 +1622,8 @@ def _read_periods(pbc: Any) -> tuple[bool, ...]:
 
 
 def _find_mean(values: Array) -> float:
-    """Return the mean of ``values`` (m,): their first value plus the mean of the differences from
-    it, which is exact where all values are equal.
+    """Return the mean of ``values`` (m,), of which there is one or more: their first value plus the
+    mean of the differences from it, which is exact where all values are equal.
     """
     return float(values[0] + np.mean(values - values[0]))
 
