@@ -38,6 +38,7 @@ from granphon.networks.sources import (
     Contacts,
     Reading,
     are_across,
+    are_independent,
     find_errors_of_overlaps,
     find_repeated,
     find_rounding,
@@ -339,8 +340,7 @@ class Source:
         is_in_range = (lengths < LARGEST_NUMBER) & ((lengths > 1.0 / LARGEST_NUMBER) | ~self.pbc)
         if not np.all(is_in_range):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
-        periods = self.cell[np.flatnonzero(pbc)]
-        if len(periods) and np.linalg.matrix_rank(periods) < len(periods):
+        if not are_independent(self.cell[pbc]):
             problem = "the periodic vectors of the cell are not independent of each other"
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
         if np.all(self.balls.radii == np.inf):

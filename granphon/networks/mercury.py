@@ -169,20 +169,20 @@ def read_mercury(
     if not len(state.balls.radii):
         raise InputError(f"{state.name} has no ball at the time {state.time:g} s")
     contact_frame = _Fstat.open(fstat, "entries").find(state.time)
-    contacts, fixed = _read_contacts(contact_frame, state.balls, springs)
+    contacts, is_fixed = _read_contacts(contact_frame, state.balls, springs)
     balls = state.balls
     notes = [
         *state.notes,
         f"{contact_frame.name}: not read, as they play no part: time, x, y, z, slip.",
     ]
     if balls.masses is None:  # of a file .data
-        if frozen is None and np.any(fixed):
-            listed = list_names(map(str, np.flatnonzero(fixed).tolist()))
+        if frozen is None and np.any(is_fixed):
+            listed = list_names(map(str, np.flatnonzero(is_fixed).tolist()))
             notes.append(
                 f"{contact_frame.name} has the contacts of some balls from the other ball alone:"
                 f" these do not move: {listed}."
             )
-            balls = replace(balls, still=fixed)
+            balls = replace(balls, still=is_fixed)
         notes.append(
             f"{contact_frame.name} does not say how many contacts it has: the file .restart does,"
             f" by which a file that is cut between two lines is told."

@@ -59,6 +59,7 @@ from granphon.networks.sources import (
     Completion,
     CompletionOptions,
     Reading,
+    are_independent,
     find_repeated,
     read_whole_numbers,
 )
@@ -69,8 +70,6 @@ if TYPE_CHECKING:
 Found = TypeVar("Found")
 #: fields of whole numbers
 _WHOLE_NUMBER_FIELDS = ("i", "j", "shift", "labels")
-#: least volume, or area, that periods span, over the product of their lengths
-_LEAST_VOLUME = 1e-9
 #: memory that is taken to repeat or to cut a network, and to check the result, over the memory of
 #: the arrays of the result
 _COPIES = 4.5
@@ -360,14 +359,9 @@ class ContactNetwork(Result):
                     f" in {self.dimension} dimensions, and is periodic",
                     mend="Let it lie there, or let pbc be false",
                 )
-        if np.count_nonzero(self.pbc) > 1:
-            periods = self.cell[list(self.pbc)]
-            directions = periods / np.linalg.norm(periods, axis=1, keepdims=True)
-            # the area or volume that unit vectors along the periods span
-            volume = np.prod(np.linalg.svd(directions, compute_uv=False))
-            if volume < _LEAST_VOLUME:
-                fault = "the periodic vectors of the cell are not independent of each other"
-                raise InputError(fault, mend="Give other vectors, or let pbc be false")
+        if not are_independent(self.cell[list(self.pbc)]):
+            fault = "the periodic vectors of the cell are not independent of each other"
+            raise InputError(fault, mend="Give other vectors, or let pbc be false")
 
     def _check_repeated(self) -> None:
         """Raise InputError if a contact is listed twice, from one end or from both; a wall may
@@ -655,8 +649,8 @@ class ContactNetwork(Result):
         far from balance that the balls still move: the :attr:`residual_forces` on the ball are
         5e-3 of the mean force of a contact or more.
 
-        A network without a period along some axis is not judged: walls that are not in a file may
-        hold its balls there.
+        A network with springs to the ground is not judged, and neither is one without a period
+        along some axis: walls that are not in a file may hold its balls there.
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return

@@ -21,6 +21,8 @@ from granphon.networks.faults import FAULT_ACTIONS, Faults
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within
 #: the range of floats
 LARGEST_NUMBER = 1e60
+#: least volume, or area, that periods span, over the product of their lengths
+_LEAST_VOLUME = 1e-9
 #: greatest number of cells between two balls
 MOST_STEPS = 1_000_000_000
 #: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
@@ -348,6 +350,15 @@ def are_across(tangential: Array, normal: Array, normal_force: Array | float) ->
     along = np.abs(np.einsum("ca,ca->c", tangential, normal))
     rounding = _LEAST_ALONG * np.abs(normal_force) + np.finfo(float).tiny
     return np.asarray(along <= _ALONG_TOLERANCE * np.linalg.norm(tangential, axis=1) + rounding)
+
+
+def are_independent(periods: Array) -> bool:
+    """Whether no one of the ``periods`` (p, 3), m, each of which is longer than zero, is a sum of
+    multiples of the others: the volume or area that unit vectors along them span is
+    :data:`_LEAST_VOLUME` or more.
+    """
+    directions = periods / np.linalg.norm(periods, axis=1, keepdims=True)
+    return bool(np.prod(np.linalg.svd(directions, compute_uv=False)) >= _LEAST_VOLUME)
 
 
 def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:

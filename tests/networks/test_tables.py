@@ -950,6 +950,20 @@ def test_nearest_images_in_an_oblique_cell(lattice, n_tilts):
     np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)
 
 
+def test_periods_of_very_different_lengths_are_independent():
+    """A row beside whose images nothing is; its twin in the class asks for the same."""
+    row = {"x": [0.0, 2.0], "y": [0.0, 0.0], "radius": [1.0, 1.0], "mass": [1.0, 1.0]}
+    contacts = {"i": [0, 1], "j": [1, 0], "shift_1": [0, 1], "shift_2": [0, 0], "shift_3": [0, 0]}
+    contacts |= {"normal_force": [1.0] * 2, "normal_stiffness": [1.0] * 2}
+    network = gp.ContactNetwork.from_table(row, contacts, cell=[4.0, 4e20], friction=False)
+    assert network.pbc == (True, True, False)
+    oblique = [[4.0, 0.0], [4e20, 4.0]]
+    with pytest.raises(InputError, match="not independent"):
+        gp.ContactNetwork.from_table(row, contacts, cell=oblique, friction=False)
+    with pytest.raises(InputError, match="not independent"):
+        replace(network, cell=np.pad(oblique, ((0, 1), (0, 1))))
+
+
 def test_a_ball_that_touches_its_own_image_does_so_once():
     """One direction leads there as well as the other; two such contacts are not told apart without
     shifts.
