@@ -1018,18 +1018,18 @@ def _judge_errors(
     errors come from the rounding of the overlaps of the source, or else of its places and radii.
     Smaller errors have a warning of their own (:mod:`granphon.networks.consistency`).
     """
-    rounded = f"places of {balls.name}" if contacts.overlap is None else "the overlaps"
-    _greatest, error = _find_errors(contacts, balls, pairs)
-    if not error.size:
+    rounded_things = f"places of {balls.name}" if contacts.overlap is None else "the overlaps"
+    _greatest_errors, errors = _find_errors(contacts, balls, pairs)
+    if not errors.size:
         return
-    force_error = float(np.sum(find_force(error) - find_force(-error))) / 2.0
+    force_error = float(np.sum(find_force(errors) - find_force(-errors))) / 2.0
     total_force = float(np.sum(find_force()))
     if force_error <= _MOST_ERROR * total_force:  # both may be zero, of balls that just touch
         return
     error_share = min(force_error / total_force, 1.0) if total_force else 1.0
     raise InputError(
         f"{contacts.name} has no forces, and those of the overlaps are off by {error_share:.0%}, as"
-        f" {rounded} are rounded: {float(np.max(error)):.2g} m in an overlap",
+        f" {rounded_things} are rounded: {float(np.max(errors)):.2g} m in an overlap",
         "An overlap is a small difference of places",
         "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the"
         " forces",
@@ -1043,8 +1043,8 @@ def _find_errors(contacts: Contacts, balls: Balls, pairs: _Pairs) -> tuple[Array
     if contacts.overlap is None:
         return _find_errors_of_places(balls, pairs)
     # rounding errors are uniform up to the greatest one: the standard error is that over root 3
-    greatest = find_rounding(contacts.overlap)
-    return greatest, greatest / math.sqrt(3.0)
+    greatest_errors = find_rounding(contacts.overlap)
+    return greatest_errors, greatest_errors / math.sqrt(3.0)
 
 
 def _find_errors_of_places(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
@@ -1064,8 +1064,8 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
     to one, or no pair counts, single overlaps are compared (:func:`_warn_of_single_overlaps`).
     """
     assert contacts.overlap is not None
-    greatest, _standard = _find_errors_of_places(balls, pairs)
-    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_DEVIATION > greatest)
+    greatest_errors, _standard_errors = _find_errors_of_places(balls, pairs)
+    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_DEVIATION > greatest_errors)
     if np.any(is_clear):
         ratio = float(np.median(contacts.overlap[is_clear] / pairs.overlap[is_clear]))
         if abs(ratio - 1.0) >= _LEAST_DEVIATION:
@@ -1073,24 +1073,25 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
             mend = "Compare their units, and those of places and radii"
             warn_caller(message(fault, mend=mend), InconsistencyWarning)
             return
-    _warn_of_single_overlaps(contacts, pairs, greatest)
+    _warn_of_single_overlaps(contacts, pairs, greatest_errors)
 
 
-def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array) -> None:
+def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest_errors: Array) -> None:
     """Warn of overlaps of the source that are more than ten times those of places and radii, or
     less than a tenth.
 
-    Rounding may leave errors up to ``greatest`` (n_c,), m, in the overlaps of places and radii: a
-    contact is told only if no such error explains the factor. A contact whose overlaps are both
-    small beside the others is not told either.
+    Rounding may leave errors up to ``greatest_errors`` (n_c,), m, in the overlaps of places and
+    radii: a contact is told only if no such error explains the factor. A contact whose overlaps are
+    both small beside the others is not told either.
     """
     assert contacts.overlap is not None
     overlap = np.maximum(contacts.overlap, 0.0)
     # the overlaps of places and radii, with the greatest errors
-    lowest = np.maximum(pairs.overlap - greatest, 0.0)
-    highest = np.maximum(pairs.overlap + greatest, 0.0)
-    is_far = (overlap > _MOST_FACTOR * highest) | (lowest > _MOST_FACTOR * overlap)
-    is_large = np.maximum(overlap, lowest) > _find_least_size(overlap)
+    least_overlap = np.maximum(pairs.overlap - greatest_errors, 0.0)
+    greatest_overlap = np.maximum(pairs.overlap + greatest_errors, 0.0)
+    is_too_large = overlap > _MOST_FACTOR * greatest_overlap
+    is_far = is_too_large | (least_overlap > _MOST_FACTOR * overlap)
+    is_large = np.maximum(overlap, least_overlap) > _find_least_size(overlap)
     odd_rows = np.flatnonzero(pairs.has_overlap & is_far & is_large)
     if not odd_rows.size:
         return
@@ -1116,8 +1117,8 @@ def _warn_of_open(
     that is not small beside the forces of other contacts, even at the least overlap that rounding
     allows.
     """
-    greatest, _standard = _find_errors(contacts, balls, pairs)
-    force_of_law = _find_force_of_overlap(coefficient, pairs.overlap, -greatest)
+    greatest_errors, _standard_errors = _find_errors(contacts, balls, pairs)
+    force_of_law = _find_force_of_overlap(coefficient, pairs.overlap, -greatest_errors)
     is_large = force_of_law > _find_least_size(np.abs(force))
     odd_rows = np.flatnonzero(pairs.has_overlap & (force == 0.0) & is_large)
     if not odd_rows.size:

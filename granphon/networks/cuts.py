@@ -101,7 +101,8 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     wall of a known material. Both walls have one name. Contacts keep their forces, and get the
     stiffnesses of balls on the new wall.
 
-    InputError if the network names no kinds, and also has contacts with other flat walls.
+    InputError if the network names no kinds, and also has contacts with other flat walls, and as
+    :func:`name_kinds`.
     """
     model = network.contact_model
     is_wall = np.isinf(network.radii)

@@ -353,9 +353,9 @@ def are_across(tangential: Array, normal: Array, normal_force: Array | float) ->
 
 
 def are_independent(periods: Array) -> bool:
-    """Whether no one of the ``periods`` (p, 3), m, each of which is longer than zero, is a sum of
-    multiples of the others: the volume or area that unit vectors along them span is
-    :data:`_LEAST_VOLUME` or more.
+    """Whether the ``periods`` (p, 3), m, each longer than zero, are independent, and not nearly
+    dependent: the volume or area that unit vectors along them span is :data:`_LEAST_VOLUME` or
+    more. A single period, or none, is independent.
     """
     directions = periods / np.linalg.norm(periods, axis=1, keepdims=True)
     return bool(np.prod(np.linalg.svd(directions, compute_uv=False)) >= _LEAST_VOLUME)
@@ -472,13 +472,13 @@ def find_errors_of_overlaps(
     m; ``normal`` is (n_c, 3).
     """
     weights = np.abs(normal[:, : rounding.shape[1]])  # of the error along each axis
-    greatest = np.einsum("ca,ca->c", weights, rounding[i] + rounding[j])
-    greatest = greatest + radius_rounding[i] + radius_rounding[j]
+    greatest_errors = np.einsum("ca,ca->c", weights, rounding[i] + rounding[j])
+    greatest_errors = greatest_errors + radius_rounding[i] + radius_rounding[j]
     squares = np.einsum("ca,ca->c", weights**2, rounding[i] ** 2 + rounding[j] ** 2)
     squares = squares + radius_rounding[i] ** 2 + radius_rounding[j] ** 2
     # each rounding error is uniformly distributed up to the greatest one: its variance is a third
     # of the square of the greatest
-    return greatest, np.sqrt(squares / 3.0)
+    return greatest_errors, np.sqrt(squares / 3.0)
 
 
 def _count_digits(sizes: Array) -> int:
