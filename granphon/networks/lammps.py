@@ -841,7 +841,10 @@ def _write_box(network: Any) -> str:
     cell[is_open] = np.eye(3)[is_open]
     if np.any(np.triu(cell, 1)) or not np.all(np.diag(cell) > 0.0):
         fault = f"the cell of the network is {network.cell.tolist()} m"
-        why = "In a dump the first vector lies along x, and the second in the xy plane"
+        why = (
+            "In a dump the first vector lies along x, the second in the xy plane, and each leads"
+            " upwards along its own axis"
+        )
         raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
     inverse = np.linalg.inv(cell)
     # coordinates along the sides of the box, in m along open axes, and how far radii reach

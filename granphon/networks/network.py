@@ -1536,11 +1536,11 @@ class ContactNetwork(Result):
         :meth:`write_tables` keeps all of these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
-        x or whose second one leaves the xy plane, for what is no name of a file, for two names of
-        one file, for ``labels`` of the size 2^53 or more, which could not be read again, and for
-        negative ``labels`` that the reader gives to walls; and
-        OutputError for files that are there and are not such dumps of granphon's own, as dumps of
-        LAMMPS, and if a file cannot be written. Neither file is written then.
+        x, whose second one leaves the xy plane, or of which one leads down along its own axis, for
+        what is no name of a file, for two names of one file, for ``labels`` of the size 2^53 or
+        more, which could not be read again, and for negative ``labels`` that the reader gives to
+        walls; and OutputError for files that are there and are not such dumps of granphon's own, as
+        dumps of LAMMPS, and if a file cannot be written. Neither file is written then.
         """
         from granphon.networks.lammps import write_dumps
 
