@@ -291,7 +291,7 @@ def test_measured_points_stand_in_every_panel(many):
     for ax in panels(figure):
         (bars,) = ax.containers
         assert_array_equal(bars.lines[0].get_xydata(), [[2.0, 500.0], [20.0, 700.0]])
-    with pytest.raises(InputError, match="several results"):
+    with pytest.raises(InputError, match="one sweep"):
         comparison_figure([data, data.isel(load=[0])], rows="width")
 
 

@@ -410,3 +410,50 @@ def test_whole_ratios_are_numbers_in_legends(name):
     assert describe_parameter(name, 1) == (name, f"{name} 1")
     assert describe_parameter(name, 0.25) == (name, f"{name} 0.25")
     assert describe_parameter(name, "mindlin") == (name, f"{name} of Mindlin")
+
+
+# -- edges -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", " ", 0, [], ["force"], 3])
+def test_what_is_no_name_is_refused(widths, ax, name):
+    with pytest.raises(InputError, match=r"x: .*a name"):
+        plot_sweep(widths, ax, x=name)
+    for option in ("rows", "columns"):
+        with pytest.raises(InputError, match=f"{option}: .*a name"):
+            sweep_figure(widths, **{option: name})
+
+
+def test_an_unknown_variable_is_told_with_the_names_that_can_be_drawn(widths, ax):
+    with pytest.raises(InputError, match="Did you mean pressure"):
+        plot_sweep(widths, ax, x="presure")
+    with pytest.raises(InputError, match=r"Use .*pressure") as refusal:
+        plot_sweep(widths, ax, "nothing")
+    assert "regime" not in str(refusal.value)  # a word, which is no curve
+
+
+def test_a_direction_that_a_variable_does_not_have_is_not_told():
+    data = sweep(PACKING, force=FORCE[:2], media=("ala", "ema"), direction=[(1, 0), (0, 1)])
+    one = data.isel(direction=[0])
+    assert "along (1, 0)" in sweep_figure(one).get_suptitle().replace("\xa0", " ")
+    for columns in (None, "medium"):
+        assert sweep_figure(one, variable="bulk", columns=columns).get_suptitle() == ""
+
+
+def test_velocities_and_exponents_that_are_known_nowhere_are_left_out(media):
+    unknown = media["transverse"] * np.nan
+    upper, _ = sweep_figure(media.assign(transverse=unknown)).axes
+    gids = {line.get_gid() for line in upper.lines}
+    assert "longitudinal-all" in gids
+    assert "transverse-all" not in gids
+    (alone,) = sweep_figure(media.assign(exponent=unknown)).axes
+    assert len(drawn(alone, "longitudinal-all")) == 3
+    (stiffness,) = sweep_figure(media.assign(longitudinal=unknown, transverse=unknown)).axes
+    assert len(drawn(stiffness, "normal_stiffness-all")) == 3
+
+
+def test_single_loads_are_points_in_the_legend_too(media, ax):
+    plot_sweep(media.isel(load=[0]), ax)
+    handles = ax.get_legend().legend_handles[:3]
+    assert [handle.get_marker() for handle in handles] == ["o"] * 3
+    assert [handle.get_linestyle() for handle in handles] == ["None"] * 3
