@@ -97,11 +97,11 @@ _ONE_LINE = 1e-6
 #: width of a line, and of branches that are zero, in points, and the number of coinciding branches
 #: that widen the lower ones
 _WIDTH = 1.5
-_THIN = 0.6
+_WIDTH_OF_ZERO = 0.6
 _MOST_WIDENED = 3
 #: greatest number of branches whose lines have this width, as they cover a third of the height of a
 #: column; and the least part of the width, with which a line is still printed
-_MOST_WIDE = 30
+_MOST_WIDE_BRANCHES = 30
 _LEAST_PART = 0.15
 #: sides of the inset of the zone, in parts of the axes, large first; side above the lines, and its
 #: distance from the frame
@@ -155,9 +155,10 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ribbon is a line with two ends.
 
     Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along no period
-    and has no zone, and in space for a ``view`` that is no View. In the plane and on a line
-    ``view`` is not used.
+    and has no zone, and for a ``view`` that is no View. A zone on a line or in a plane looks the
+    same from every ``view``.
     """
+    chosen_view = read_view(view)
     repeats = np.asarray(bands.pbc)  # of each vector of the cell
     if not np.any(repeats):
         raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
@@ -168,9 +169,9 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ends = ends_of_segments[..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
-        view = read_view(view, _choose_view(ends.reshape(-1, 3), faces))
-        outline = _draw_zone_in_space(ax, faces, view)
-        paper_ends = view.project(ends)
+        view_of_zone = chosen_view or _choose_view(ends.reshape(-1, 3), faces)
+        outline = _draw_zone_in_space(ax, faces, view_of_zone)
+        paper_ends = view_of_zone.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
         style: dict[str, Any] = {"facecolor": "white", "edgecolor": "0.3", "linewidth": 0.7}
@@ -573,9 +574,9 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
 
     Lines of branches that coincide must all be seen: a branch is a step wider for each later
     branch that is closer than ``least`` both at a point and at one of its neighbours, up to
-    ``_MOST_WIDENED`` steps. A branch that is below ``least`` at all points, and so is zero, is a
-    thin line. If there are more than ``_MOST_WIDE`` branches, lines are thinner the more branches
-    there are, except where ``is_wide`` (p, b).
+    ``_MOST_WIDENED`` steps. A branch that is at most ``least`` at all points, and so is zero, is a
+    thin line. If there are more than ``_MOST_WIDE_BRANCHES`` branches, lines are thinner the more
+    branches there are, down to the part ``_LEAST_PART``, except where ``is_wide`` (p, b).
     """
     differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
     is_close = differences <= least
@@ -584,11 +585,11 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
     coincide = coincide_between[1:] | coincide_between[:-1]
     n_later = np.triu(coincide, 1).sum(axis=2)  # (p, b)
     # many branches would be a solid block
-    part = max(min(_MOST_WIDE / frequencies.shape[1], 1.0), _LEAST_PART)
+    part = max(min(_MOST_WIDE_BRANCHES / frequencies.shape[1], 1.0), _LEAST_PART)
     base_widths = _WIDTH * np.where(is_wide, 1.0, part)
     widths = base_widths * (1.0 + np.minimum(n_later, _MOST_WIDENED))
     is_zero = np.all(frequencies <= least, axis=0)  # (b,)
-    widths[:, is_zero] = min(_THIN, part * _WIDTH)
+    widths[:, is_zero] = min(_WIDTH_OF_ZERO, part * _WIDTH)
     return np.asarray(widths)
 
 
@@ -632,7 +633,7 @@ def plot_asymptotes(
 
     Raises :class:`~granphon.base.errors.InputError` for what is neither velocities nor a lattice,
     for velocities at several loads or along several directions, for those of a crystal in space,
-    and for a ``reach`` that is not above zero.
+    for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix.
     """
     if not isinstance(velocities, Asymptotes):
         raise InputError(
@@ -735,7 +736,8 @@ def plot_dos(
     standard errors (n,), 1/Hz, of the total under "total" in ``errors``, nan where unknown, are a
     grey field about the line; ``errors`` of other names are not drawn.
 
-    Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
+    Raises :class:`~granphon.base.errors.InputError` for ``errors`` that are no mapping, a total of
+    another shape there, and a ``unit`` that is no HertzPrefix.
     """
     unit = _read_unit(unit, dos)
     frequency = dos.frequencies / unit.hertz
@@ -827,8 +829,10 @@ def bands_figure(
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
     cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk``,
-    ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` as the errors of
-    :func:`plot_dos`. Raises :class:`~granphon.base.errors.InputError` if both are left out.
+    ``edges`` and ``errors`` are as in :func:`plot_bands`, without which they have no effect, and
+    ``dos_errors`` as the errors of :func:`plot_dos`. Raises
+    :class:`~granphon.base.errors.InputError` if both bands and densities are left out, and what
+    :func:`plot_bands` and :func:`plot_dos` raise.
     """
     main_result = dos if bands is None else bands
     if main_result is None:

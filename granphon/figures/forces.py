@@ -35,7 +35,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, one_of
+from granphon.base.validation import finite_array, one_of, require_instance
 from granphon.figures.style import (
     BLUE,
     GUIDE,
@@ -53,8 +53,8 @@ from granphon.phonons.phonopy_atoms import number_kinds
 
 #: colours of balls that move, of balls that do not, and of walls and contacts without force
 _BALL = "0.95"
-_STILL = "0.75"
-_IDLE = "0.55"
+_FIXED_BALL = "0.75"
+_WALL = "0.55"
 #: colours of balls of several masses, whose kinds are not known
 _TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
 #: largest distance of a ball from the layer that is drawn, in diameters
@@ -132,7 +132,8 @@ def plot_forces(
         or "auto", all contacts of arrays of up to 48 diameters, and the density of larger arrays,
         whose lines would be too thin to be told apart.
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
-        by default the 24 diameters in the middle.
+        by default the 24 diameters in the middle. It has no effect if all contacts or the density
+        are shown.
     color : what the balls of a network are coloured by; None for their kinds. "force" is the mean
         normal force of the contacts of each ball, "contacts" their number, and "overlap" their mean
         overlap, found from the places of balls; the overlap with a flat wall, which places do not
@@ -144,9 +145,10 @@ def plot_forces(
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
     :class:`~granphon.base.errors.InputError` for another word of ``show`` or ``color``, a color of
-    a sample, numbers that are not one of each ball, a window without a ball, a network without a
-    contact, and an object that is neither a sample nor a network; and what
-    :func:`~granphon.find_nonaffine` raises for the colors that need it.
+    a sample, numbers that are not finite or not one of each ball, "spin" of balls that do not turn
+    about z, a ``window`` that is not four edges in order, a window without a ball or a contact, a
+    network without a contact whose density is not shown, and an object that is neither a sample nor
+    a network; and what :func:`~granphon.find_nonaffine` raises for the colors that need it.
     """
     one_of("show", show, _SHOWS)
     source: Any = sample
@@ -164,7 +166,8 @@ def plot_forces(
         values = _BallValues.of(sample, color).take(layer.indices)
         layer = replace(layer, colours=values.find_colours(), kinds={})
     view = _choose_view(layer, window) if show == "auto" else show
-    edges = _choose_window(layer, window) if view == "window" else layer.edges
+    edges_of_window = _choose_window(layer, window)  # refuses a wrong window in all views
+    edges = edges_of_window if view == "window" else layer.edges
     if ax is None:
         is_default_window = view == "window" and window is None
         with styled_figure(_find_height(layer, is_default_window=is_default_window)) as new_figure:
@@ -405,7 +408,7 @@ def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, 
 def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these ``edges``, the left, lower, right and upper one, and the
     balls if there are few; return the lines of the contacts. InputError if there is no contact at
-    all, and if no ball or contact is between the edges.
+    all, and if no ball, or no contact within a diameter, is between the edges.
     """
     lines, forces_of_lines = layer.find_lines()
     if not forces_of_lines.size:
@@ -420,9 +423,9 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     is_inside = np.all((layer.places + radii > low) & (layer.places - radii < high), axis=1)
     if not np.any(is_inside) or not forces.size:
         unit = "diameters" if layer.network is None else "m"
-        raise InputError(
-            "no ball of the array is in the window", mend=f"Give edges inside the array, in {unit}"
-        )
+        thing = "contact" if np.any(is_inside) else "ball"
+        problem = f"no {thing} of the array is in the window"
+        raise InputError(problem, mend=f"Give edges inside the array, in {unit}")
     if np.count_nonzero(is_inside) <= _MOST_BALLS:
         _draw_balls(layer, is_inside, ax)
     if layer.network is not None:
@@ -436,7 +439,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     if greatest_force > 0.0:
         chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, greatest_force))
     else:
-        chains.set(color=_IDLE)
+        chains.set(color=_WALL)
     ax.add_collection(chains, autolim=False)
     return chains
 
@@ -490,7 +493,7 @@ def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
     along_wall = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     half = 0.5 * network.radii[network.i[is_wall], None] * along_wall
     pieces = np.stack([touch - half, touch + half], axis=1)
-    walls = LineCollection(list(pieces), colors=_IDLE, linewidths=1.0, gid="walls")
+    walls = LineCollection(list(pieces), colors=_WALL, linewidths=1.0, gid="walls")
     ax.add_collection(walls, autolim=False)
 
 
@@ -712,7 +715,7 @@ def _colour_balls(network: ContactNetwork, indices: NDArray[np.intp]) -> tuple[d
     each mass, by which the colours are named, unless there are more masses than tints.
     """
     is_moving = network.moving[indices]
-    colours = np.full(len(indices), _STILL, dtype=object)
+    colours = np.full(len(indices), _FIXED_BALL, dtype=object)
     names = np.array(network.kinds or [""] * network.n_balls, object)
     colours_of_kinds = colour_kinds(names[network.moving])
     if colours_of_kinds:
@@ -828,9 +831,10 @@ def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:
 
     Dashed lines are the second orders, 1 + a cos 2(theta - theta_0), which the tensors
     ``network.fabric`` and ``network.force_fabric`` give. If ``ax`` is not given, a new figure, one
-    column wide, is made. Raises :class:`~granphon.base.errors.InputError` for a network on a line
-    or in space, without contacts, or without forces.
+    column wide, is made. Raises :class:`~granphon.base.errors.InputError` for what is no network,
+    and for a network on a line or in space, without contacts, or without forces.
     """
+    require_instance("network", network, ContactNetwork, "Give a gp.ContactNetwork")
     if network.dimension != 2:
         fault = f"the balls of the network are in {counted(network.dimension, 'dimension')}"
         raise InputError(fault, "One angle is the direction of a contact in a plane")

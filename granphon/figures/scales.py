@@ -129,8 +129,8 @@ POLARISATION = LinearSegmentedColormap.from_list(
 )
 #: least and largest value of a logarithmic axis: squares of values beyond them are beyond floating
 #: point
-_LEAST = 1e-150
-_LARGEST = 1e150
+_LEAST_LOGARITHMIC = 1e-150
+_LARGEST_LOGARITHMIC = 1e150
 #: greatest number of letters of a label in a legend of this number of columns
 _LETTERS_OF_COLUMNS = {3: 9, 2: 24}
 #: values of an axis, or ticks and their limits, that differ by less than this part are equal
@@ -139,8 +139,8 @@ _ROUNDING = 1e-9
 _PIXELS_PER_INCH = 120
 #: least number of plain ticks of a logarithmic axis
 _LEAST_TICKS = 4
-#: least number of plain ticks of a logarithmic axis in a small panel
-_FEW_TICKS = 3
+#: least number of ticks of an axis in a small panel
+_LEAST_TICKS_OF_PANEL = 3
 #: mean width of a digit, as a part of the size of its font
 _LETTER_WIDTH = 0.6
 #: height of a row of a legend, in inches
@@ -168,9 +168,9 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         return
     lowest = finite_values.min()
     largest = finite_values.max()
-    if lowest < _LEAST or largest > _LARGEST:
+    if lowest < _LEAST_LOGARITHMIC or largest > _LARGEST_LOGARITHMIC:
         problem = f"the {which} axis cannot reach from {lowest:.4g} to {largest:.4g}"
-        why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
+        why = f"An axis goes from {_LEAST_LOGARITHMIC:g} to {_LARGEST_LOGARITHMIC:g} at most"
         raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis = find_axis(ax, which)
@@ -183,17 +183,20 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
 def thin_ticks(ax: Axes) -> None:
     """Replace the ticks of an Axes that stands in a small panel: a logarithmic axis with plain
-    numbers has fewer, whose texts do not overlap, and a linear axis has ``_FEW_TICKS`` at least.
+    numbers has fewer, whose texts do not overlap, and a linear axis has three at least where its
+    values allow. Axes with ticks of their own keep them.
     """
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), _PlainTicks):
             # texts of the axis of y stand above each other, so that their width does not count
             letter = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
-            axis.set_major_locator(_PlainTicks(least=_FEW_TICKS, letter=letter))
-            axis.set_minor_locator(_PlainTicks(minor=True, least=_FEW_TICKS))
+            axis.set_major_locator(_PlainTicks(least=_LEAST_TICKS_OF_PANEL, letter=letter))
+            axis.set_minor_locator(_PlainTicks(minor=True, least=_LEAST_TICKS_OF_PANEL))
         elif isinstance(axis.get_major_locator(), AutoLocator):
             steps = [1, 2, 2.5, 5, 10]
-            axis.set_major_locator(MaxNLocator("auto", steps=steps, min_n_ticks=_FEW_TICKS))
+            axis.set_major_locator(
+                MaxNLocator("auto", steps=steps, min_n_ticks=_LEAST_TICKS_OF_PANEL)
+            )
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:

@@ -239,8 +239,8 @@ def plot_slowness_surface(
     if periods != 3:
         problem = f"the {crystal_state.name} has {counted(periods, 'period')}"
         raise InputError(problem, "Surfaces belong to three", "Use plot_slowness")
-    # the octant of positive x, y, z faces the viewer
-    view = read_view(view, View(32.0, 24.0))
+    # by default the octant of positive x, y, z faces the viewer
+    view = read_view(view) or View(32.0, 24.0)
     directions = _make_mesh()
     slowness, longitudinal, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
     shape = (*directions.shape[:2], 3)  # three waves in each direction

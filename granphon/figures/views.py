@@ -41,16 +41,15 @@ def read_angle(name: str, value: Any, unit: str) -> float:
     return angle
 
 
-def read_view(view: Any, default: View) -> View:
-    """Return the ``view`` that a user gives, ``default`` for None; InputError for what is no
-    view.
+def read_view(view: Any) -> View | None:
+    """Return the ``view`` that a user gives, also None, for a view by default; InputError for what
+    is no view.
     """
-    if view is None:
-        return default
-    if not isinstance(view, View):
+    if view is not None and not isinstance(view, View):
         mend = "Give granphon.figures.views.View(azimuth, elevation)"
         raise InputError(f"view is {brief(view)}", mend=mend)
-    return view
+    chosen_view: View | None = view
+    return chosen_view
 
 
 @dataclass(frozen=True)

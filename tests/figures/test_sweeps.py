@@ -15,6 +15,7 @@ import granphon as gp
 from granphon.array.sample import STEP
 from granphon.base.errors import FigureError, InputError
 from granphon.figures.curves import plot_exponent, plot_sweep, sweep_figure
+from granphon.figures.gaps import cutoffs_figure
 from granphon.figures.waves import _draw_decibel_map, _find_decibels
 from granphon.figures.words import describe_parameter, write_value
 from granphon.runs.sweep import sweep
@@ -457,3 +458,12 @@ def test_single_loads_are_points_in_the_legend_too(media, ax):
     handles = ax.get_legend().legend_handles[:3]
     assert [handle.get_marker() for handle in handles] == ["o"] * 3
     assert [handle.get_linestyle() for handle in handles] == ["None"] * 3
+
+
+def test_states_of_one_value_of_x_stand_above_each_other():
+    """Equal balls keep all contacts at each load."""
+    data = sweep(gp.Packing(STEEL, 8e-3), force=FORCE[:3], media=("ala",), cutoffs=True)
+    (ax,) = cutoffs_figure(data, x="contact_fraction").axes
+    assert_array_equal(drawn(ax, "branch-2-edge")[0][:, 0], [1.0, 1.0, 1.0])
+    (alone,) = cutoffs_figure(data.isel(load=[0]), x="contact_fraction").axes
+    assert alone.get_xlabel() == "Branch"
