@@ -179,7 +179,8 @@ class Painter:
         nearness: float | None = None,
     ) -> None:
         """Add a flat arrow from ``start`` (3,) by ``along`` (3,), with a shaft of ``width``, in
-        units of length; the arrow is as near as its middle unless ``nearness`` is given.
+        units of length; the arrow is as near as its middle unless ``nearness`` is given. An arrow
+        whose length on the paper is below ``width`` is left out.
         """
         if nearness is None:
             nearness_of_arrow = float(self.view.nearness(start + 0.5 * along))
@@ -189,7 +190,7 @@ class Painter:
         arrow = self.view.project(along)
         length = float(np.linalg.norm(arrow))
         if length < width:
-            return  # the arrow points along the line of sight
+            return  # a dot: the arrow points nearly along the line of sight
         direction = arrow / length
         normal = np.array([-direction[1], direction[0]])
         # an arrow that is short on the paper keeps its shape, and is drawn smaller

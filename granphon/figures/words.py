@@ -132,7 +132,8 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     "W = 2 µm").
 
     A parameter of a kind of ball, "A.diameter", has the kind in its words: "d = 8 mm of A". A
-    number is in SI units.
+    number is in SI units. The kind of fact is the ``name``, but "spread" for the width of all
+    balls, and balls of the width zero are called equal.
     """
     if name in SPRING_PARAMETERS:
         motion = name.partition(".")[2]

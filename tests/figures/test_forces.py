@@ -531,3 +531,5 @@ def test_a_wrong_window_is_refused_also_where_it_has_no_effect(ax):
             plot_forces(network, ax, show=show, window=(1.0, 1.0, 0.0, 0.0))
     with pytest.raises(InputError, match="network"):
         plot_directions(3, ax)
+    with pytest.raises(InputError, match="networks is 3"):
+        plot_rigidity(3, ax)
