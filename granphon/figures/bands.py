@@ -868,14 +868,19 @@ def bands_figure(
             if in_space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
             elif any(bands.pbc):  # a cluster has no zone
-                inset = axes[0].inset_axes(_find_free_place(axes[0]))
-                inset.set_in_layout(False)
-                plot_zone(bands, inset)
+                _add_inset_of_zone(bands, axes[0])
         if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
         _add_joint_legend(figure, axes)
         figure.suptitle(title or "")
     return figure
+
+
+def _add_inset_of_zone(bands: Bands, ax: Axes) -> None:
+    """Draw the zone of bands in a free place of their Axes, which may be extended for it."""
+    inset = ax.inset_axes(_find_free_place(ax))
+    inset.set_in_layout(False)
+    plot_zone(bands, inset)
 
 
 def _add_joint_legend(figure: Figure, axes: Any) -> None:

@@ -615,16 +615,8 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     simulation count cells, not balls, if a cell has several balls or the lattice is not known.
     """
     facts_of_balls, periods, n_balls = _describe_balls(dataset)
-    # the facts of each medium
-    labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
-    media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
-    if "overlap" in facts_of_balls:
-        has_finite_overlap = list_finite_overlap(dataset)  # None where the load decides
-        # a medium whose geometry the load decides has the words of the others, if these agree
-        words_of_others = True in has_finite_overlap and False not in has_finite_overlap
-        for facts_of_medium, is_finite in zip(media, has_finite_overlap, strict=True):
-            finite = words_of_others if is_finite is None else is_finite
-            facts_of_medium["overlap"] = describe_overlap(finite=finite)
+    has_overlap = "overlap" in facts_of_balls
+    media = _describe_media(dataset, periods, n_balls, has_overlap=has_overlap)
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
@@ -640,6 +632,25 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
         for medium, facts_of_medium in enumerate(media):
             lines.append((facts | facts_of_medium, index | {"medium": medium}))
     return lines
+
+
+def _describe_media(
+    dataset: Dataset, periods: int, n_balls: int, *, has_overlap: bool
+) -> list[dict[str, str]]:
+    """Return the facts of each medium of a data set, in words by kind: the medium, and if
+    ``has_overlap`` whether its states have terms of overlap/diameter. ``periods`` and ``n_balls``
+    are those of :func:`_describe_balls`.
+    """
+    labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
+    media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
+    if has_overlap:
+        has_finite_overlap = list_finite_overlap(dataset)  # None where the load decides
+        # a medium whose geometry the load decides has the words of the others, if these agree
+        words_of_others = True in has_finite_overlap and False not in has_finite_overlap
+        for facts_of_medium, is_finite in zip(media, has_finite_overlap, strict=True):
+            finite = words_of_others if is_finite is None else is_finite
+            facts_of_medium["overlap"] = describe_overlap(finite=finite)
+    return media
 
 
 def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:

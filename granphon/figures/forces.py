@@ -798,19 +798,7 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     several loads, and for a state without samples.
     """
     samples = _list_samples(state)
-    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
-    smallest = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
-    largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
-    extent = largest - smallest
-    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in samples]))
-    width = max(fluctuation / _BINS_PER_FLUCTUATION, _LEAST_BIN)
-    n_bins = int(np.clip(extent / width, _LEAST_BINS, _MOST_BINS))
-    margin = extent / (2.0 * n_bins)  # half a bin
-    if extent < _EQUAL_FORCES:
-        n_bins = _BINS_OF_EQUAL_FORCES
-        margin = _MARGIN_OF_EQUAL_FORCES
-    low = max(smallest - margin, 0.0)
-    high = largest + margin
+    n_bins, low, high = _choose_bins(samples)
     # all samples have the same bins
     histograms = [sample.force_distribution(n_bins, high, low) for sample in samples]
     edges = histograms[0][0]
@@ -823,6 +811,25 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     ax.axvline(1.0, color=GUIDE, linewidth=0.6, zorder=0.5)
     ax.set(yscale="log", xlabel="Contact force over its mean", ylabel="Probability density")
     return ax
+
+
+def _choose_bins(samples: Sequence[Sample]) -> tuple[int, float, float]:
+    """Return the number of the bins of the distribution of the contact forces of all samples, over
+    their means, and the lower edge of the first and the upper edge of the last bin. The edges are
+    about half a bin beyond the forces, but not below zero; equal forces have a bin in the middle.
+    """
+    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
+    smallest = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
+    largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
+    extent = largest - smallest
+    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in samples]))
+    width = max(fluctuation / _BINS_PER_FLUCTUATION, _LEAST_BIN)
+    n_bins = int(np.clip(extent / width, _LEAST_BINS, _MOST_BINS))
+    margin = extent / (2.0 * n_bins)  # half a bin
+    if extent < _EQUAL_FORCES:
+        n_bins = _BINS_OF_EQUAL_FORCES
+        margin = _MARGIN_OF_EQUAL_FORCES
+    return n_bins, max(smallest - margin, 0.0), largest + margin
 
 
 def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:

@@ -486,25 +486,33 @@ def plot_attenuation(
             elinewidth=0.7,
         )
     is_rotation = spectrum.polarisation.startswith("rot")
-    has_law = law_power is not None or not is_rotation
-    if frequencies.size > 1 and has_law:
-        exponent = spectrum.q.shape[1] + 1.0 if law_power is None else law_power
-        lowest = int(np.argmin(frequencies))
-        ends = np.array([frequencies.min(), frequencies.max()])
-        label = f"$f^{{{exponent:g}}}$"
-        _, labels_in_legend = ax.get_legend_handles_labels()
-        style: dict[str, Any] = {
-            "color": colour,
-            "linewidth": 0.9,
-            "linestyle": ":",
-            "label": "_" if label in labels_in_legend else label,
-        }
-        ax.plot(ends, attenuations[lowest] * (ends / frequencies[lowest]) ** exponent, **style)
-        ax.set(yscale="log")
-        scale_axis(ax, "x", frequencies)
+    if law_power is None and not is_rotation:
+        law_power = spectrum.q.shape[1] + 1.0
+    if law_power is not None and frequencies.size > 1:
+        _draw_power_law(ax, frequencies, attenuations, law_power, colour)
     ax.set(xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
+
+
+def _draw_power_law(ax: Axes, x: Array, y: Array, power: float, colour: str) -> None:
+    """Draw the law y proportional to x^power through the point of the least ``x``, from the least
+    to the greatest ``x``, dotted, and make the axes logarithmic. ``x`` and ``y`` (n,) are above
+    zero, and in the units of the axes. Of laws of one power the first is named in the legend.
+    """
+    lowest = int(np.argmin(x))
+    ends = np.array([x.min(), x.max()])
+    label = f"$f^{{{power:g}}}$"
+    _, labels_in_legend = ax.get_legend_handles_labels()
+    style: dict[str, Any] = {
+        "color": colour,
+        "linewidth": 0.9,
+        "linestyle": ":",
+        "label": "_" if label in labels_in_legend else label,
+    }
+    ax.plot(ends, y[lowest] * (ends / x[lowest]) ** power, **style)
+    ax.set(yscale="log")
+    scale_axis(ax, "x", x)
 
 
 def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:

@@ -85,22 +85,29 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         look: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "color": "0.4"}
         ax.annotate(_explain_no_errors(points_run), (0.5, 0.5), **look)
     if points_run:
-        handles, _ = ax.get_legend_handles_labels()
-        ax.legend(
-            handles=[*handles, *_explain_markers(points_run)],
-            ncols=2,
-            handlelength=1.4,
-            columnspacing=1.0,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.17),
-            borderaxespad=0.0,
-        )
+        _add_legend_below(ax, points_run)
     counts_not_run = {
         method: sum(not point.ran for point in points if point.method == method)
         for method in methods
     }
     _write_not_run(ax, counts_not_run, len(points))
     return ax
+
+
+def _add_legend_below(ax: Axes, points_run: Sequence[MeasuredPoint]) -> None:
+    """Add below the axes the legend of the methods, and of the markers of the points that were
+    run.
+    """
+    handles, _ = ax.get_legend_handles_labels()
+    ax.legend(
+        handles=[*handles, *_explain_markers(points_run)],
+        ncols=2,
+        handlelength=1.4,
+        columnspacing=1.0,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.17),
+        borderaxespad=0.0,
+    )
 
 
 def _explain_markers(points_run: Sequence[MeasuredPoint]) -> list[Line2D]:
@@ -160,18 +167,17 @@ def _draw_method(
             gid="without-error",
             **look,
         )
-    for point in points_with_error:
-        if not point.resolved:
-            ax.plot(
-                point.seconds,
-                point.error,
-                linestyle="none",
-                mfc="white",
-                ms=_MARKER,
-                mew=0.9,
-                zorder=3.0,
-                **look,
-            )
+    points_with_open_marker = [point for point in points_with_error if not point.resolved]
+    ax.plot(
+        [point.seconds for point in points_with_open_marker],
+        [point.error for point in points_with_open_marker],
+        linestyle="none",
+        mfc="white",
+        ms=_MARKER,
+        mew=0.9,
+        zorder=3.0,
+        **look,
+    )
 
 
 def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, colour: str) -> None:
