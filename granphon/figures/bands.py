@@ -924,8 +924,8 @@ def _join_error_entries(handles_by_label: dict[str, Any]) -> None:
 
 
 def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
-    """Return a square clear of every line: x, y, width, height in parts of the axes. If no square
-    is clear, the axes are extended upwards until one is.
+    """Return a square clear of the points of all bands and long waves: x, y, width, height in parts
+    of the axes. If no square is clear, the axes are extended upwards until one is.
     """
     points = _list_points(ax)
     square = _find_clear_square(points)
@@ -968,7 +968,7 @@ def _make_room(ax: Axes, points: Array) -> tuple[float, float, float, float]:
     for start in starts:
         distance = np.abs(points[:, 0] - start - size / 2.0)
         is_beneath = distance < size / 2.0 + _TOP_CLEARANCE
-        heights.append(points[is_beneath, 1].max())
+        heights.append(points[is_beneath, 1].max(initial=0.0))
     extension = max(1.0, (min(heights) + _TOP_CLEARANCE) / bottom_of_square)
     bottom, top = ax.get_ylim()
     ax.set_ylim(bottom, bottom + (top - bottom) * extension)

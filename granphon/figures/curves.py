@@ -837,8 +837,8 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
 
 def _choose_coloured_dimension(dataset: Dataset) -> str:
     """Return the name of the dimension whose values have colours. It is the medium; but if the data
-    set has one medium and several parameters, it is the first parameter that has no more values
-    than there are colours.
+    set has one medium and several parameters of several values, it is the first of these that has
+    no more values than there are colours, if one has.
     """
     names = [name for name in list_parameters(dataset) if dataset.sizes[name] > 1]
     if dataset.sizes["medium"] > 1 or len(names) < 2:
@@ -869,8 +869,8 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     and the popular 1/4.
 
     The exponent of v_T is the same, except in a simulation. The points of a simulation of several
-    samples have bars of their standard errors. ``x`` is that of :func:`plot_sweep`. See
-    :func:`granphon.local_exponent`.
+    samples have bars of their standard errors. There is no legend. ``x``, and what is raised, are
+    those of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     # an exponent is a slope of logarithms already, and may be zero or below
@@ -1341,8 +1341,8 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
 
 def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Caption:
     """Draw the bands of all ``runs`` one over the other; ``all_bands`` are those of each run.
-    Return the entries of the legend, and the facts that all runs share. InputError if the paths of
-    the bands differ.
+    Branches are followed through their crossings if the bands have eigenvectors. Return the entries
+    of the legend, and the facts that all runs share. InputError if the paths of the bands differ.
     """
     first = all_bands[0]
     for run, bands in zip(runs[1:], all_bands[1:], strict=True):
@@ -1350,8 +1350,9 @@ def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Ax
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in all_bands))
     lines = []
     for bands in all_bands:
-        frequencies = bands.connected_frequencies / unit.hertz
-        lines.append(list(zip(bands.distances, frequencies, strict=True)))
+        has_vectors = bands.eigenvectors is not None
+        hertz = bands.connected_frequencies if has_vectors else bands.frequencies
+        lines.append(list(zip(bands.distances, hertz / unit.hertz, strict=True)))
     caption = _draw_spectra(runs, ax, "bands", lines)
     corners = np.append(first.distances[:, 0], first.distances[-1, -1])
     name_corners(ax, corners, first.labels)
@@ -1848,8 +1849,8 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
     there are, and has fewer entries than there are curves.
 
     Each table that is tried gives a colour to each value of one kind of facts, and shades to the
-    facts that vary within a colour (:func:`_tabulate_by`); in half of the tables the facts that are
-    the same in all curves of a run have dashes instead.
+    facts that vary within a colour (:func:`_tabulate_by`). The tables are tried without dashes, and
+    with dashes for the facts that are the same in all curves of a run.
     """
     differing_kinds, _ = find_differing([curve.facts for curve in curves])
     # of tables with equally short legends the first is taken: media have colours in a sweep too

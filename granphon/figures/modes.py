@@ -479,6 +479,7 @@ def _find_motion(
     phases = places[:, : lattice.periods] @ q_per_diameter  # (m,)
     wave = np.exp(1j * phases)[:, None]
     angles = scale * spins / lattice.gyration[:, None]
+    # in diameters; atoms without radii are balls of one diameter
     radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))
     names = phonons.state.kinds or [""] * n_balls
     colours_of_kinds = colour_kinds(names)
@@ -595,6 +596,7 @@ def _find_pairs(
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     """Draw discs with their displacements ``shift`` (m, 2), in diameters, as arrows; where balls
     rotate, their ``angles`` (m,), rad, each as a sector, an arc with a head, and a marked diameter.
+    The axes end beside the discs.
     """
     centres = motion.places[:, :2]
     radii = motion.radii
@@ -748,9 +750,9 @@ def _add_circles(painter: Painter, centre: Array, radius: float, circles: Array)
     view = painter.view
     nearness = float(view.nearness(centre))
     for circle in circles:
-        visible = np.flatnonzero(view.nearness(circle) >= 0.0)  # indices of points
-        ends = np.flatnonzero(np.diff(visible) > 1)  # where a stretch ends
-        for stretch in np.split(visible, ends + 1):
+        indices = np.flatnonzero(view.nearness(circle) >= 0.0)  # of the visible points
+        ends = np.flatnonzero(np.diff(indices) > 1)  # where a stretch ends
+        for stretch in np.split(indices, ends + 1):
             if len(stretch) > 1:
                 points = centre + radius * circle[stretch]
                 painter.add_line(points, "0.3", 0.5, nearness=nearness)

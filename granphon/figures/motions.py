@@ -62,14 +62,16 @@ def plot_motion(
     """Draw a map over position and time: velocities of balls along an axis, or changes of the
     forces of contacts.
 
-    Positions are along ``axis``, 0 to 2, by default the first axis along which the array does not
-    repeat, or 0 if there is none. Positions and values are means over a layer of balls, or over the
-    contacts from one layer to the next. An oblique cell is drawn as a rectangle. Raises
-    :class:`~granphon.base.errors.InputError` for another word of ``show``, and another ``axis``.
+    Positions are along ``axis``, 0 to 2, from the first layer on; by default the axis is the first
+    of the array along which it does not repeat, or 0 if there is none. Positions and values are
+    means over a layer of balls, or over the contacts from one layer to the next. An oblique cell is
+    drawn as a rectangle. Raises :class:`~granphon.base.errors.InputError` for another word of
+    ``show``, and another ``axis``.
     """
     network = motion.network
     one_of("show", show, _SHOWS)
-    if axis is None:  # argmin finds the first axis without a period
+    if axis is None:
+        # argmin finds the first axis without a period, which may be one across a line or a plane
         drawn_axis = int(np.argmin(network.pbc)) % network.dimension
     else:
         drawn_axis = whole_number("axis", axis, 0, 2)

@@ -177,7 +177,7 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     if largest / lowest < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_locator(_PlainTicks(minor=True))
+        axis.set_minor_locator(_PlainTicks(is_minor=True))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -189,9 +189,11 @@ def thin_ticks(ax: Axes) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), _PlainTicks):
             # texts of the axis of y stand above each other, so that their width does not count
-            letter = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
-            axis.set_major_locator(_PlainTicks(least=_LEAST_TICKS_OF_PANEL, letter=letter))
-            axis.set_minor_locator(_PlainTicks(minor=True, least=_LEAST_TICKS_OF_PANEL))
+            letter_width = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
+            axis.set_major_locator(
+                _PlainTicks(least=_LEAST_TICKS_OF_PANEL, letter_width=letter_width)
+            )
+            axis.set_minor_locator(_PlainTicks(is_minor=True, least=_LEAST_TICKS_OF_PANEL))
         elif isinstance(axis.get_major_locator(), AutoLocator):
             steps = [1, 2, 2.5, 5, 10]
             axis.set_major_locator(
@@ -558,15 +560,15 @@ def _keep_inside(ticks: Array, low: float, high: float) -> Array:
     return ticks[is_inside]
 
 
-def _keep_apart(ticks: Array, axis: Any, letter: float) -> Array:
+def _keep_apart(ticks: Array, axis: Any, letter_width: float) -> Array:
     """Return every tick, or every second, third and so on of the ``ticks`` (n,), so that the texts
-    beside an ``axis`` x, as wide as it is drawn, do not overlap; letters are ``letter`` points
-    wide.
+    beside an ``axis`` x, as wide as it is drawn, do not overlap; letters are ``letter_width``
+    points wide.
     """
     format_tick = axis.get_major_formatter()
     longest = max((len(format_tick(tick, None)) for tick in ticks), default=0)
     pixels_per_point = axis.axes.get_figure().dpi / POINTS_PER_INCH
-    width = (longest + 1) * letter * pixels_per_point
+    width = (longest + 1) * letter_width * pixels_per_point
     pixels = axis.axes.transData.transform(np.stack([ticks, ticks], axis=-1))[:, 0]
     stride = 1
     while stride < ticks.size and np.any(np.diff(pixels[::stride]) < width):
@@ -579,14 +581,16 @@ class _PlainTicks(Locator):
     ticks.
     """
 
-    def __init__(self, minor: bool = False, least: int = _LEAST_TICKS, letter: float = 0.0) -> None:
-        """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more; fewer if
-        their texts, whose letters are ``letter`` points wide, would overlap. A ``letter`` of zero
-        is for axes of y, whose texts stand above each other and never overlap.
+    def __init__(
+        self, is_minor: bool = False, least: int = _LEAST_TICKS, letter_width: float = 0.0
+    ) -> None:
+        """Give the ticks of an axis, or if ``is_minor`` its minor ticks, with ``least`` ticks or
+        more; fewer if their texts, whose letters are ``letter_width`` points wide, would overlap. A
+        width of zero is for axes of y, whose texts stand above each other and never overlap.
         """
-        self._minor = minor
+        self._is_minor = is_minor
         self._least = least
-        self._letter = letter
+        self._letter_width = letter_width
 
     def __call__(self) -> Any:
         """Return the ticks of the axis as far as it is shown; if the width of a letter is known,
@@ -594,7 +598,7 @@ class _PlainTicks(Locator):
         """
         axis: Any = self.axis
         ticks = self.tick_values(*axis.get_view_interval())
-        return _keep_apart(ticks, axis, self._letter) if self._letter > 0.0 else ticks
+        return _keep_apart(ticks, axis, self._letter_width) if self._letter_width > 0.0 else ticks
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks, or the minor ticks, of an axis between ``vmin`` and ``vmax``: see
@@ -602,7 +606,7 @@ class _PlainTicks(Locator):
         """
         low, high = sorted((float(vmin), float(vmax)))
         major, minor = _choose_round_numbers(low, high, self._least)
-        return minor if self._minor else major
+        return minor if self._is_minor else major
 
 
 @lru_cache(maxsize=32)
@@ -612,7 +616,7 @@ def _choose_round_numbers(low: float, high: float, least: int) -> tuple[Array, A
     are read-only, and kept for further calls: matplotlib asks some twenty times to draw an axis.
     """
     major = minor = np.empty(0)
-    for ticks, finer_ticks in _list_round_numbers(low, high, few=least < _LEAST_TICKS):
+    for ticks, finer_ticks in _list_round_numbers(low, high, is_sparse=least < _LEAST_TICKS):
         major = _keep_inside(ticks, low, high)
         minor = _keep_inside(finer_ticks, low, high)
         if major.size >= least:
@@ -622,13 +626,15 @@ def _choose_round_numbers(low: float, high: float, least: int) -> tuple[Array, A
     return major, minor
 
 
-def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple[Array, Array]]:
-    """Yield pairs of ticks and finer minor ticks, both sets of round numbers from about ``low`` to
-    ``high``, the smallest sets first. With ``few`` the sets begin with one number in each decade,
-    or with three evenly spaced numbers.
+def _list_round_numbers(
+    low: float, high: float, *, is_sparse: bool
+) -> Iterator[tuple[Array, Array]]:
+    """Yield pairs of ticks and finer minor ticks, both round numbers from about ``low`` to
+    ``high``, both above zero.
 
-    All decades have the same digits. From ``low`` to less than four times ``low``, the numbers are
-    evenly spaced instead.
+    If ``high`` is at least four times ``low``, the first sets have the same digits in all decades.
+    The others, which follow or are alone, are evenly spaced. Of both kinds the sets with the fewest
+    numbers come first; if ``is_sparse``, one number in each decade, and at most three intervals.
     """
     span = high / low
     if span >= 4.0:
@@ -640,7 +646,7 @@ def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple
             minor_digits = np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
         minor_ticks = np.outer(decades, minor_digits).ravel()
-        if few:
+        if is_sparse:
             yield decades, minor_ticks
         if span > 50.0:
             yield np.outer(decades, (1.0, 3.0)).ravel(), minor_ticks
@@ -650,8 +656,8 @@ def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple
             (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
         ):
             yield np.outer(decades, digits).ravel(), minor_ticks
-    for count in (3, 5, 8, 12) if few else (5, 8, 12):
-        ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+    for n_intervals in (3, 5, 8, 12) if is_sparse else (5, 8, 12):
+        ticks = np.asarray(MaxNLocator(n_intervals, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
         # a step of 2 has four parts, a step of 1, 5 or 10 has five: their ends are round
         is_step_of_two = f"{step:.0e}".startswith("2")

@@ -107,7 +107,7 @@ def plot_slowness(
     Raises
     ------
     InputError : several loads, one period, balls that move across their plane alone, a ``plane``
-        that is not two different directions, or any ``plane`` where the lattice is one.
+        that is not two different directions, or a ``plane`` for a lattice of two periods.
     MechanismError : a motion of the lattice costs no energy.
     """
     contact_state = as_state(state)

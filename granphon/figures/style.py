@@ -211,8 +211,8 @@ def draw(
     """Save the figures of the files ``names``, each made by ``make_figure`` from its name, in
     ``folder``; a figure that cannot be drawn does not stop the others.
 
-    Returns a sentence for each figure that could not be drawn, by name. Raises OutputError if a
-    file cannot be written.
+    Returns a sentence for each figure that could not be drawn, by name. Raises OSError if a file
+    cannot be written, or cannot be read by ``make_figure``.
     """
     failures = {}
     for name in names:

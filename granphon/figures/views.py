@@ -222,8 +222,8 @@ class Painter:
         nearnesses, paths, faces, edges, widths = zip(*shapes, strict=True)
         nearest = nearnesses[-1]
         depth = max(nearest - nearnesses[0], 1e-9)  # above zero where all are equally near
-        # the white part of each shape, (n, 1)
-        white = fade * (nearest - np.array(nearnesses)[:, None]) / depth
+        # of each shape, (n, 1)
+        white_parts = fade * (nearest - np.array(nearnesses)[:, None]) / depth
         look: dict[str, Any] = {
             "linewidths": widths,
             "capstyle": "round",
@@ -232,7 +232,7 @@ class Painter:
         }
         for name, colours in (("facecolors", faces), ("edgecolors", edges)):
             rgba = np.array(colours)
-            rgba[:, :3] += white * (1.0 - rgba[:, :3])
+            rgba[:, :3] += white_parts * (1.0 - rgba[:, :3])
             look[name] = rgba
         collection = PathCollection(list(paths), **look, **options)
         ax.add_collection(collection, autolim=False)

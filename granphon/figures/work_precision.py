@@ -204,7 +204,7 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
         is_slow = point.seconds > _PART_OF_SLOWEST * slowest
         offset = -3.0 if is_slow else 3.0
         ax.annotate(
-            point.knob.replace(" x ", "×"),
+            point.knob.replace(" x ", "×"),  # a shape, "32 x 32", takes less room
             (point.seconds, point.error),
             (offset, offset),
             textcoords="offset points",

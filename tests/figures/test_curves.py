@@ -682,3 +682,8 @@ def test_more_bands_than_looks_are_refused(ax):
     bands = phonons.bands("GM", npoints=3)
     with pytest.raises(InputError, match="too many"):
         plot_together([bands] * (MOST_LOOKS + 1), ax)
+    without_vectors = phonons.bands("GM", npoints=3, eigenvectors=False)
+    plot_together([bands, without_vectors], ax)
+    for lines, these in zip(("bands-0", "bands-1"), (bands, without_vectors), strict=True):
+        heights = np.sort([line[:, 1] for line in drawn(ax, lines)], axis=None)
+        assert_allclose(heights, np.sort(these.frequencies, axis=None) / 1e3)
