@@ -122,8 +122,9 @@ def find_reciprocal(bands: Bands) -> Array:
 
 
 def write_corner(label: str) -> str:
-    """Return the ``label`` of a corner as it stands in a figure: Γ for G, and an index as a
-    subscript. The label of a jump, such as "K|M", has two names, each written in this way.
+    """Return the ``label`` of a corner as it stands in a figure: Γ for G, GAMMA and Gamma, and the
+    number after a capital letter as a subscript. The label of a jump, such as "K|M", has two names,
+    each written in this way.
     """
     names_in_figure = []
     for name in label.split("|"):

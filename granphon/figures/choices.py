@@ -174,7 +174,7 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
         if dimension is None or dimension not in (*dataset["valid"].dims, "direction"):
             names = [find_load(dataset), "medium", *list_parameters(dataset)]
             problem = f"{run} is not swept over {name!r}, by which --where chooses"
-            raise InputError(problem, f"It has {', '.join(names)}", suggest(name, names))
+            raise InputError(problem, mend=suggest(name, names))
         is_kept = np.zeros(dataset.sizes[dimension], bool)
         for text_of_value in texts:
             is_kept |= _match_values(dataset, name, text_of_value, run)

@@ -209,8 +209,8 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
     """
     lowest = float(values.min())
     largest = float(values.max())
-    differ_by_rounding = largest < lowest * (1.0 + _ROUNDING)
-    if differ_by_rounding:
+    is_single_value = largest < lowest * (1.0 + _ROUNDING)
+    if is_single_value:
         low, high = find_axis(ax, which).get_view_interval()
         wide_low = min(low, 0.95 * lowest)
         wide_high = max(high, 1.05 * largest)
@@ -369,11 +369,11 @@ def make_error_handle(values: ArrayLike = (), errors: ArrayLike = ()) -> Line2D:
 
     For ``values`` with standard ``errors``, arrays of one shape, the entry tells the least and the
     greatest relative error. Values that are near zero beside the greatest value do not count, nor
-    errors that are zero or nan. The mark of the entry is empty if lines hide all bands.
+    errors of zero, nor what is not finite. The mark of the entry is empty if lines hide all bands.
     """
-    magnitudes = np.nan_to_num(np.abs(np.ravel(values)))
+    magnitudes = np.nan_to_num(np.abs(np.ravel(values)), posinf=0.0)
     relative_errors = np.divide(
-        np.nan_to_num(np.ravel(errors)),
+        np.nan_to_num(np.ravel(errors), posinf=0.0),
         magnitudes,
         out=np.zeros(magnitudes.shape),
         where=magnitudes > 0.0,

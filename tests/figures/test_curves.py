@@ -635,6 +635,9 @@ def test_a_result_that_is_in_no_list_is_refused(steel, ax):
     for results in (steel, "steel"):
         with pytest.raises(InputError, match="Give a list"):
             plot_together(results, ax)
+    for axes in (3, [ax]):
+        with pytest.raises(InputError, match="axes"):
+            gp.plot(steel, axes=axes)
 
 
 def test_a_parameter_of_one_of_two_runs_is_no_common_axis(steel, ax):
