@@ -328,7 +328,8 @@ class Layout:
 
 def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, int]:
     """Return the numbers of values, by name, of the parameters in which the curves of a
-    ``variable`` over ``x`` differ. If ``x`` is itself a parameter, the load is among them.
+    ``variable`` over ``x`` differ, each with several values. If ``x`` is itself a parameter in
+    numbers, the load counts as a parameter in its place.
     """
     counts = {}
     if x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu":

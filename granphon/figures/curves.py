@@ -991,7 +991,8 @@ def _draw_large_panels(
 def _choose_variables(dataset: Dataset, variable: str | None) -> tuple[list[str], list[str]]:
     """Return the velocities that the figure of a sweep shows, and all variables in it: the one
     ``variable`` that is requested; without one the velocities that are not all zero or nan, or what
-    stands for them. There are no velocities where another variable is requested or stands for them.
+    stands for them. The list of velocities is empty where one variable is requested, and where
+    another variable stands for velocities.
     """
     # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
@@ -1122,7 +1123,7 @@ def plot_together(
         results are swept; by default the load of the results if all have the same kind of load,
         else the force.
     y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by
-        default the longitudinal velocity, or another velocity that all hold.
+        default the longitudinal velocity, or another velocity that all hold, or the bulk modulus.
     data : measured velocities, one or several: files in the form of ``granphon fit``, or
         :class:`~granphon.fits.measurements.Measurements`.
     balls_per_side : number of balls at a side of the hexagonal frame, for files of data with side
@@ -1566,7 +1567,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
     common = [name for name in runs[0].quantities if all(name in run.quantities for run in runs)]
     load = _choose_load(runs, common, x)
     if y is None:
-        return load, _choose_velocity(runs, common)
+        return load, _choose_y(runs, common)
     name = y.lower().replace(" ", "_")
     failing_runs = [run for run in runs if name not in run.quantities]
     if failing_runs:
@@ -1634,13 +1635,13 @@ def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> s
     return load
 
 
-def _choose_velocity(runs: Sequence[Run], common: Sequence[str]) -> str:
-    """Return the first of the usual velocities that is among the ``common`` quantities of runs;
-    InputError if none is.
+def _choose_y(runs: Sequence[Run], common: Sequence[str]) -> str:
+    """Return the first velocity among the ``common`` quantities of ``runs``, or without one the
+    bulk modulus; InputError if this is not common either.
     """
-    for velocity in ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk"):
-        if velocity in common:
-            return velocity
+    for name in ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk"):
+        if name in common:
+            return name
     problem = f"{_join_names(runs)} cannot share an axis: no velocity is in all"
     if len(runs) == 1:
         problem = f"{runs[0].name} has no velocity"
@@ -1743,7 +1744,9 @@ def _read_measurements(
 ) -> Measurements:
     """Return the measurements of the file ``path``. Its pressures act on the packing of ``runs``,
     and its side forces on a hexagonal frame with ``balls_per_side``. ``distance``, m, or (distance,
-    standard error), is that of times of flight.
+    standard error), is that of times of flight. Raises what
+    :meth:`~granphon.fits.measurements.Measurements.read` raises, and what :func:`_find_load_ratio`
+    raises for pressures.
     """
     frame = None
     if balls_per_side is not None:
@@ -1757,7 +1760,7 @@ def _read_measurements(
     unit_of_pressure = ""
     if dataset is not None and "pressure" in dataset:
         unit_of_pressure = _read_unit(dataset, "pressure")
-    # the unit of pressure tells along how many periods balls repeat
+    # the unit of pressure tells along how many periods balls repeat; two if it is not known
     periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit_of_pressure, 2)
     return Measurements.read(
         path, distance=distance, frame=frame, pressed=find_force, periods=periods

@@ -222,8 +222,8 @@ def join_facts(facts: Iterable[str], letters: int) -> str:
 
 
 def wrap_fact(fact: str, letters: int) -> str:
-    """Return a ``fact`` in lines of at most so many ``letters``; a line is longer only where a
-    single word is. The name of a kind of balls stays on the line of the "of" before it.
+    """Return a ``fact`` in lines of at most so many ``letters``. The name of a kind of balls stays
+    on the line of the "of" before it; a line is longer only where a word, or these, are.
     """
     text = fact.replace(" of ", f" of{_NO_BREAK}")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)
