@@ -258,8 +258,10 @@ def _find_mean_force(network: ContactNetwork) -> Array:
 
 
 def _find_mean_overlap(network: ContactNetwork) -> Array:
-    """Return the mean overlap (n,), m, of the contacts of each ball; zero without contacts."""
-    # the places of a ball and a flat wall, whose centre is infinitely far, have no overlap
+    """Return the mean overlap (n,), m, of the contacts of each ball with other balls; zero without
+    such contacts.
+    """
+    # the overlap with a flat wall, whose centre is infinitely far, does not follow from places
     has_centres = np.isfinite(network.distance)
     i = network.i[has_centres]
     j = network.j[has_centres]
@@ -486,7 +488,9 @@ def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
 
 
 def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
-    """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall."""
+    """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall; of
+    a wall that the viewer sees from the front the piece is a point.
+    """
     is_wall = np.isinf(network.radii[network.j])  # a flat wall is a ball of infinite radius
     touch = network.contact_places[is_wall, :2]
     normal = network.normal[is_wall, :2]

@@ -190,7 +190,7 @@ class Painter:
         arrow = self.view.project(along)
         length = float(np.linalg.norm(arrow))
         if length < width:
-            return  # a dot: the arrow points nearly along the line of sight
+            return  # too short to be seen, or nearly along the line of sight
         direction = arrow / length
         normal = np.array([-direction[1], direction[0]])
         # an arrow that is short on the paper keeps its shape, and is drawn smaller

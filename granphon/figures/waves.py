@@ -702,6 +702,7 @@ def _scale_attenuation(ax: Axes, frequencies: Array) -> None:
     """
     if frequencies.size:
         scale_axis(ax, "x", frequencies)
+        # the limits of the data hold the ends of bars too
         scale_axis(ax, "y", np.asarray(ax.dataLim.intervaly))
         return
     style: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
@@ -780,7 +781,8 @@ def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str,
     """Return the label of each state in which a sweep has the variable ``name``, in order of load,
     and the index of each state by dimension.
 
-    A label has the load, if the sweep has several, and the facts in which the states differ.
+    A label has the load, if the sweep has several, and the facts in which the states differ. A
+    state that is alone has its load as the label.
     """
     load = find_load(dataset)
     loads = dataset[load].values

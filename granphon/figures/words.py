@@ -103,7 +103,9 @@ def _write_setting(option: str, value: str, periods: int) -> str:
 
 
 def _describe_start(value: str, periods: int) -> str:
-    """Return the start of a simulation in words, from "a*" or from the name and size of a load."""
+    """Return the start of a simulation in words, from the reduced spacing a*, as "0.4", or from the
+    name and the size of a load, as "pressure 100"; ``periods`` decide the unit of the load.
+    """
     load, _, size = value.rpartition(" ")
     if not load:
         return f"a* of {size}"
