@@ -762,7 +762,9 @@ def plot_dos(
     if "total" in given_errors:
         total_errors = read_errors(given_errors["total"], dos.total.shape) * unit.hertz
         total = dos.total * unit.hertz
-        draw_error_band(ax, frequency, total, total_errors, _ERRORS, "errors", upright=horizontal)
+        draw_error_band(
+            ax, frequency, total, total_errors, _ERRORS, "errors", is_upright=horizontal
+        )
         ax.add_line(make_error_handle())
     _set_dos_axes(ax, dos, horizontal, unit)
     return ax

@@ -349,7 +349,7 @@ def arrange(
     rows: str | None = None,
     columns: str | None = None,
     *,
-    alone: bool = False,
+    wants_single_curves: bool = False,
 ) -> Layout:
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
     parameter in numbers.
@@ -361,8 +361,8 @@ def arrange(
     parameter gets the columns, the second the rows, as far as these are free, and all further ones
     are held at their first value. A parameter that gets panels in this way and has more values than
     there is place for is drawn at some of them; so is the load over a parameter, if there are more
-    loads than shades. With ``alone`` no panel has several combinations, and the medium counts as a
-    parameter.
+    loads than shades. If the figure ``wants_single_curves``, no panel has several combinations, and
+    the medium counts as a parameter.
 
     Raises :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` is no name of what
     tells curves apart, if both are the same, or if they take too many panels.
@@ -373,7 +373,7 @@ def arrange(
     all_counts = counts | {"medium": dataset.sizes["medium"]}
     allowed = [name for name, count in all_counts.items() if count > 1]
     _require_swept(rows, columns, allowed)
-    if alone:  # media are told apart as parameters are
+    if wants_single_curves:  # media are told apart as parameters are
         counts = {name: all_counts[name] for name in allowed}
     _require_few_panels([all_counts[name] for name in (rows, columns) if name is not None])
     # parameters that shades of a colour tell apart within a panel, with their numbers of values
@@ -384,9 +384,9 @@ def arrange(
     if shaded.get(load, 0) > MOST_SHADES:  # a curve for each load over a parameter
         limits[load] = _MOST_LOADS
         shaded[load] = _MOST_LOADS
-    most_curves = 1 if alone else _MOST_COMBINATIONS
+    most_curves = 1 if wants_single_curves else _MOST_COMBINATIONS
     # one parameter alone has shades in their order, however many values it has
-    while math.prod(shaded.values()) > most_curves and (alone or len(shaded) > 1):
+    while math.prod(shaded.values()) > most_curves and (wants_single_curves or len(shaded) > 1):
         # the fewest values, and of several such parameters the last in the order of the scene
         name = min(reversed(shaded), key=shaded.__getitem__)
         del shaded[name]

@@ -270,8 +270,8 @@ class Curve:
         points, the others as a line.
     served : for an automatic medium the name of the medium that served each load; else empty.
     units : the units of x and y.
-    measured : whether the values are data.
-    path : whether the values are in the order of a path, on which the loads go up and down.
+    is_measured : whether the values are data.
+    is_path : whether the values are in the order of a path, on which the loads go up and down.
     """
 
     run: str
@@ -283,12 +283,12 @@ class Curve:
     simulated: NDArray[np.bool_]
     served: tuple[str, ...] = ()
     units: tuple[str, str] = ("", "")
-    measured: bool = False
-    path: bool = False
+    is_measured: bool = False
+    is_path: bool = False
 
     def sorted(self) -> Curve:
         """Return the same curve in order of x; a path keeps its order."""
-        if self.path:
+        if self.is_path:
             return self
         order = np.argsort(self.x, kind="stable")
         served = tuple(self.served[n] for n in order.tolist()) if self.served else ()
@@ -319,7 +319,7 @@ class Curve:
         ).sorted()
 
     @property
-    def as_points(self) -> bool:
+    def is_points(self) -> bool:
         """Whether the curve is drawn as points without a line: all values are from simulations or
         data, or there is only one value.
         """
@@ -357,10 +357,10 @@ def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, 
     part where the medium is valid, and that of the whole curve, which is drawn beneath this part.
     """
     common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
-    if curve.as_points and not curve.served:
+    if curve.is_points and not curve.served:
         points = common | {"marker": look.marker}
         # a path joins its points by a thin line
-        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
+        line = {"linestyle": "-", "linewidth": 0.6} if curve.is_path else {"linestyle": "none"}
         return points | {"linestyle": "none"}, points | line | _HOLLOW_LOOK
     # a line is thinner below marks, so that the marks are seen
     width = 0.8 if curve.served else look.width
@@ -394,7 +394,7 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **style_of_all)
     ax.plot(curve.x, valid_y, gid=f"{gid}-valid", **valid_style)
     is_fall = np.diff(curve.x, prepend=curve.x[0]) < 0.0
-    if curve.path and np.any(is_fall):
+    if curve.is_path and np.any(is_fall):
         triangles = valid_style | {"marker": "v", "markersize": 5.0}
         # hollow ones remain seen where the medium is not valid
         falls = curve.x[is_fall], curve.y[is_fall]
@@ -408,7 +408,7 @@ def _draw_errors(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     """Draw the standard errors of a curve in its ``colour``: bars at simulated values, at data and
     at a value that is alone, and a band along the line. ``gid`` is that of :func:`draw_curve`.
     """
-    is_point = curve.simulated | curve.as_points
+    is_point = curve.simulated | curve.is_points
     errors_of_line = np.where(is_point, np.nan, curve.error)
     draw_error_band(ax, curve.x, curve.y, errors_of_line, colour, f"{gid}-errors")
     has_bar = is_point & (curve.error > 0.0)
@@ -485,9 +485,9 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     grey = "0.3"
     if not all(np.all(curve.valid) for curve in curves):
         hollow_points: dict[str, Any] = {"marker": "o"} | _LOOK_OF_POINTS | _HOLLOW_LOOK
-        look = hollow_points if all(curve.as_points for curve in curves) else _LOOK_OUTSIDE
+        look = hollow_points if all(curve.is_points for curve in curves) else _LOOK_OUTSIDE
         handles.append(Line2D([], [], label="outside its range", color=grey, **look))
-    lines = [curve for curve in curves if not curve.as_points]
+    lines = [curve for curve in curves if not curve.is_points]
     errors = np.concatenate([[0.0], *(line.error * ~line.simulated for line in lines)])
     if np.any(errors > 0.0):
         handles.append(
@@ -597,7 +597,7 @@ def read_curve(
         simulated=np.broadcast_to(simulated, x_values.shape),
         served=served,
         units=(_read_unit(dataset, x), _read_unit(dataset, variable)),
-        path=bool(options.get("ordered")),
+        is_path=bool(options.get("ordered")),
     )
     return curve.sorted()
 
@@ -648,8 +648,8 @@ def _describe_media(
         # a medium whose geometry the load decides has the words of the others, if these agree
         words_of_others = True in has_finite_overlap and False not in has_finite_overlap
         for facts_of_medium, is_finite in zip(media, has_finite_overlap, strict=True):
-            finite = words_of_others if is_finite is None else is_finite
-            facts_of_medium["overlap"] = describe_overlap(finite=finite)
+            has_terms = words_of_others if is_finite is None else is_finite
+            facts_of_medium["overlap"] = describe_overlap(has_terms=has_terms)
     return media
 
 
@@ -797,7 +797,7 @@ def _are_points(curves: Sequence[Curve]) -> bool:
     """Whether the legend shows all curves as points: all are drawn as points, and none is that of
     an automatic medium, whose points have the marks of the media that served.
     """
-    return all(curve.as_points and not curve.served for curve in curves)
+    return all(curve.is_points and not curve.served for curve in curves)
 
 
 def _name_colours(groups: Sequence[Sequence[Curve]], coloured_dimension: str) -> list[Line2D]:
@@ -1216,7 +1216,7 @@ def _list_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
     if is_single:
         raise InputError(f"results are {brief(results)}", mend="Give a list, or results by name")
     if isinstance(results, Mapping):
-        runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
+        runs = [Run.of(str(name), result, is_named=True) for name, result in results.items()]
     elif isinstance(results, Iterable):
         runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
     else:
@@ -1330,8 +1330,8 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
     curves = []
     if run.measured is not None:
         points = read_curve(run.measured, y, x, {"medium": 0}, run.name)
-        curves.append(replace(points, measured=True))
-    name_of_run = {"name": run.name} if run.named else {}
+        curves.append(replace(points, is_measured=True))
+    name_of_run = {"name": run.name} if run.is_named else {}
     for facts_of_line, index in describe_lines(run.dataset, y):
         facts = name_of_run | facts_of_line | run.facts
         if x in run.dataset.coords:  # a parameter that is the axis is no fact
@@ -1431,7 +1431,7 @@ class Run:
 
     Attributes
     ----------
-    name : name of the run in messages; where ``named``, also in legends, for all facts that the
+    name : name of the run in messages; where ``is_named``, also in legends, for all facts that the
         curves of the run share.
     dataset, bands, dos : the results of the run; None without such a result.
     measured : the data of a fit, at their loads.
@@ -1442,29 +1442,29 @@ class Run:
     dataset: Dataset | None = None
     bands: Bands | None = None
     dos: DensityOfStates | None = None
-    named: bool = False
+    is_named: bool = False
     measured: Dataset | None = None
     facts: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, name: str, result: Any, named: bool = False) -> Run:
-        """Return the run of a ``result`` of the library, called ``name``, and ``named`` in legends
-        or not; a run is returned as it is. :class:`~granphon.base.errors.InputError` for a result
-        that shares no figure with others.
+    def of(cls, name: str, result: Any, is_named: bool = False) -> Run:
+        """Return the run of a ``result`` of the library, called ``name``, also in legends if
+        ``is_named``; a run is returned as it is. :class:`~granphon.base.errors.InputError` for a
+        result that shares no figure with others.
         """
         if isinstance(result, Run):
             return result
         if isinstance(result, WidthFit):
-            return _tabulate_fit(name, result, named=named)
+            return _tabulate_fit(name, result, is_named=is_named)
         if isinstance(result, Bands):
-            return cls(name, bands=result, named=named)
+            return cls(name, bands=result, is_named=is_named)
         if isinstance(result, DensityOfStates):
-            return cls(name, dos=result, named=named)
+            return cls(name, dos=result, is_named=is_named)
         dataset = find_dataset(result)
         if dataset is not None:
             bands = getattr(result, "bands", None)
             dos = getattr(result, "dos", None)
-            return cls(name, dataset, bands, dos, named)
+            return cls(name, dataset, bands, dos, is_named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
         raise InputError(f"{brief(result)} shares no figure with others", mend=mend)
 
@@ -1490,9 +1490,9 @@ class Run:
         return () if self.dataset is None else list_quantities(self.dataset)
 
 
-def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
+def _tabulate_fit(name: str, fit: WidthFit, *, is_named: bool) -> Run:
     """Return the run of a ``fit``, called ``name``: a data set of the curve, and one of the
-    measured data. ``named`` says whether a legend gives the name.
+    measured data. ``is_named`` says whether a legend gives the name.
     """
     frequency = fit.waves.frequency
     branch = fit.waves.branch
@@ -1514,7 +1514,7 @@ def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
     data = {branch: fit.velocity, f"{branch}_error": fit.sigma}
     measured = _tabulate_over_force(fit, fit.force, data, are_points=True)
     curve = _tabulate_over_force(fit, force, {branch: velocity}, are_points=is_at_data)
-    return Run(name, curve, named=named, measured=measured, facts=facts)
+    return Run(name, curve, is_named=is_named, measured=measured, facts=facts)
 
 
 def _tabulate_over_force(
@@ -1731,7 +1731,7 @@ def _read_points(
         error=np.broadcast_to(np.asarray(sigma, float), loads.shape),
         valid=all_true,
         simulated=all_true,
-        measured=True,
+        is_measured=True,
     )
     return curve.sorted()
 
@@ -1953,9 +1953,9 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
     curves but measured points share. InputError for more curves than looks tell apart, and what
     :func:`label_axes` raises.
     """
-    states = [curve for curve in curves if not curve.measured]
+    states = [curve for curve in curves if not curve.is_measured]
     models = _name_runs(_join_states(states))
-    points = _drop_doubles([curve for curve in curves if curve.measured] + measured)
+    points = _drop_doubles([curve for curve in curves if curve.is_measured] + measured)
     groups, common = _draw_models(ax, models, y)
     # entries below a heading come last, so that no other entry stands below a heading
     handles = groups.pop("", [])
@@ -2122,7 +2122,7 @@ def _label_runs(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
 
 def _describe_state(run: Run) -> dict[str, str]:
     """Return the facts of a run of one state, in words by kind."""
-    facts = {"name": run.name} if run.named else {}
+    facts = {"name": run.name} if run.is_named else {}
     if run.dataset is None:
         return facts
     facts_of_state, _ = describe_lines(run.dataset, "force")[0]

@@ -246,7 +246,7 @@ class _BallValues:
         bar = figure.colorbar(self.mapping, ax=ax, location="right", aspect=40, pad=0.02).ax
         if self.unit:
             greatest = float(np.max(np.abs(self.numbers)))
-            name_axis(bar.yaxis, greatest, self.name, self.unit, short=True)
+            name_axis(bar.yaxis, greatest, self.name, self.unit, is_short=True)
         else:
             bar.set_ylabel(self.name)
 
@@ -328,7 +328,7 @@ def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
         largest = float(np.max(layer.size))
         # a network on a line has a name along the line alone
         for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
-            name_axis(axis, largest, name, "m", short=True)
+            name_axis(axis, largest, name, "m", is_short=True)
     is_single_row = top - bottom < 2.0 * layer.diameter
     if is_single_row:
         ax.set_yticks([0.0])
@@ -342,7 +342,7 @@ def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: s
         bar.set_xlabel(f"Contact force over its mean{remark}")
     else:
         _, greatest_force = bar.get_xlim()
-        name_axis(bar.xaxis, greatest_force, "Contact force", "N", short=True, more=remark)
+        name_axis(bar.xaxis, greatest_force, "Contact force", "N", is_short=True, more=remark)
 
 
 def _choose_view(layer: _Map, window: Sequence[float] | None) -> Show:

@@ -270,7 +270,7 @@ def _draw_panels(
     :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
-    layout = arrange(dataset, variable, x_name, rows, columns, alone=True)
+    layout = arrange(dataset, variable, x_name, rows, columns, wants_single_curves=True)
     if layout.shown and tell is not None:
         tell(f"too many combinations for a panel of each: {layout.describe(dataset)}")
     values = dataset[variable].values

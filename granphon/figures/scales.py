@@ -218,28 +218,28 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
 
 
 def name_axis(
-    axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = ""
+    axis: Axis, most: float, label: str, unit: str, *, is_short: bool = False, more: str = ""
 ) -> None:
     """Label an axis, after its scale is set.
 
     ``most`` is the largest number of the axis, in the SI ``unit``. Lengths, forces, stiffnesses,
     pressures and frequencies (m, N, N/m, Pa, Hz) have a decimal prefix where ``most`` is below
-    0.01, or 1e5 or more (of Hz: 1e4 or more); with ``short``, as in a narrow bar, they always have
+    0.01, or 1e5 or more (of Hz: 1e4 or more); if ``is_short``, as in a narrow bar, they always have
     the prefix that suits ``most``. Other units stay as they are. ``more`` follows the unit in the
-    label. The data of the axis stay in SI: only the texts at the ticks are divided. With ``short``
-    these texts are plain numbers or powers of ten, also without a prefix.
+    label. The data of the axis stay in SI: only the texts at the ticks are divided. If
+    ``is_short``, these texts are plain numbers or powers of ten, also without a prefix.
     """
     takes_prefix = unit in ("m", "N", "N/m", "Pa", "Hz")
     # numbers that are read well in the unit itself
     is_handy = 1e-2 <= most < (1e4 if unit == "Hz" else 1e5)
     size_of_unit = 1.0
     name_of_unit = unit
-    if takes_prefix and (short or not is_handy):
+    if takes_prefix and (is_short or not is_handy):
         size_of_unit, name_of_unit = prefixed(most, unit)
     unit_in_print = name_of_unit.replace("u", "µ").replace("^2", "²").replace("^3", "³")
     ending = "" if name_of_unit in ("", "1") else f" ({unit_in_print})"
     axis.set_label_text(f"{label}{ending}{more}")
-    if size_of_unit == 1.0 and not short:
+    if size_of_unit == 1.0 and not is_short:
         return  # nothing is divided, and the ticks keep the texts of their scale
 
     def write_power(value: float, _: float) -> str:
@@ -318,10 +318,11 @@ def draw_error_band(
     gid: str,
     convert: Callable[[Array], Array] | None = None,
     *,
-    upright: bool = False,
+    is_upright: bool = False,
 ) -> None:
     """Draw the band of the standard errors of a curve, ``values`` (n,) over ``x`` (n,); for a
-    single point a bar. An ``upright`` curve has ``x`` on the axis of y, and values to the right.
+    single point a bar. If the curve ``is_upright``, ``x`` is on the axis of y, and values are to
+    the right.
 
     ``errors`` are (n,), nan where unknown, or (2, n), below and above the curve; without an error
     above zero nothing is drawn. ``convert`` turns values into numbers on their axis. ``gid`` names
@@ -333,10 +334,10 @@ def draw_error_band(
     edges = [values - below, values + above]
     lower, upper = edges if convert is None else map(convert, edges)
     if values.size == 1:
-        bar = ax.hlines if upright else ax.vlines
+        bar = ax.hlines if is_upright else ax.vlines
         bar(x, lower, upper, color=colour, linewidth=0.8, gid=gid)
     else:
-        fill = ax.fill_betweenx if upright else ax.fill_between
+        fill = ax.fill_betweenx if is_upright else ax.fill_between
         fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
 
 

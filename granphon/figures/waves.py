@@ -553,7 +553,8 @@ def plot_sample_dos(
 
     ``errors`` are further standard errors (n,), 1/Hz, nan where unknown, by the names of the
     densities: those that errors of parameters cause, which add up in squares with the density's
-    own. Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
+    own. Raises :class:`~granphon.base.errors.InputError` for errors of another shape, and for
+    ``errors`` that are no mapping.
     """
     frequencies = dos.frequencies
     densities = [("black", "total", dos.total, dos.error)]
@@ -676,8 +677,8 @@ def _draw_attenuation(
     has_errors: bool,
 ) -> Array:
     """Draw the attenuation of the resolved lines of one polarisation in a state over their
-    frequency, with bars of the standard errors where all are known; return the frequencies (m,) of
-    the lines in this ``unit``.
+    frequency, with bars of the standard errors where these are known; return the frequencies (m,)
+    of the lines in this ``unit``.
 
     ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`; ``has_errors`` says
     whether the data set has standard errors.
@@ -688,9 +689,8 @@ def _draw_attenuation(
     frequencies = (read_variable("line_frequency", number) / unit.hertz)[is_drawn]
     bars = None
     if has_errors:
-        errors = read_variable("attenuation_error", number)
-        if np.all(np.isfinite(errors)):
-            bars = _limit_bars(attenuation[is_drawn], errors[is_drawn])
+        errors = np.nan_to_num(read_variable("attenuation_error", number)[is_drawn])
+        bars = _limit_bars(attenuation[is_drawn], errors)
     style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
     ax.errorbar(frequencies, attenuation[is_drawn], bars, elinewidth=0.7, **style)
     return frequencies
@@ -879,7 +879,7 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
             if name in given_errors:
                 heights = read_errors(given_errors[name], values.shape) / scale
                 draw_error_band(below, times, values / scale, heights, colour, f"{name}-errors")
-        if given_errors:
+        if {"coherent", "envelope", "speckle"} & set(given_errors):
             below.add_line(make_error_handle())
         below.set(
             xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None)

@@ -193,12 +193,14 @@ def list_facts(packing: Packing) -> dict[str, str]:
     if spread is not None and packing.width and spread.kind != "uniform":
         # the fact of the width, see describe_parameter
         facts["spread"] += f" ({spread.kind})"
-    return facts | {"overlap": describe_overlap(finite=False)}
+    return facts | {"overlap": describe_overlap(has_terms=False)}
 
 
-def describe_overlap(*, finite: bool) -> str:
-    """Return in words whether states have the terms of relative order delta/d."""
-    return f"{'with' if finite else 'without'} terms of overlap/diameter"
+def describe_overlap(*, has_terms: bool) -> str:
+    """Return in words whether states have the terms of the relative order delta/d, where delta is
+    the overlap and d the diameter.
+    """
+    return f"{'with' if has_terms else 'without'} terms of overlap/diameter"
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:

@@ -659,7 +659,7 @@ def test_falls_along_a_path_are_marked_where_the_medium_is_not_valid_too(ax):
     x = np.array([1.0, 3.0, 2.0, 1.0])
     is_valid = np.array([True, True, True, False])
     all_true = np.ones(4, bool)
-    curve = Curve("run", {}, x, 2.0 * x, np.nan * x, is_valid, all_true, path=True)
+    curve = Curve("run", {}, x, 2.0 * x, np.nan * x, is_valid, all_true, is_path=True)
     draw_curve(ax, curve, Look("black"), "path")
     (hollow,) = drawn(ax, "path-falling-all")
     (full,) = drawn(ax, "path-falling")

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.base.scales import HertzPrefix
 from granphon.figures.motions import (
     motion_figure,
     plot_ball_spectrum,
@@ -21,6 +22,7 @@ from granphon.figures.motions import (
     plot_snapshot,
 )
 from granphon.figures.waves import (
+    _draw_attenuation,
     _group_rows,
     animate_pulse,
     plot_attenuation,
@@ -247,3 +249,19 @@ def test_branches_of_an_edge_are_drawn_at_the_wave_vectors_of_the_spectrum_alone
     for branches in (surface.branches([[0.1], [0.3]]), surface.branches([[0.1]]), 3):
         with pytest.raises(InputError, match="branches"):
             plot_surface(spectrum, ax, branches=branches)
+
+
+def test_attenuations_have_bars_where_their_errors_are_known(ax):
+    table = {
+        "attenuation": np.array([1.0, 2.0, 3.0, 4.0]),
+        "attenuation_error": np.array([0.1, np.nan, 0.3, np.nan]),
+        "line_frequency": np.array([1e3, 2e3, 3e3, 4e3]),
+        "line_resolved": np.array([1.0, 1.0, 1.0, 0.0]),
+    }
+    unit = HertzPrefix.named("kHz")
+    drawn = _draw_attenuation(ax, lambda name, _=0: table[name], 0, "k", unit, has_errors=True)
+    assert_allclose(drawn, [1.0, 2.0, 3.0])
+    (container,) = ax.containers
+    (bars,) = container.lines[2]
+    lengths = [np.ptp(segment[:, 1]) for segment in bars.get_segments()]
+    assert_allclose(lengths, [0.2, 0.0, 0.6], atol=1e-15)
