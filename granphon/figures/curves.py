@@ -320,8 +320,9 @@ class Curve:
 
     @property
     def is_points(self) -> bool:
-        """Whether the curve is drawn as points without a line: all values are from simulations or
-        data, or there is only one value.
+        """Whether the curve is one of points: all values are from simulations or data, or there is
+        only one value. A thin line joins the points of a path, and a thin line with marks takes
+        their place if an automatic medium served.
         """
         return bool(np.all(self.simulated)) or self.x.size == 1
 

@@ -331,7 +331,7 @@ def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
             name_axis(axis, largest, name, "m", is_short=True)
     is_single_row = top - bottom < 2.0 * layer.diameter
     if is_single_row:
-        ax.set_yticks([0.0])
+        ax.set_yticks([float(np.mean(layer.places[:, 1]))])
 
 
 def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: str) -> None:

@@ -57,8 +57,8 @@ _MARK = np.pi / 2.0
 _MOST_BALLS = 500
 #: most balls of a network in space that are drawn, with those that are points
 _MOST_POINTS = 20_000
-#: part of the greatest amplitude above which a ball in space is no point, and radius of a point, in
-#: diameters
+#: part of the greatest amplitude up to which a ball in space is drawn as a point, and the radius of
+#: a point, in diameters
 _LEAST_AMPLITUDE = 0.05
 _POINT_RADIUS = 0.06
 #: largest denominator of a fraction in the title, for components of q
@@ -99,7 +99,7 @@ _MARGIN = 0.5
 _ROUNDING = 1e-6
 #: sine of the angle between an axis and the line of sight below which the two count as one
 _ALONG_SIGHT = 1e-3
-#: spins and displacements below this part of a diameter are not drawn
+#: spins and displacements of spheres up to this part of a diameter are not drawn
 _LEAST_LENGTH = 0.01
 
 

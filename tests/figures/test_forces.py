@@ -533,3 +533,13 @@ def test_a_wrong_window_is_refused_also_where_it_has_no_effect(ax):
         plot_directions(3, ax)
     with pytest.raises(InputError, match="networks is 3"):
         plot_rigidity(3, ax)
+
+
+def test_a_row_of_balls_has_its_tick_where_it_is(ax):
+    """The limits of the axes are beside the balls, wherever these are."""
+    row = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(3.0).network.repeat((5, 1))
+    moved = replace(row, positions=row.positions + np.array([0.0, 0.1, 0.0]))
+    plot_forces(moved, ax)
+    assert_allclose(ax.get_yticks(), [0.1])
+    low, high = ax.get_ylim()
+    assert 0.09 < low < high < 0.11
