@@ -118,25 +118,25 @@ def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
     dimension is free, of whose values the caller draws some. Each time the dimension is held that
     leaves the most states to draw; of several such dimensions the last is taken.
     """
-    held: list[str] = []
-    free = {name: count for name, count in counts.items() if count > 1}
+    held_dimensions: list[str] = []
+    free_counts = {name: count for name, count in counts.items() if count > 1}
 
     def count_drawn(name: str) -> int:
         """Return how many states would be drawn if the free dimension ``name`` were held too: all
         that remain, if these are at most ``most``; ``most`` of them, if one dimension remains; and
         0 if further dimensions would have to be held.
         """
-        n_remaining = math.prod(free.values()) // free[name]
+        n_remaining = math.prod(free_counts.values()) // free_counts[name]
         if n_remaining <= most:
             return n_remaining
-        has_single_dimension = len(free) == 2
+        has_single_dimension = len(free_counts) == 2
         return most if has_single_dimension else 0
 
-    while len(free) > 1 and math.prod(free.values()) > most:
-        name = max(reversed(free), key=count_drawn)
-        del free[name]
-        held.append(name)
-    return held
+    while len(free_counts) > 1 and math.prod(free_counts.values()) > most:
+        name = max(reversed(free_counts), key=count_drawn)
+        del free_counts[name]
+        held_dimensions.append(name)
+    return held_dimensions
 
 
 # -- the states that a user chooses ----------------------------------------------------------------

@@ -75,7 +75,8 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
         errors = _read_errors(states, "top_frequency") / unit.hertz
         if x_values is None:  # one line across the panel
             x_values = _find_span(states, "gap")
-            top, errors = np.repeat(top, 2), np.repeat(errors, 2)
+            top = np.repeat(top, 2)
+            errors = np.repeat(errors, 2)
         draw_error_band(ax, x_values, top, errors, _TOP["color"], "top-errors")
         lonely_points = np.flatnonzero(_are_lonely(np.isfinite(top))).tolist()
         ax.plot(x_values, top, gid="top", markevery=lonely_points, **_TOP)

@@ -754,13 +754,13 @@ def pick_states(
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
     n_states = math.prod(counts.values())
     if n_states > len(drawn_numbers):
-        values = _describe_held(remaining_states, name, held_dimensions)
+        values = _describe_held_dimensions(remaining_states, name, held_dimensions)
         note = ", ".join([*values, f"{len(drawn_numbers)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
 
 
-def _describe_held(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
+def _describe_held_dimensions(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
     """Return in words the only value that each of these ``dimensions`` has in a data set; ``name``
     is a variable of the data set, by whose lines the facts are found.
     """
