@@ -831,9 +831,9 @@ def bands_figure(
     same axis.
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
-    cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk``,
-    ``edges`` and ``errors`` are as in :func:`plot_bands`, without which they have no effect, and
-    ``dos_errors`` as the errors of :func:`plot_dos`. Raises
+    cluster has none. Bands or densities may be left out. ``asymptotes``, ``gaps``, ``bulk``,
+    ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` are the errors of
+    :func:`plot_dos`; they have no effect without the bands or the densities. Raises
     :class:`~granphon.base.errors.InputError` if both bands and densities are left out, and what
     :func:`plot_bands` and :func:`plot_dos` raise.
     """

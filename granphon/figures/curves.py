@@ -700,10 +700,10 @@ def plot_sweep(
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
-    variable, x : names of variables or coordinates over load; ``x`` is by default the load of the
-        sweep, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
-        with a line for each load. At a single load ``x`` is by default the parameter in numbers
-        with the most values.
+    variable, x : names of variables or coordinates over load. ``x`` may also be a parameter in
+        numbers, such as A.diameter; then each load has a line. By default ``x`` is the load of the
+        sweep, a force, a pressure or an overlap, or at a single load the parameter in numbers with
+        the most values.
     legend : whether to draw a legend; it names at most eight shades, and gives the number of all
         if there are more.
 
