@@ -540,6 +540,28 @@ def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):
         style.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")
 
 
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg", "xyz"])
+def test_what_cannot_be_drawn_leaves_the_file_that_was_there(tmp_path, suffix):
+    path = tmp_path / f"bands.{suffix}"
+    path.write_text("of yesterday", encoding="utf-8")
+    figure = Figure()
+    figure.text(0.0, 0.0, r"$\Gama$")
+    with pytest.raises(FigureError):
+        style.save_figure(figure, path)
+    assert path.read_text(encoding="utf-8") == "of yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_picture_has_the_suffix_of_matplotlib_if_it_has_none(tmp_path):
+    style.save_figure(Figure(), tmp_path / "bands")
+    style.save_figure(Figure(), tmp_path / "raw", format="svg")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bands.png", "raw"]
+    (tmp_path / "folder.png").mkdir()
+    for path in (None, 3, "", tmp_path / "folder.png"):
+        with pytest.raises(gp.GranphonError):
+            style.save_figure(Figure(), path)
+
+
 # -- modes -----------------------------------------------------------------------------------------
 
 
