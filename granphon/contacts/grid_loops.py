@@ -20,9 +20,9 @@ from granphon.contacts.grid import Runs
 Values = NDArray[Any]
 #: number of contacts of a run that are worked on at a time, so that they stay in the processor's
 #: cache
-_CACHED = 512
+_CONTACTS_AT_ONCE = 512
 #: number of contacts of a grid up to which all tensions stay in the cache: 256 kB of them
-_SMALL = 2**15
+_CONTACTS_IN_CACHE = 2**15
 #: number of sums to which products are added in turn: the processor adds to one sum while it still
 #: adds to the others
 _LANES = 16
@@ -92,7 +92,7 @@ def resist(
     kind is added to ``tension_sums`` (kinds,). If the cell is held, both are (0,). The last digits
     of the sums depend on the number of contacts that are worked on at a time.
     """
-    if stiffness.size <= _SMALL:
+    if stiffness.size <= _CONTACTS_IN_CACHE:
         _resist_at_once(runs, stiffness, motions, elongations, forces, tension_sums)
     else:
         _resist_by_parts(runs, stiffness, motions, elongations, forces, tension_sums)
@@ -138,19 +138,19 @@ def _resist_by_parts(
     forces: Values,
     tension_sums: Values,
 ) -> None:
-    """Do what :func:`resist` does, for at most ``_CACHED`` contacts of a run at a time: their
-    motions, tensions and forces stay in the cache.
+    """Do what :func:`resist` does, for at most ``_CONTACTS_AT_ONCE`` contacts of a run at a time:
+    their motions, tensions and forces stay in the cache.
     """
     d = runs.normal.shape[1]
-    tension = np.empty(_CACHED, motions.dtype)
+    tension = np.empty(_CONTACTS_AT_ONCE, motions.dtype)
     for run in range(len(runs.table)):
         kind = runs.table[run, 0]
         run_start = runs.table[run, 1]
         run_stop = run_start + runs.table[run, 3]
         # from the number of the cell where a contact starts to that of the cell where it ends
         offset = runs.table[run, 2] - run_start
-        for start in range(run_start, run_stop, _CACHED):
-            stop = min(start + _CACHED, run_stop)
+        for start in range(run_start, run_stop, _CONTACTS_AT_ONCE):
+            stop = min(start + _CONTACTS_AT_ONCE, run_stop)
             count = stop - start
             tension[:count] = 0.0
             for axis in range(d):

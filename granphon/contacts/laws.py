@@ -107,7 +107,7 @@ class ContactLaws:
         return np.where(np.isinf(self.tension), 0.0, self.tension)
 
     @property
-    def adhere(self) -> bool:
+    def can_adhere(self) -> bool:
         """Whether some contact bears tension before it opens, as balls that adhere and bonds do."""
         return bool(np.any(self.tension > 0.0))
 
@@ -208,7 +208,7 @@ class ContactLaws:
         return overlaps
 
     @property
-    def know_radii(self) -> bool:
+    def has_radii(self) -> bool:
         """Whether some law knows the radius of its contacts."""
         return any(callable(getattr(law, "contact_radius", None)) for law, _ in self.groups)
 

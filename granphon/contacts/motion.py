@@ -30,7 +30,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Index
 from granphon.contacts import motion_loops as loops
 from granphon.contacts.motion_laws import PairLaws, Powers
-from granphon.contacts.motion_loops import Columns, Moment, Rules
+from granphon.contacts.motion_loops import Columns, Moment, Rules, Step
 from granphon.dynamics.damping import Losses
 from granphon.networks.network import ContactNetwork
 
@@ -41,15 +41,16 @@ _ROWS_OF_SLIP = 1 + _N_SLIPS
 
 
 class MetPairs(NamedTuple):
-    """Pairs of balls that may meet, beside the contacts of a network.
+    """Pairs that may meet, beside the contacts of a network: two balls, or a ball i and a flat wall
+    j.
 
     Attributes
     ----------
-    i, j : (n_p,) numbers of the balls.
-    shift : (n_p, 3) whole periods by which ball j is displaced.
+    i, j : (n_p,) numbers of the two bodies.
+    shift : (n_p, 3) whole periods by which body j is displaced.
     slip_ratio : (n_p,) stiffness of slip over that of a flat punch as wide as the contact.
-    bulge : length, m: pairs begin to push where their distance is the sum of their radii and this
-        length.
+    bulge : length, m: two balls begin to push where their distance is the sum of their radii and
+        this length. A ball and a wall do so where their distance is the radius.
     """
 
     i: Index
@@ -66,9 +67,10 @@ class _Geometry(NamedTuple):
     ----------
     r : (n_c, 3) r at rest: a vector, m, where contacts turn, and a unit vector elsewhere.
     length : (n_c,) length of r.
-    gap : (n_c,) distance of the surfaces of pairs that may meet, m; zero of contacts.
+    gap : (n_c,) distance, m, by which balls of pairs that may meet have to approach before they
+        push; zero of contacts.
     is_free : (n_c,) one where r follows the balls, and zero where r stays.
-    near, far : (n_c,) arms of balls i and of balls j over the length of r: parts of a vector, or
+    arm_i, arm_j : (n_c,) arms of balls i and of balls j over the length of r: parts of a vector, or
         lengths, m, of a unit vector.
     levers : (2, n_c) radii of balls i and of balls j where these are the levers of slip, m, in
         place of the arms; else zero.
@@ -78,8 +80,8 @@ class _Geometry(NamedTuple):
     length: Array
     gap: Array
     is_free: Array
-    near: Array
-    far: Array
+    arm_i: Array
+    arm_j: Array
     levers: Array
 
 
@@ -134,14 +136,17 @@ class MovingContacts:
         self._is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
         self.held = _find_rest_forces(network, self.ratios.shape)
-        geometry = _find_true_geometry(network, pairs) if rules.turns else _find_geometry(network)
+        geometry = (
+            _find_true_geometry(network, pairs) if rules.can_turn else _find_geometry(network)
+        )
         columns = _list_columns(geometry, law, self.ratios, self._is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
         ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
-        self._columns = _make_columns(ends, columns)
+        self._columns = _make_columns(ends, self.axes, columns)
         self.on_balls = np.zeros((network.n_balls, len(self.axes)))
         n_rows = len(self.ratios) + 1
+        self._no_mean = np.zeros(0)
         self._no_speeds = np.zeros((0, len(self.axes)))
         self._no_dash = np.zeros((n_rows, 0))
         self.dash = np.zeros((n_rows, len(ends[0]))) if self.is_damped else self._no_dash
@@ -164,7 +169,7 @@ class MovingContacts:
         pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
         k = np.ones(n_contacts)
         # a law that does not know radii takes the normal stiffness for that of a punch
-        punch = np.ones(n_contacts) if self.law.know_radii else k
+        punch = np.ones(n_contacts) if self.law.has_radii else k
         return Moment(np.zeros_like(self.on_balls), np.zeros(n_contacts), pull, k, punch)
 
     def make_spare(self, moment: Moment, has_pull: bool) -> Moment:
@@ -178,12 +183,12 @@ class MovingContacts:
             np.empty_like(moment.e),
             np.empty_like(moment.pull) if has_pull else moment.pull,
             k,
-            np.empty_like(k) if self.law.know_radii else k,
+            np.empty_like(k) if self.law.has_radii else k,
         )
 
     def measure(self, moment: Moment) -> None:
         """Set the elongations ``e`` of a ``moment`` from its motions."""
-        loops.measure(self._columns, moment.motions, self.axes, self.rules.turns, moment.e)
+        loops.measure(self._columns, moment.motions, self.rules.can_turn, moment.e)
 
     def press(self, moment: Moment, joined: Any) -> None:
         """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
@@ -193,7 +198,7 @@ class MovingContacts:
         are the normal stiffnesses, in the same array.
         """
         self.law.press(moment.e, (moment.pull[0], moment.k), joined)
-        if isinstance(self.law, PairLaws) and self.law.know_radii:
+        if isinstance(self.law, PairLaws) and self.law.has_radii:
             self.law.punch(moment.e, moment.punch, joined)
 
     def begin(self, moment: Moment) -> Any:
@@ -267,17 +272,14 @@ class MovingContacts:
         dashpots act.
         """
         has_dash = speeds is not None or mean is not None
-        side_energy, dashpot_energy, self.stiffest = loops.follow(
-            self._columns,
-            rules,
-            self.axes,
-            before,
-            after,
-            np.zeros(0) if mean is None else mean,
-            self._no_speeds if speeds is None else speeds,
+        inputs = Step(
             step,
+            self._no_mean if mean is None else mean,
+            self._no_speeds if speeds is None else speeds,
             self.dash if has_dash else self._no_dash,
-            self.on_balls,
+        )
+        side_energy, dashpot_energy, self.stiffest = loops.follow(
+            self._columns, rules, before, after, inputs, self.on_balls
         )
         if self.springs is not None:
             # the mean of a linear force over the step is the mean of the forces at its two ends
@@ -298,13 +300,14 @@ class MovingContacts:
         energy = float(np.sum(self.still * moment.motions))
         if self.springs is not None:
             energy += 0.5 * float(np.sum(self.springs * moment.motions**2))
-        if self.rules.turns:
+        if self.rules.can_turn:
             energy -= float(np.sum(self.law.rest * moment.e))
         return energy
 
     def shear_energy(self, moment: Moment) -> float:
         """Return the energy, J, that all contacts together store by slip, twist and rolling at a
-        ``moment``: the sum of T^2/2k_t over all forces and torques T.
+        ``moment``: the sum of T^2/2k_t over all forces and torques T with a stiffness k_t above
+        zero.
         """
         forces = moment.pull[1:]
         double_stiffness = 2.0 * self.ratios * moment.punch
@@ -352,9 +355,9 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
     """
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
-    columns = _make_columns((network.i, network.j), directions)
+    columns = _make_columns((network.i, network.j), _list_axes(network), directions)
     e = np.empty(network.n_contacts)
-    loops.measure(columns, motions, _list_axes(network), False, e)
+    loops.measure(columns, motions, False, e)
     return e
 
 
@@ -401,14 +404,14 @@ def _list_columns(
     columns |= {
         loops.LENGTH: geometry.length,
         loops.GAP: geometry.gap,
-        loops.FREE: geometry.is_free,
-        loops.NEAR: geometry.near,
-        loops.FAR: geometry.far,
-        loops.NEAR_LEVER: geometry.levers[0],
-        loops.FAR_LEVER: geometry.levers[1],
+        loops.IS_FREE: geometry.is_free,
+        loops.ARM_I: geometry.arm_i,
+        loops.ARM_J: geometry.arm_j,
+        loops.LEVER_I: geometry.levers[0],
+        loops.LEVER_J: geometry.levers[1],
         loops.FORCE: law.rest,
         loops.SLIP_RATIO: ratios[0],
-        loops.END: law.end,
+        loops.OPENING: law.end,
     }
     if len(ratios) > _N_SLIPS:
         columns |= {
@@ -421,14 +424,14 @@ def _list_columns(
     return columns
 
 
-def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
+def _make_columns(ends: tuple[Index, Index], axes: Index, values: dict[int, Any]) -> Columns:
     """Return the contacts, at least one, as loops read them: ``ends`` (n_c,) are the numbers of
-    balls i and j, and ``values`` the columns (n_c,) by the place where their row begins; other
-    columns are zero.
+    balls i and j, ``axes`` (m,) those of the motions of a ball, and ``values`` the columns (n_c,)
+    by the place where their row begins; other columns are zero.
 
     A column of equal numbers is kept as one number.
     """
-    shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
+    shared = np.zeros(loops.COLUMNS_END // loops.CHUNK)
     separate = {}
     for row, column in values.items():
         shared[row // loops.CHUNK] = column[0]
@@ -438,6 +441,7 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
     return Columns(
         i=ends[0].astype(np.uint32),
         j=ends[1].astype(np.uint32),
+        axes=axes,
         shared=shared,
         separate=np.array([*separate.values()], float).reshape(-1, n_contacts),
         lines=np.array([*separate], np.int64),
@@ -454,8 +458,8 @@ def _find_geometry(network: ContactNetwork) -> _Geometry:
         length=np.ones(network.n_contacts),
         gap=zeros,
         is_free=zeros,
-        near=network.arm_i,
-        far=network.arm_j,
+        arm_i=network.arm_i,
+        arm_j=network.arm_j,
         levers=np.zeros((2, network.n_contacts)),
     )
 
@@ -464,39 +468,47 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
     """Return the contacts of a ``network`` and, behind them, the ``pairs`` that may meet, as
     contacts that turn with their balls. Those with flat walls keep their directions.
     """
-    i = pairs.i
-    j = pairs.j
+    i = np.append(network.i, pairs.i)
+    j = np.append(network.j, pairs.j)
     is_flat = np.isinf(network.distance)
-    is_wall = np.isinf(network.radii[j])
-    radii_j = np.where(is_wall, 0.0, network.radii[j])
     vectors = np.where(is_flat[:, None], network.normal, network.vector)
-    pair_vectors = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
-    gap = np.linalg.norm(pair_vectors, axis=1) - network.radii[i] - radii_j - pairs.bulge
-    for wall, (wall_point, wall_normal) in network.walls.items():
-        at_wall = j == wall
-        balls = i[at_wall]
-        to_wall = (wall_point - network.positions[balls]) @ wall_normal
-        pair_vectors[at_wall] = wall_normal
-        gap[at_wall] = to_wall - network.radii[balls]
+    pair_vectors, gap = _measure_pairs(network, pairs)
     r = np.concatenate([vectors, pair_vectors])
-    is_flat = np.append(is_flat, is_wall)
+    is_flat = np.append(is_flat, np.isinf(network.radii[pairs.j]))
     # arms share the distance, so that torques balance the moment of forces across contacts
-    arm_i = np.append(network.arm_i, network.radii[i])
-    near = np.where(is_flat, arm_i, arm_i / _find_arm_sums(network, pairs))
+    arm_i = np.append(network.arm_i, network.radii[pairs.i])
+    arm_i = np.where(is_flat, arm_i, arm_i / _find_arm_sums(network, pairs))
     levers = np.zeros((2, len(r)))
     if network.lever_excesses is not None:
-        ends = np.stack([np.append(network.i, i), np.append(network.j, j)])
-        radii = network.radii[ends]
+        radii = network.radii[np.stack([i, j])]
         levers = np.where(np.isfinite(radii), radii, 0.0)
     return _Geometry(
         r=r,
         length=np.sqrt(np.sum(r * r, axis=1)),
-        gap=np.append(np.zeros(network.n_contacts), np.maximum(gap, 0.0)),  # no pair pushes at rest
+        gap=np.append(np.zeros(network.n_contacts), gap),
         is_free=np.where(is_flat, 0.0, 1.0),
-        near=near,
-        far=np.where(is_flat, 0.0, 1.0 - near),
+        arm_i=arm_i,
+        arm_j=np.where(is_flat, 0.0, 1.0 - arm_i),
         levers=levers,
     )
+
+
+def _measure_pairs(network: ContactNetwork, pairs: MetPairs) -> tuple[Array, Array]:
+    """Return, of the ``pairs`` at rest, r (n_p, 3), and the distances (n_p,), m, by which the balls
+    have to approach before they push. No pair pushes at rest: a distance below zero counts as zero.
+    """
+    i = pairs.i
+    j = pairs.j
+    r = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
+    radii_j = np.where(np.isinf(network.radii[j]), 0.0, network.radii[j])
+    gap = np.linalg.norm(r, axis=1) - network.radii[i] - radii_j - pairs.bulge
+    for wall, (wall_point, wall_normal) in network.walls.items():
+        at_wall = j == wall
+        balls = i[at_wall]
+        r[at_wall] = wall_normal
+        to_wall = (wall_point - network.positions[balls]) @ wall_normal
+        gap[at_wall] = to_wall - network.radii[balls]
+    return r, np.maximum(gap, 0.0)
 
 
 def _find_arm_sums(network: ContactNetwork, pairs: MetPairs) -> Array:
@@ -528,7 +540,7 @@ def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Arra
     twist = append_pairs(network.torsion_stiffness)
     roll = append_pairs(network.bending_stiffness)
     has_torque = network.contact_torque is not None and np.any(network.contact_torque)
-    turns_balls = has_torque and network.ball_motions.rotations
-    if turns_balls or np.any(twist) or np.any(roll):
+    is_torque_felt = has_torque and network.ball_motions.rotations
+    if is_torque_felt or np.any(twist) or np.any(roll):
         return np.array([slip, slip, slip, twist, roll, roll, roll])
     return np.array([slip, slip, slip])

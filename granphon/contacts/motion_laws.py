@@ -26,9 +26,9 @@ from granphon.contacts.laws import ContactLaws
 _LEAST_NORMAL = hertz.LEAST_NORMAL
 #: ratio of a change of an overlap to the overlap up to which a mean force is that of Gauss's two
 #: points: a difference of energies would lose more digits
-_CLOSE = 2e-3
+_GAUSS_RANGE = 2e-3
 #: distance of Gauss's two points from the middle of an interval, over its length
-_GAUSS = 0.5 / math.sqrt(3.0)
+_GAUSS_POINT = 0.5 / math.sqrt(3.0)
 
 
 def share(values: Array) -> Array:
@@ -52,7 +52,7 @@ class Powers:
     rest : (n,) force at rest, N.
     end : (n,) elongation at which a contact opens, m.
     jumps : numbers of the contacts whose force jumps: none.
-    know_radii : whether the law knows the radius of its contacts: it does not.
+    has_radii : whether the law knows the radius of its contacts: it does not.
     """
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
@@ -67,7 +67,7 @@ class Powers:
         self._stiffness_factor = share(hertz.stiffness_of(coefficient))
 
     jumps = np.zeros(0, np.intp)
-    know_radii = False
+    has_radii = False
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
         """Return f - f_0 (n,), N, without a difference of near-equal forces, and the stiffnesses
@@ -145,7 +145,7 @@ class PairLaws:
     apart : number of contacts of balls that are apart at rest and may meet, which no load holds;
         they are the last ones.
     jumps : numbers of the contacts whose force jumps where they join or part.
-    know_radii : whether some law knows the radius of its contacts.
+    has_radii : whether some law knows the radius of its contacts.
     """
 
     def __init__(self, springs: ContactLaws, overlap: Array, apart: int = 0) -> None:
@@ -154,7 +154,7 @@ class PairLaws:
         self.end = overlap - springs.least
         self.rest = springs.force(overlap)
         self.apart = apart
-        self.know_radii = springs.know_radii
+        self.has_radii = springs.has_radii
         # the first overlap above that at which the law ends
         self._first_overlap = np.nextafter(springs.least, np.inf)
         rest_overlap = np.maximum(overlap, self._first_overlap)
@@ -163,14 +163,14 @@ class PairLaws:
             rest_overlap[-apart:] = self._first_overlap[-apart:]
         self._rest_energy = springs.energy(rest_overlap)
         # a contact that never opens neither joins nor parts: its law is asked at overlap zero
-        opens = springs.least > -np.inf
-        parting = np.where(opens, self._first_overlap, 0.0)
-        joining = np.where(opens, np.nextafter(springs.touch, np.inf), 0.0)
+        can_open = springs.least > -np.inf
+        parting = np.where(can_open, self._first_overlap, 0.0)
+        joining = np.where(can_open, np.nextafter(springs.touch, np.inf), 0.0)
         parting_force = springs.force(parting)
         joining_force = springs.force(joining)
         # the force at the first overlap of a law without a jump is not zero, but below this number
         end_force = np.maximum(np.abs(parting_force), np.abs(joining_force))
-        self.jumps: Index = np.flatnonzero(opens & (end_force >= _LEAST_NORMAL))
+        self.jumps: Index = np.flatnonzero(can_open & (end_force >= _LEAST_NORMAL))
         self._parting_force = parting_force[self.jumps]
 
     def begin(self, e: Array) -> Any:
@@ -280,7 +280,7 @@ def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Arr
     :meth:`Powers.press`.
     """
     middle = 0.5 * (e + end)
-    point_distance = _GAUSS * (end - e)  # of Gauss's points from the middle
+    point_distance = _GAUSS_POINT * (end - e)  # of Gauss's points from the middle
     first_force, _ = law.press(middle - point_distance, joined=joined)
     second_force, _ = law.press(middle + point_distance, joined=joined)
     return np.asarray(0.5 * (first_force + second_force))
@@ -293,7 +293,7 @@ def _refine_near_rest(law: Powers | PairLaws, e: Array, energy: Array, joined: A
 
     ``joined`` is as for :meth:`Powers.press`.
     """
-    is_small = (np.abs(e) <= _CLOSE * np.abs(law.overlap)) & (law.overlap != 0.0)
+    is_small = (np.abs(e) <= _GAUSS_RANGE * np.abs(law.overlap)) & (law.overlap != 0.0)
     is_near = is_small & law.is_closed(e, joined)
     work = -e * _mean_near(law, np.zeros_like(e), e, joined)
     return np.where(is_near, work, energy)
@@ -307,7 +307,7 @@ def _mean_of(law: Powers | PairLaws, e: Array, end: Array, joined: Any = None) -
     ``joined`` is as for :meth:`Powers.press`.
     """
     distance = end - e
-    is_far = np.abs(distance) > _CLOSE * np.abs(law.overlap - e)
+    is_far = np.abs(distance) > _GAUSS_RANGE * np.abs(law.overlap - e)
     switches = law.is_closed(e, joined) != law.is_closed(end, joined)
     energy_lost = law.store(e, joined) - law.store(end, joined)
     mean = _mean_near(law, e, end, joined)

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
-from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
+from granphon.contacts.friction import Configuration, RollingContacts
+from granphon.contacts.sliding import SlipTangent
 from granphon.contacts.slips import LEAST_DIVISOR
 from granphon.contacts.vectors import Vector, cross, dot, get_row, set_row
 

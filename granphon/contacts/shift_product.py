@@ -23,12 +23,12 @@ Values = NDArray[Any]
 Index = tuple[Any, ...]
 #: about the greatest number of bytes that the contributions of the ends of contacts in one slab
 #: take, so that they stay in the processor's cache
-_CACHED = 2**21
+_CACHE_BYTES = 2**21
 #: least ratio of the layers of a slab to the ghost layers around it; the work of these is done
 #: once more in another slab
-_LONG = 2
+_LEAST_RATIO = 2
 #: number of multiplications in a product of matrices up to which OpenBLAS takes one thread
-_ONE_THREAD = 2**18
+_PRODUCTS_OF_THREAD = 2**18
 
 
 class Halo:
@@ -207,8 +207,8 @@ class ContactOperator:
         below = halo.below[0]
         count = self.shape[0]
         ghosts = below + halo.above[0]
-        cached = _CACHED // (2 * self.n_rows * precision.itemsize * self._stride)
-        most_layers = max(1, cached - ghosts, _LONG * ghosts)
+        cached = _CACHE_BYTES // (2 * self.n_rows * precision.itemsize * self._stride)
+        most_layers = max(1, cached - ghosts, _LEAST_RATIO * ghosts)
         n_slabs = math.ceil(count / most_layers)
         step = math.ceil(count / n_slabs)  # slabs of one length, but for the last
         spaces: dict[int, _Workspace] = {}
@@ -435,7 +435,7 @@ def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
     if matrix.dtype != out.dtype:
         columns = columns.view(matrix.dtype)
         out = out.view(matrix.dtype)
-    step = max(1, _ONE_THREAD // matrix.size)
+    step = max(1, _PRODUCTS_OF_THREAD // matrix.size)
     if columns.shape[1] <= step:
         np.matmul(matrix, columns, out=out)
         return

@@ -41,7 +41,7 @@ from granphon.contacts.vectors import Vector, add, add_to_row, cross, dot, get_r
 
 #: square of the tangent of an angle up to which the angle is the sum of the first three terms of
 #: its series: the fourth is rounding
-_SMALL = 1e-6
+_SERIES_SQUARE = 1e-6
 #: least divisor in place of 1 + n.e, which is zero if a step too long has turned a contact round
 LEAST_DIVISOR = float(np.finfo(float).tiny)
 
@@ -193,7 +193,7 @@ def _find_angle(sine: float, cosine: float, eps: float) -> float:
     """
     slope = sine / cosine
     square = eps * eps * slope * slope
-    if cosine > 0.0 and square < _SMALL:
+    if cosine > 0.0 and square < _SERIES_SQUARE:
         return slope * (1.0 - square / 3.0 + 0.2 * square * square)
     return math.atan2(eps * sine, cosine) / eps
 
