@@ -23,7 +23,7 @@ from granphon.base.arrays import Array
 from granphon.contacts import slips
 from granphon.contacts.friction import Configuration, RollingContacts, Tangent, by_contact
 from granphon.contacts.grid_product import GridProduct, invert_blocks, multiply_pressed
-from granphon.contacts.rolling_tangent import fill_tangent
+from granphon.contacts.rolling_tangent import TangentBlocks, fill_tangent
 from granphon.contacts.slips import measure_slips
 
 
@@ -249,15 +249,10 @@ class PressedPlace:
             by_contact(forces),
             by_contact(shears, len(shears)),
             geometry.axes,
-            diagonal,
-            forward,
-            backward,
-            ahead,
-            back,
+            TangentBlocks(diagonal, forward, backward, ahead, back),
         )
-        blocks = diagonal.astype(precision)
         return PressedTangent(
-            geometry.product.fill(blocks, forward, backward),
+            geometry.product.fill(diagonal.astype(precision), forward, backward),
             diagonal,
             ahead.astype(precision),
             back.astype(precision),

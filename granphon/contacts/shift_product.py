@@ -76,23 +76,23 @@ class Halo:
             below = self.below[axis]
             size = self.shape[axis]
             above = self.above[axis]
-            later_axes: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
             stop = below + size
             # if there are more ghost layers than layers, they repeat the array more than once
             for n_copied in range(0, above, size):
                 count = min(size, above - n_copied)
-                ghost_start = stop + n_copied
-                yield (
-                    array[(..., slice(ghost_start, ghost_start + count), *later_axes)],
-                    array[(..., slice(below, below + count), *later_axes)],
-                )
+                ghosts = self._take_layers(array, axis, stop + n_copied, count)
+                yield ghosts, self._take_layers(array, axis, below, count)
             for n_copied in range(0, below, size):
                 count = min(size, below - n_copied)
-                ghost_stop = below - n_copied
-                yield (
-                    array[(..., slice(ghost_stop - count, ghost_stop), *later_axes)],
-                    array[(..., slice(stop - count, stop), *later_axes)],
-                )
+                ghosts = self._take_layers(array, axis, below - n_copied - count, count)
+                yield ghosts, self._take_layers(array, axis, stop - count, count)
+
+    def _take_layers(self, array: Values, axis: int, start: int, count: int) -> Values:
+        """Return a view of ``count`` layers along the ``axis`` of an ``array`` (..., P1, ..., Pp),
+        from the layer ``start`` on.
+        """
+        later_axes: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
+        return array[(..., slice(start, start + count), *later_axes)]
 
 
 class _Workspace(NamedTuple):

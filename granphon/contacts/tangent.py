@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.contacts import loops
 from granphon.contacts.columns import Columns
 from granphon.contacts.contact_list import ContactList
@@ -45,21 +45,8 @@ class Pattern:
     def __init__(
         self, i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
     ) -> None:
-        balls = np.arange(n_balls)
-        # blocks of balls, and (i, j) and (j, i) of contacts; those at the same place are one block
-        lines = np.concatenate([balls, i, j])
-        columns = np.concatenate([balls, j, i])
-        # blocks are numbered column by column, and in a column of blocks line by line
-        blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
-        line = blocks % n_balls
-        column = blocks // n_balls
-        # blocks of each column: where they start among all blocks, and how many they are
-        starts = np.searchsorted(blocks, np.arange(n_balls + 1) * n_balls)
-        heights = np.diff(starts)
-        # of each block, where its first entry stands, and how far apart its columns of entries are
-        blocks_above = np.arange(blocks.size) - starts[column]
-        first = starts[column] * n_motions**2 + blocks_above * n_motions
-        apart = heights[column] * n_motions
+        lines, columns, numbers = _list_blocks(i, j, n_balls)
+        first, apart = _lay_blocks(columns, n_balls, n_motions)
         places = np.stack([first, apart], axis=1)[numbers]
         motions = np.arange(n_motions)
         #: (n, 2) where the block of each ball begins, and how far apart its columns are
@@ -71,7 +58,8 @@ class Pattern:
         # (blocks, columns, lines) the place of each entry of each block, and the line of the matrix
         entries = first[:, None, None] + apart[:, None, None] * motions[:, None] + motions
         self._indices = np.empty(entries.size, np.int32)
-        self._indices[entries] = (n_motions * line[:, None, None] + motions).astype(np.int32)
+        self._indices[entries] = (n_motions * lines[:, None, None] + motions).astype(np.int32)
+        heights = np.bincount(columns, minlength=n_balls)
         n_in_column = np.repeat(heights * n_motions, n_motions)
         self._starts = np.concatenate([[0], np.cumsum(n_in_column)]).astype(np.int32)
 
@@ -108,6 +96,31 @@ class Pattern:
         if size not in self._leading:
             self._leading[size] = LeadingPart(self, size)
         return self._leading[size]
+
+
+def _list_blocks(
+    i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int
+) -> tuple[Index, Index, Index]:
+    """Return the line and the column (blocks,) of each block of A, in the order of columns and, in
+    a column, of lines; and the numbers (n + 2 n_c,) of the blocks of balls, then of the blocks (i,
+    j) and then of the blocks (j, i) of contacts. What stands at the same place is one block.
+    """
+    balls = np.arange(n_balls)
+    lines = np.concatenate([balls, i, j])
+    columns = np.concatenate([balls, j, i])
+    blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
+    return blocks % n_balls, blocks // n_balls, numbers
+
+
+def _lay_blocks(columns: Index, n_balls: int, n_motions: int) -> tuple[Index, Index]:
+    """Return, of each block of A with its ``columns`` (blocks,), the place of its first entry among
+    all entries (blocks,), and how far apart its columns of entries are (blocks,).
+    """
+    heights = np.bincount(columns, minlength=n_balls)  # numbers of blocks
+    starts = np.cumsum(heights) - heights
+    blocks_above = np.arange(columns.size) - starts[columns]
+    first = starts[columns] * n_motions**2 + blocks_above * n_motions
+    return first, heights[columns] * n_motions
 
 
 class LeadingPart:
