@@ -31,18 +31,18 @@ def _find_root(parents: NDArray[np.int64], ball: int) -> int:
 
 @compiled
 def join_balls(
-    i: NDArray[np.int64], j: NDArray[np.int64], joining: Flags, group: NDArray[np.int64]
+    i: NDArray[np.int64], j: NDArray[np.int64], is_joining: Flags, group: NDArray[np.int64]
 ) -> int:
     """Set ``group`` (n,) to the number of the group of each ball, and return the number of groups.
 
-    Balls ``i`` and ``j`` (n_c,) of each contact that is ``joining`` (n_c,) are in the same group; a
-    ball without such a contact is a group of its own. Contacts with bodies from number n on, which
-    are not balls, join nothing.
+    Balls ``i`` and ``j`` (n_c,) of each contact where ``is_joining`` (n_c,) is true are in the same
+    group; a ball without such a contact is a group of its own. Contacts with bodies from number n
+    on, which are not balls, join nothing.
     """
     n = len(group)
     parents = np.arange(n)
     for contact in range(len(i)):
-        if joining[contact] and i[contact] < n and j[contact] < n:
+        if is_joining[contact] and i[contact] < n and j[contact] < n:
             first = _find_root(parents, i[contact])
             second = _find_root(parents, j[contact])
             parents[max(first, second)] = min(first, second)
@@ -128,28 +128,38 @@ def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
 
 
 @compiled
+def _joins_balls(i: int, j: int, along: float, n: int) -> bool:
+    """Return whether a contact of the bodies ``i`` and ``j`` with the stiffness ``along`` is closed
+    and joins two balls: bodies from number ``n`` on are no balls, and a ball and its own image are
+    one ball.
+    """
+    return along > 0.0 and i < n and j < n and i != j
+
+
+@compiled
 def _list_neighbours(
     i: NDArray[np.int64], j: NDArray[np.int64], along: Array, n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``starts`` (n + 2,) and ``neighbours``: the neighbours of ball b are
     ``neighbours[starts[b] : starts[b + 1]]``. The last number of ``starts`` is not used.
 
-    Neighbours are balls that share a closed contact. A contact is closed if its stiffness ``along``
-    (n_c,) the normal is above zero. Bodies from number n on are no neighbours.
+    Neighbours are balls that share a closed contact, once for each such contact. A contact is
+    closed if its stiffness ``along`` (n_c,) the normal is above zero. Bodies from number n on are
+    no neighbours, and a ball that touches its own image is none of its own.
     """
     # starts[b + 2] first counts the neighbours of ball b. After the sums over balls, starts[b + 1]
     # is the start of ball b. It counts up as neighbours of ball b are written, and is the start of
     # ball b + 1 in the end
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
-        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
+        if _joins_balls(i[contact], j[contact], along[contact], n):
             starts[i[contact] + 2] += 1
             starts[j[contact] + 2] += 1
     for ball in range(n):
         starts[ball + 2] += starts[ball + 1]
     neighbours = np.empty(starts[n + 1], np.int64)
     for contact in range(len(i)):
-        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
+        if _joins_balls(i[contact], j[contact], along[contact], n):
             neighbours[starts[i[contact] + 1]] = j[contact]
             neighbours[starts[j[contact] + 1]] = i[contact]
             starts[i[contact] + 1] += 1
@@ -236,12 +246,12 @@ def _add_contacts(
     vectors n, and ``along`` and ``across`` (n_c,) stiffnesses. ``place`` (n,) is that of
     :func:`_order_clusters`, ``row_starts`` (rows,) that of :func:`_lay_rows`, and ``d`` the number
     of axes. A body without a place does not move: the contact then adds only the block of its other
-    body.
+    body. A contact of a ball with its own image resists no motion of the ball, and adds nothing.
     """
     i, j = ends
     n = len(place)
     for contact in range(len(i)):
-        if not along[contact] > 0.0:
+        if not along[contact] > 0.0 or i[contact] == j[contact]:
             continue
         at_i = d * place[i[contact]] if i[contact] < n else -1
         at_j = d * place[j[contact]] if j[contact] < n else -1

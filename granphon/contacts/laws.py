@@ -34,7 +34,7 @@ class _Limits(NamedTuple):
         if least != -math.inf:
             # the pull where the law ends: a law may be zero at the end itself, and pull just after
             opening = np.array([least, math.nextafter(least, math.inf)])
-            tension = -min(float(np.min(law.force(opening))), 0.0)
+            tension = abs(min(float(np.min(law.force(opening))), 0.0))
         most = float(getattr(law, "most_overlap", math.inf))
         return cls(least, touching_overlap(law), most, tension)
 

@@ -40,9 +40,9 @@ def find_overlaps(
     if normal is not None:
         measure_along(vector, lengths, normal, loss)
         return at_length - loss, normal
-    along = np.empty_like(vector)
-    measure_distances(vector, lengths, along, loss)
-    return at_length - loss, along
+    directions = np.empty(vector.shape)
+    measure_distances(vector, lengths, directions, loss)
+    return at_length - loss, directions
 
 
 class ContactForces:
