@@ -10,12 +10,68 @@ factor L in L D L^T begins where the row of the matrix begins.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Flags
 from granphon.base.compiled import compiled
+
+
+class Springs(NamedTuple):
+    """Contacts as springs between bodies; bodies from number n on, the number of balls, are held.
+
+    Attributes
+    ----------
+    i, j : (n_c,) numbers of the two bodies.
+    normal : (n_c, 3) unit vectors from body i to body j.
+    along, across : (n_c,) stiffnesses along normals and across them, zero or above; contacts with
+        ``along`` zero are open.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    normal: Array
+    along: Array
+    across: Array
+
+
+class Pushes(NamedTuple):
+    """Contacts that push bodies; bodies from number n on, the number of balls, do not move.
+
+    Attributes
+    ----------
+    i, j : (n_c,) numbers of the two bodies.
+    current : (n_c, 3) vectors from body i to body j.
+    distance : (n_c,) lengths of these vectors.
+    force : (n_c,) forces, above zero where contacts push.
+    stiffness : (n_c,) stiffnesses.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    current: Array
+    distance: Array
+    force: Array
+    stiffness: Array
+
+
+class Lengths(NamedTuple):
+    """The search for the length of the step of each group.
+
+    Attributes
+    ----------
+    length : (groups,) lengths that are tried.
+    low, high : (groups,) lengths between which the work passes zero; ``high`` is infinite until a
+        trial has gone too far. No trial is longer than one.
+    is_done : (groups,) whether the search has ended.
+    """
+
+    length: Array
+    low: Array
+    high: Array
+    is_done: Flags
 
 
 @compiled
@@ -137,16 +193,17 @@ def _joins_balls(i: int, j: int, along: float, n: int) -> bool:
 
 
 @compiled
-def _list_neighbours(
-    i: NDArray[np.int64], j: NDArray[np.int64], along: Array, n: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _list_neighbours(contacts: Springs, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``starts`` (n + 2,) and ``neighbours``: the neighbours of ball b are
     ``neighbours[starts[b] : starts[b + 1]]``. The last number of ``starts`` is not used.
 
-    Neighbours are balls that share a closed contact, once for each such contact. A contact is
-    closed if its stiffness ``along`` (n_c,) the normal is above zero. Bodies from number n on are
-    no neighbours, and a ball that touches its own image is none of its own.
+    Neighbours are balls that share one of the ``contacts``, if it is closed, once for each such
+    contact. The ``n`` balls alone are neighbours, and a ball that touches its own image is none of
+    its own.
     """
+    i = contacts.i
+    j = contacts.j
+    along = contacts.along
     # starts[b + 2] first counts the neighbours of ball b. After the sums over balls, starts[b + 1]
     # is the start of ball b. It counts up as neighbours of ball b are written, and is the start of
     # ball b + 1 in the end
@@ -230,25 +287,21 @@ def _lay_rows(
 
 @compiled
 def _add_contacts(
-    ends: tuple[NDArray[np.int64], NDArray[np.int64]],
-    normal: Array,
-    along: Array,
-    across: Array,
+    contacts: Springs,
     place: NDArray[np.int64],
     row_starts: NDArray[np.int64],
     values: Array,
     d: int,
 ) -> None:
-    """Add the stiffness matrix of each closed contact, ``along`` nn + ``across`` (1 - nn), to the
-    entries ``values`` of the lower triangle.
+    """Add the stiffness matrix of each closed contact, ``along`` nn + ``across`` (1 - nn) with its
+    normal n, to the entries ``values`` of the lower triangle.
 
-    ``ends`` are the numbers (n_c,) of bodies i and of bodies j; ``normal`` (n_c, 3) are unit
-    vectors n, and ``along`` and ``across`` (n_c,) stiffnesses. ``place`` (n,) is that of
-    :func:`_order_clusters`, ``row_starts`` (rows,) that of :func:`_lay_rows`, and ``d`` the number
-    of axes. A body without a place does not move: the contact then adds only the block of its other
-    body. A contact of a ball with its own image resists no motion of the ball, and adds nothing.
+    ``place`` (n,) is that of :func:`_order_clusters`, ``row_starts`` (rows,) that of
+    :func:`_lay_rows`, and ``d`` the number of axes. A body without a place does not move: the
+    contact then adds only the block of its other body. A contact of a ball with its own image
+    resists no motion of the ball, and adds nothing.
     """
-    i, j = ends
+    i, j, normal, along, across = contacts
     n = len(place)
     for contact in range(len(i)):
         if not along[contact] > 0.0 or i[contact] == j[contact]:
@@ -311,15 +364,7 @@ def _solve(
 
 @compiled
 def find_cluster_steps(
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    normal: Array,
-    along: Array,
-    across: Array,
-    springs: Array,
-    moves: Flags,
-    forces: Array,
-    steps: Array,
+    contacts: Springs, grounds: Array, moves: Flags, forces: Array, steps: Array
 ) -> None:
     """Set ``steps`` (n, d) to the displacements of balls that ``forces`` (n, d) cause: the steps of
     Newton's method. Balls where ``moves`` (n,) is false stay, unless a closed contact joins them
@@ -327,17 +372,14 @@ def find_cluster_steps(
 
     Parameters
     ----------
-    i, j : (n_c,) numbers of the two bodies of each contact; bodies from number n on are held.
-    normal : (n_c, 3) unit vectors from body i to body j.
-    along, across : (n_c,) stiffnesses along normals and across them, zero or above; contacts
-        with ``along`` zero are open.
-    springs : (n,) stiffnesses, above zero, that hold balls to the ground.
+    contacts : the contacts.
+    grounds : (n,) stiffnesses, above zero, of springs that hold balls to the ground.
     moves : (n,) whether each ball moves.
     forces, steps : (n, d) forces on balls, and displacements, set.
     """
     n, d = forces.shape
     steps[:] = 0.0
-    starts, neighbours = _list_neighbours(i, j, along, n)
+    starts, neighbours = _list_neighbours(contacts, n)
     order, place = _order_clusters(starts, neighbours, moves)
     first, row_starts, length = _lay_rows(starts, neighbours, order, place, d)
     values = np.zeros(length)
@@ -346,9 +388,9 @@ def find_cluster_steps(
         ball = order[entry]
         for axis in range(d):
             row = d * entry + axis
-            values[row_starts[row] + row] = springs[ball]
+            values[row_starts[row] + row] = grounds[ball]
             solution[row] = forces[ball, axis]
-    _add_contacts((i, j), normal, along, across, place, row_starts, values, d)
+    _add_contacts(contacts, place, row_starts, values, d)
     _solve(first, row_starts, values, solution)
     for entry in range(len(order)):
         for axis in range(d):
@@ -357,12 +399,7 @@ def find_cluster_steps(
 
 @compiled
 def measure_slopes(
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    current: Array,
-    distance: Array,
-    force: Array,
-    stiffness: Array,
+    contacts: Pushes,
     load: Array,
     steps: Array,
     group: NDArray[np.int64],
@@ -374,12 +411,10 @@ def measure_slopes(
     which ``work`` falls with the length.
 
     A ball moves by the length of its group's step times ``steps`` (n, d); ``group`` (n,) is the
-    number of the group of each ball. Contacts have the bodies ``i`` and ``j``, the ``current``
-    vector (n_c, 3) from body i to body j, its length ``distance``, a ``force``, above zero where it
-    pushes, and a ``stiffness``, (n_c,) each. Bodies from number n on do not move. A contact with a
-    force or a stiffness must have a ball, and two balls of it must be in one group. The rate leaves
-    out that directions change.
+    number of the group of each ball. A contact with a force or a stiffness must have a ball, and
+    two balls of it must be in one group. The rate leaves out that directions change.
     """
+    i, j, current, distance, force, stiffness = contacts
     n, d = steps.shape
     work[:] = 0.0
     rise[:] = 0.0
@@ -408,18 +443,11 @@ def measure_slopes(
 
 @compiled
 def choose_lengths(
-    work: Array,
-    rise: Array,
-    first: Array,
-    exponent: float,
-    slope: float,
-    length: Array,
-    low: Array,
-    high: Array,
-    is_done: Flags,
+    work: Array, rise: Array, first: Array, exponent: float, slope: float, lengths: Lengths
 ) -> bool:
-    """Set the ``length`` (groups,) of the step that each group tries next; return whether all
-    groups are done.
+    """Set the length of the step that each group tries next; return whether all groups are done.
+
+    Groups that are done before are left as they are.
 
     Parameters
     ----------
@@ -430,13 +458,12 @@ def choose_lengths(
         closes as the step grows, the work is first - c (length - closing length)^exponent: where
         the work is below zero, the root of this function is the next trial.
     slope : a group is done if the magnitude of its work is at most ``slope`` times ``first``.
-    length : (groups,) present lengths, set to the next ones.
-    low, high : (groups,) lengths between which the work passes zero, narrowed; ``high`` is infinite
-        until a trial has gone too far. No trial is longer than one.
-    is_done : (groups,) set to true where a group is done by ``slope``, or where its work is not
+    lengths : the search. ``length`` is set to the next lengths, ``low`` and ``high`` are narrowed,
+        and ``is_done`` is set to true where a group is done by ``slope``, or where its work is not
         below zero and no trial of the group has gone too far: its energy still falls at the present
-        length. Groups that are done before are left as they are.
+        length.
     """
+    length, low, high, is_done = lengths
     all_done = True
     for group in range(len(work)):
         if is_done[group]:
@@ -446,8 +473,8 @@ def choose_lengths(
             low[group] = trial
         elif work[group] < 0.0:
             high[group] = trial
-        is_open = high[group] == np.inf
-        if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and is_open):
+        has_end = high[group] < np.inf
+        if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and not has_end):
             is_done[group] = True
             continue
         all_done = False

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Values = NDArray[Any]
-Index = tuple[Any, ...]
+Slices = tuple[Any, ...]
 #: about the greatest number of bytes that the contributions of the ends of contacts in one slab
 #: take, so that they stay in the processor's cache
 _CACHE_BYTES = 2**21
@@ -145,9 +145,9 @@ class _Slab(NamedTuple):
     """
 
     layers: slice
-    sources: list[tuple[slice, Index]]
+    sources: list[tuple[slice, Slices]]
     start: int
-    inner: Index
+    inner: Slices
     space: _Workspace
 
 
@@ -229,7 +229,7 @@ class ContactOperator:
             )
         return slabs
 
-    def _list_sources(self, start: int, stop: int) -> list[tuple[slice, Index]]:
+    def _list_sources(self, start: int, stop: int) -> list[tuple[slice, Slices]]:
         """Return the ``sources`` of the :class:`_Slab` of the layers from ``start`` to before
         ``stop``: runs of layers that follow each other in the array.
         """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from granphon.contacts.clusters import find_cluster_steps
+from granphon.contacts.clusters import Springs, find_cluster_steps
 
 
 def solve_whole(ends, normal, stiffnesses, springs, moving, forces):
@@ -50,7 +50,8 @@ def test_steps_are_those_of_one_matrix(d):
     forces = rng.normal(size=(7, d))
     moves = np.array([False, True, False, False, True, True, False])
     steps = np.empty((7, d))
-    find_cluster_steps(i, j, normal, along, across, springs, moves, forces, steps)
+    contacts = Springs(i, j, normal, along, across)
+    find_cluster_steps(contacts, springs, moves, forces, steps)
     whole = solve_whole((i, j), normal, (along, across), springs, [0, 1, 2, 3, 4, 5], forces)
     assert_allclose(steps, whole, rtol=1e-12, atol=1e-13)
     assert np.all(steps[6] == 0.0)
