@@ -12,7 +12,7 @@ contacts: both are found once for all lists with the same numbers.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from granphon.base.arrays import Array, Index
 from granphon.contacts import loops
 from granphon.contacts.columns import Columns
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.loops import Blocks
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import Elimination
 
@@ -78,6 +79,15 @@ class Pattern:
         matrix: Any = csc_array((data, self._indices, self._starts), shape=(size, size))
         matrix.has_canonical_format = True
         return matrix
+
+    def list_entries(self, blocks: Blocks) -> Array:
+        """Return the entries (n_entries,) of A with these ``blocks``, in the order of the
+        pattern.
+        """
+        data = np.zeros(self.n_entries)
+        of_balls_and_contacts = (blocks.diagonal, blocks.forward, blocks.backward)
+        loops.fill_entries(*of_balls_and_contacts, self.by_ball, self.by_contact, data)
+        return data
 
     @cached_property
     def elimination(self) -> Elimination:
@@ -204,43 +214,6 @@ def find_pattern(
     return pattern
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Blocks:
-    """The tangent of contacts, block by block.
-
-    Attributes
-    ----------
-    diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
-    forward : (m, m, n_c) blocks of A: forces on ball i of each contact against motions of ball j.
-    backward : (m, m, n_c) blocks of A, transposed: forces on ball j of each contact (second axis)
-        against motions of ball i (first axis). They are the array ``forward`` itself if A is
-        symmetric.
-    ahead : (n, m, s) B, forces on balls against unit strains.
-    back : (n, m, s) B' transposed, forces on strains against unit motions of balls.
-    corner : (s, s) S, forces on strains against unit strains.
-    """
-
-    diagonal: Array
-    forward: Array
-    backward: Array
-    ahead: Array
-    back: Array
-    corner: Array
-
-    def symmetrise(self) -> Blocks:
-        """Return the blocks with A replaced by its symmetric part; B, B' and S stay as they are."""
-        diagonal = 0.5 * (self.diagonal + self.diagonal.swapaxes(0, 1))
-        forward = 0.5 * (self.forward + self.backward)
-        return replace(self, diagonal=diagonal, forward=forward, backward=forward)
-
-    def list_entries(self, pattern: Pattern) -> Array:
-        """Return the entries of A in the order of its ``pattern``."""
-        data = np.zeros(pattern.n_entries)
-        blocks = (self.diagonal, self.forward, self.backward)
-        loops.fill_entries(*blocks, pattern.by_ball, pattern.by_contact, data)
-        return data
-
-
 def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_balls: int) -> Blocks:
     """Return the tangent of the contacts ``columns`` of ``n_balls`` balls.
 
@@ -255,14 +228,13 @@ def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_bal
     ahead = np.zeros((n_balls, m, s))
     corner = np.zeros((s, s))
     frozen = columns.freeze()
-    loops.fill_tangent(frozen, axes, strains, diagonal, forward, ahead, corner)
+    blocks = Blocks(diagonal, forward, forward, ahead, ahead, corner)
+    loops.fill_tangent(frozen, axes, strains, blocks)
     if not len(columns.tangential_force):
-        return Blocks(diagonal, forward, forward, ahead, ahead, corner)
-    backward = forward.copy()
-    back = ahead.copy()
-    blocks = (diagonal, forward, backward)
-    loops.add_static_turn(frozen, axes, strains, *blocks, ahead, back, corner)
-    return Blocks(*blocks, ahead, back, corner)
+        return blocks
+    blocks = blocks._replace(backward=forward.copy(), back=ahead.copy())
+    loops.add_static_turn(frozen, axes, strains, blocks)
+    return blocks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -287,7 +259,7 @@ class Tangent:
     @cached_property
     def data(self) -> Array:
         """Entries of A, in the order of :attr:`pattern`."""
-        return self.blocks.list_entries(self.pattern)
+        return self.pattern.list_entries(self.blocks)
 
     @cached_property
     def matrix(self) -> Any:
