@@ -178,7 +178,8 @@ class Assembly:
 
         L times the displacements of bodies, m, is the loss n.(u_j - u_i) of the overlap of each
         contact, m, along its normal at touch. The transpose of L times the forces of contacts, N,
-        is the force on each body, N.
+        is the force on each body, N. If both bodies are one ball, which touches its own image, the
+        entries of the row stand twice at the same columns, and cancel.
         """
         from scipy.sparse import csr_array  # imported here: averages do not need SciPy
 

@@ -97,6 +97,7 @@ def join_balls(
     """
     n = len(group)
     parents = np.arange(n)
+    # the root of a group is its ball of the least number, so that it is counted first below
     for contact in range(len(i)):
         if is_joining[contact] and i[contact] < n and j[contact] < n:
             first = _find_root(parents, i[contact])

@@ -204,8 +204,8 @@ class Tangent:
         sliding = math.sqrt(1.0 - share) * self.sliding
         factor = 1.0 / unit
         shear = factor * (self.shear + eta * added)
-        drag = factor * (self.drag + eta * drag)
-        return Tangent(factor * stiffness, shear, factor * self.coupling, sliding, drag)
+        slip_drag = factor * (self.drag + eta * drag)
+        return Tangent(factor * stiffness, shear, factor * self.coupling, sliding, slip_drag)
 
     @cached_property
     def springs(self) -> Array:

@@ -326,7 +326,7 @@ def take_conjugate_step(
     step with the ``preconditioned`` residual, the curvature along the new ``direction``, and the
     square of the residual after the step.
 
-    If the curvature is not above zero, no step is taken, and the square is returned as zero.
+    If the curvature is zero or below, no step is taken, and the square is returned as zero.
     Vectors (f cells + s,) have the motions of balls, field by field, and s strains of the cell, or
     the forces on these.
 

@@ -212,9 +212,9 @@ def _add_up_forces(
 
 @compiled
 def _eliminate(matrices: Values) -> None:
-    """Replace the ``matrices`` (m, m, _INVERTED) by their inverses, by the elimination of Gauss and
-    Jordan. Its pivots are those on the diagonal, which suffices where the symmetric part of a
-    matrix is positive definite.
+    """Replace the ``matrices`` (m, m, _BALLS_AT_ONCE) by their inverses, by the elimination of
+    Gauss and Jordan. Its pivots are those on the diagonal, which suffices where the symmetric part
+    of a matrix is positive definite.
     """
     m = len(matrices)
     factor = np.empty(_BALLS_AT_ONCE)
