@@ -185,7 +185,7 @@ def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
 
 
 @compiled
-def _joins_balls(i: int, j: int, along: float, n: int) -> bool:
+def _can_join(i: int, j: int, along: float, n: int) -> bool:
     """Return whether a contact of the bodies ``i`` and ``j`` with the stiffness ``along`` is closed
     and joins two balls: bodies from number ``n`` on are no balls, and a ball and its own image are
     one ball.
@@ -210,14 +210,14 @@ def _list_neighbours(contacts: Springs, n: int) -> tuple[NDArray[np.int64], NDAr
     # ball b + 1 in the end
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
-        if _joins_balls(i[contact], j[contact], along[contact], n):
+        if _can_join(i[contact], j[contact], along[contact], n):
             starts[i[contact] + 2] += 1
             starts[j[contact] + 2] += 1
     for ball in range(n):
         starts[ball + 2] += starts[ball + 1]
     neighbours = np.empty(starts[n + 1], np.int64)
     for contact in range(len(i)):
-        if _joins_balls(i[contact], j[contact], along[contact], n):
+        if _can_join(i[contact], j[contact], along[contact], n):
             neighbours[starts[i[contact] + 1]] = j[contact]
             neighbours[starts[j[contact] + 1]] = i[contact]
             starts[i[contact] + 1] += 1
@@ -227,22 +227,22 @@ def _list_neighbours(contacts: Springs, n: int) -> tuple[NDArray[np.int64], NDAr
 
 @compiled
 def _order_clusters(
-    starts: NDArray[np.int64], neighbours: NDArray[np.int64], moves: Flags
+    starts: NDArray[np.int64], neighbours: NDArray[np.int64], is_moving: Flags
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``order``, the balls of all clusters cluster after cluster, and ``place`` (n,), the
     index of each ball in ``order``, which is -1 for balls of no cluster.
 
-    A cluster is a ball where ``moves`` (n,) is true with all balls that closed contacts join to it,
-    whether ``moves`` is true for these or not. Each cluster is ordered from one of its ends, which
-    keeps the entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are those of
-    :func:`_list_neighbours`.
+    A cluster is a ball where ``is_moving`` (n,) is true with all balls that closed contacts join to
+    it, whether ``is_moving`` is true for these or not. Each cluster is ordered from one of its
+    ends, which keeps the entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are
+    those of :func:`_list_neighbours`.
     """
-    n = len(moves)
+    n = len(is_moving)
     order = np.empty(n, np.int64)
     place = np.full(n, -1)
     count = 0
     for ball in range(n):
-        if moves[ball] and place[ball] < 0:
+        if is_moving[ball] and place[ball] < 0:
             # a search from any ball ends at an end of the cluster; the second search starts there
             end = _order_balls(starts, neighbours, ball, count, order, place)
             last = order[end - 1]
@@ -365,23 +365,23 @@ def _solve(
 
 @compiled
 def find_cluster_steps(
-    contacts: Springs, grounds: Array, moves: Flags, forces: Array, steps: Array
+    contacts: Springs, grounds: Array, is_moving: Flags, forces: Array, steps: Array
 ) -> None:
     """Set ``steps`` (n, d) to the displacements of balls that ``forces`` (n, d) cause: the steps of
-    Newton's method. Balls where ``moves`` (n,) is false stay, unless a closed contact joins them
-    to a cluster of balls that move.
+    Newton's method. Balls where ``is_moving`` (n,) is false stay, unless a closed contact joins
+    them to a cluster of balls that move.
 
     Parameters
     ----------
     contacts : the contacts.
     grounds : (n,) stiffnesses, above zero, of springs that hold balls to the ground.
-    moves : (n,) whether each ball moves.
+    is_moving : (n,) whether each ball moves.
     forces, steps : (n, d) forces on balls, and displacements, set.
     """
     n, d = forces.shape
     steps[:] = 0.0
     starts, neighbours = _list_neighbours(contacts, n)
-    order, place = _order_clusters(starts, neighbours, moves)
+    order, place = _order_clusters(starts, neighbours, is_moving)
     first, row_starts, length = _lay_rows(starts, neighbours, order, place, d)
     values = np.zeros(length)
     solution = np.empty(len(first))

@@ -115,6 +115,7 @@ class MovingContacts:
     stiffest : greatest stiffness of a contact, or of a flat punch as wide, after the last step,
         N/m.
     is_damped : whether there are dashpots.
+    is_hertz : whether all normal forces are Hertz's, which loops know.
     """
 
     def __init__(
@@ -133,13 +134,13 @@ class MovingContacts:
         self.springs: Array | None = None
         if network.on_site is not None:
             self.springs = network.on_site[:, : len(self.axes)]
-        self._is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
+        self.is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
         self.held = _find_rest_forces(network, self.ratios.shape)
         geometry = (
             _find_true_geometry(network, pairs) if rules.can_turn else _find_geometry(network)
         )
-        columns = _list_columns(geometry, law, self.ratios, self._is_hertz)
+        columns = _list_columns(geometry, law, self.ratios, self.is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
         ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
@@ -225,17 +226,17 @@ class MovingContacts:
         self._advance(moment, after, self._stick, speeds=speeds)
 
     def follow(
-        self, before: Moment, after: Moment, knows_law: bool, speeds: Array
+        self, before: Moment, after: Moment, is_hertz: bool, speeds: Array
     ) -> tuple[float, float]:
         """Set the forces across contacts ``after`` a step, and :attr:`on_balls` to the forces after
         it, with those of dashpots at the ``speeds`` (n, m) after it. Return the energy, J, that
         slip, twist and roll take up in the step, and that which dashpots take up.
 
-        The moment ``after`` has to have its motions, and unless ``knows_law`` also its elongations,
-        normal forces and stiffnesses. If ``knows_law``, loops find these by Hertz's law and do not
-        set them; the caller may ask for this if :attr:`knows_law` is true.
+        The moment ``after`` has to have its motions, and unless ``is_hertz`` also its elongations,
+        normal forces and stiffnesses. If ``is_hertz``, loops find these by Hertz's law and do not
+        set them; the caller may ask for this if :attr:`is_hertz` is true.
         """
-        return self._advance(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
+        return self._advance(before, after, self.rules._replace(is_hertz=is_hertz), speeds=speeds)
 
     def follow_mean(
         self, before: Moment, after: Moment, joined: Any, step: float
@@ -247,11 +248,6 @@ class MovingContacts:
         """
         mean = self.law.mean(before.e, after.e, joined)
         return self._advance(before, after, self.rules, mean=mean, step=step)
-
-    @property
-    def knows_law(self) -> bool:
-        """Whether the loops know the law of normal forces: that of Hertz."""
-        return self._is_hertz
 
     def _advance(
         self,

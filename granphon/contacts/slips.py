@@ -143,7 +143,7 @@ def measure_turned(
     displacement: Array,
     rotation: Array,
     overlap: float,
-    in_plane: bool,
+    is_in_plane: bool,
     overlaps: Array,
     normal: Array,
     tangent: Array,
@@ -153,7 +153,7 @@ def measure_turned(
     ``normal`` and ``tangent`` (n_c, 3) of contacts that turn with their balls.
 
     ``displacement`` and ``rotation`` (n_balls, 3) are those of balls, and ``overlap`` is y.
-    ``in_plane`` says whether balls stay in the plane of x and y.
+    ``is_in_plane`` says whether balls stay in the plane of x and y.
     """
     eps = contacts.ratio
     for c in range(len(overlaps)):
@@ -170,7 +170,7 @@ def measure_turned(
         n = (w[0] / length, w[1] / length, w[2] / length)
         set_row(normal, c, n)
         distance[c] = length
-        if in_plane:
+        if is_in_plane:
             set_row(tangent, c, (-n[1], n[0], 0.0))
             continue
         # the smallest rotation from e to n takes the tangent along

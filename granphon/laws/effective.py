@@ -858,7 +858,7 @@ def _differentiate_series(curve: EffectiveCurve) -> float:
         """Return k at Xi (1 + ``step``)."""
         return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
 
-    return differentiate(find_stiffness, _STEP_OF_XI) / xi
+    return float(differentiate(find_stiffness, _STEP_OF_XI) / xi)
 
 
 def _solve_slopes(

@@ -1743,7 +1743,7 @@ class Crystal(Result):
         laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        balls_differ = assembly.differs
+        balls_differ = assembly.has_offsets
         search = PressureSearch(goal, SAMPLE_TOLERANCE if balls_differ else MEAN_TOLERANCE)
         start: Rest | None = None
         state: Rest | None = None

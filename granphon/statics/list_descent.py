@@ -64,7 +64,7 @@ class ListDescent(Descent[Configuration]):
         assembly = self.problem.assembly
         laws = assembly.laws
         rest = replace(Rest.of(place), steps=self.steps, iterations=self.iterations)
-        if not assembly.differs or np.any(laws.adhesion):
+        if not assembly.has_offsets or np.any(laws.adhesion):
             return rest
         force = laws.force(rest.overlap)
         is_light = np.abs(force) <= self.options.open_force * rest.residual * laws.size(force)

@@ -1134,7 +1134,7 @@ class _System:
         )
         load = -self._accelerate(self.contacts.still, np.zeros(self.operator.size))
         self._steady: Array = load + self._weight
-        self._knows_law = self.contacts.knows_law and self._is_explicit and not self._unknown_groups
+        self._knows_law = self.contacts.is_hertz and self._is_explicit and not self._unknown_groups
 
     def _accelerate(self, forces: Array, steady: Array) -> Array:
         """Return the mass-weighted accelerations (size,) by ``forces`` (n, m), N, on balls, plus
