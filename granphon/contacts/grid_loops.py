@@ -4,7 +4,8 @@ A cell has b balls, and each ball moves along d axes. Motions of balls, and forc
 arrays (f, cells) with f = b d: the line d ball + axis has the motion of one ball of each cell along
 one axis. Arrays with one number of each contact are (kinds, cells). Blocks of balls are (d, d, n),
 of n = b cells balls: first those of the first ball of all cells, then those of the second, and so
-on. Loops work in the precision of their arguments.
+on. Loops work in the precision of their arguments. What is done for one run stands in each loop:
+the call of a function would take as long as a short run.
 """
 
 from __future__ import annotations

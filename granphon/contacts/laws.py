@@ -40,8 +40,10 @@ class _Limits(NamedTuple):
 
 
 class ContactLaws:
-    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,);
-    contacts of no group never push.
+    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,).
+
+    Contacts of no group never push: they are open below zero, and their law is known at every
+    overlap.
 
     Parameters
     ----------

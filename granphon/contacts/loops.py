@@ -222,8 +222,8 @@ def _fill_motions(
 def _fill_strains(
     columns: Columns, axes: NDArray[np.int64], strains: Array, ahead: Array, corner: Array
 ) -> None:
-    """Add the forces against unit ``strains`` to ``ahead`` and ``corner``, with the arguments of
-    :func:`fill_tangent`.
+    """Add the forces against unit ``strains`` to ``ahead`` and ``corner`` of :class:`Blocks`;
+    ``axes`` and ``strains`` are those of :func:`fill_tangent`.
     """
     s = len(strains)
     moves = np.zeros((s, 3))

@@ -262,8 +262,8 @@ class MovingContacts:
         """Take contacts from the moment ``before`` to the moment ``after`` by ``rules``, and return
         the two energies of :meth:`follow`.
 
-        ``mean``, ``speeds`` and ``step`` are those of the loop
-        :func:`~granphon.contacts.motion_loops.follow`. If both ``mean`` and ``speeds`` are None,
+        ``mean``, ``speeds`` and the length ``step``, s, are those of
+        :class:`~granphon.contacts.motion_loops.Step`. If both ``mean`` and ``speeds`` are None,
         dashpots do not act. Sets :attr:`on_balls` and :attr:`stiffest`, and :attr:`dash` if
         dashpots act.
         """

@@ -171,21 +171,21 @@ class ContactOperator:
         self, shape: Sequence[int], shifts: Sequence[tuple[int, ...]], head: Values, tail: Values
     ) -> None:
         both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
-        halo = Halo(shape, both_ways)
-        along = (0,) * (len(shape) - 1)
+        halo = Halo(shape, both_ways)  # with no more ghost layers than contacts need
+        other_axes = (0,) * (len(shape) - 1)  # no step along the axes but the first
         steps = [halo.offset(shift) for shift in shifts]
         # deformations of all kinds of contacts are found for the same places of balls i: a contact
         # that begins in a ghost cell and leads away from the slab needs a cell j too. There are so
         # many ghost layers that the farthest of these cells is among them
         farthest = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
-        layers = math.ceil(farthest / halo.offset((1, *along)))
+        layers = math.ceil(farthest / halo.offset((1, *other_axes)))
         self.shape = tuple(shape)
         self.n_contacts = len(shifts)
         self.head = head
         self.tail = tail
         self.n_rows, self.n_fields = head.shape
-        self.halo = Halo(shape, [*both_ways, (layers, *along), (-layers, *along)])
-        self._stride = self.halo.offset((1, *along))
+        self.halo = Halo(shape, [*both_ways, (layers, *other_axes), (-layers, *other_axes)])
+        self._stride = self.halo.offset((1, *other_axes))
         self._steps = [self.halo.offset(shift) for shift in shifts]
         #: slabs by the precision of their buffers
         self._slabs: dict[Any, list[_Slab]] = {}
