@@ -124,15 +124,15 @@ class PressedGeometry:
         n_slips = len(self.stencils.shape) - 1
         if not self.ratio:
             frames = (contacts.normal, contacts.tangent, self._distance)
+            at = Configuration(overlap, displacement, rotation, *frames)
             new_slips = np.empty((n_slips, overlaps.size))
-            slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, new_slips)
-            return Configuration(overlap, displacement, rotation, *frames), overlaps, new_slips
+            slips.measure_straight(contacts, at, overlaps, new_slips)
+            return at, overlaps, new_slips
         normal, tangent = np.empty((2, overlaps.size, 3))
         distance = np.empty(overlaps.size)
-        frames = (normal, tangent, distance)
-        is_plane = n_slips == 1
-        slips.measure_turned(contacts, displacement, rotation, overlap, is_plane, overlaps, *frames)
-        return Configuration(overlap, displacement, rotation, *frames), overlaps, None
+        at = Configuration(overlap, displacement, rotation, normal, tangent, distance)
+        slips.measure_turned(contacts, at, n_slips == 1, overlaps)
+        return at, overlaps, None
 
 
 class PressedPlace:

@@ -172,7 +172,8 @@ class Tangent:
     the slip s there.
 
     The normal force changes by df = k dh, and the tangential force by dT = k_s (ds - q q.ds) + c dh
-    + drag ds, where q is the unit vector of T if the contact slides, and zero otherwise.
+    + drag ds. If the contact slides, q is the unit vector of T, or of the force that there would be
+    without sliding if mu is zero; otherwise q is zero.
 
     Attributes
     ----------

@@ -106,7 +106,7 @@ class MovingContacts:
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     ratios : (rows - 1, n_c) stiffnesses against slip (3), twist and rolling (3) over those of flat
         punches; rows is 4, or 8 with twist and rolling.
-    held : (rows - 1, n_c) forces across contacts at rest.
+    rest_forces : (rows - 1, n_c) forces across contacts at rest.
     springs : (n, m) stiffnesses of springs to the ground; None without such springs.
     on_balls : (n, m) forces of contacts, their dashpots, and springs to the ground on balls, set by
         each step.
@@ -136,7 +136,7 @@ class MovingContacts:
             self.springs = network.on_site[:, : len(self.axes)]
         self.is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
-        self.held = _find_rest_forces(network, self.ratios.shape)
+        self.rest_forces = _find_rest_forces(network, self.ratios.shape)
         geometry = (
             _find_true_geometry(network, pairs) if rules.can_turn else _find_geometry(network)
         )
@@ -167,7 +167,7 @@ class MovingContacts:
         if the law does not know the radii of contacts.
         """
         n_contacts = len(self._columns.i)
-        pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
+        pull = np.concatenate([np.zeros((1, n_contacts)), self.rest_forces])
         k = np.ones(n_contacts)
         # a law that does not know radii takes the normal stiffness for that of a punch
         punch = np.ones(n_contacts) if self.law.has_radii else k
@@ -346,8 +346,8 @@ class MovingContacts:
 
 
 def measure_along(network: ContactNetwork, motions: Array) -> Array:
-    """Return the elongations (n_c,), m, of the contacts of a ``network`` along their directions at
-    rest, if its balls have moved by ``motions`` (n, m) since rest.
+    """Return the elongations (n_c,), m, of the contacts of a ``network``, at least one, along their
+    directions at rest, if its balls have moved by ``motions`` (n, m) since rest.
     """
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
@@ -373,16 +373,16 @@ def _find_rest_forces(network: ContactNetwork, shape: tuple[int, ...]) -> Array:
     The static force and torque of a contact are those on ball j; the forces and torques that resist
     slip, twist and roll have the opposite sign.
     """
-    held = np.zeros(shape)
+    forces = np.zeros(shape)
     n_contacts = network.n_contacts
     if network.tangential_force is not None:
-        held[:_N_SLIPS, :n_contacts] = -network.tangential_force.T
-    if network.contact_torque is not None and len(held) > _N_SLIPS:
+        forces[:_N_SLIPS, :n_contacts] = -network.tangential_force.T
+    if network.contact_torque is not None and len(forces) > _N_SLIPS:
         twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
         roll = network.contact_torque - twist[:, None] * network.normal
-        held[_N_SLIPS, :n_contacts] = -twist
-        held[_N_SLIPS + 1 :, :n_contacts] = -roll.T
-    return held
+        forces[_N_SLIPS, :n_contacts] = -twist
+        forces[_N_SLIPS + 1 :, :n_contacts] = -roll.T
+    return forces
 
 
 def _list_columns(

@@ -207,8 +207,8 @@ class ContactOperator:
         below = halo.below[0]
         count = self.shape[0]
         ghosts = below + halo.above[0]
-        cached = _CACHE_BYTES // (2 * self.n_rows * precision.itemsize * self._stride)
-        most_layers = max(1, cached - ghosts, _LEAST_RATIO * ghosts)
+        layer_bytes = 2 * self.n_rows * precision.itemsize * self._stride
+        most_layers = max(1, _CACHE_BYTES // layer_bytes - ghosts, _LEAST_RATIO * ghosts)
         n_slabs = math.ceil(count / most_layers)
         step = math.ceil(count / n_slabs)  # slabs of one length, but for the last
         spaces: dict[int, _Workspace] = {}

@@ -406,7 +406,8 @@ class SpreadLaw(EnergyLaw):
         """Return the values of ``find_far`` at those ``arguments`` for which ``is_far`` is true,
         and of ``find_near`` at the others, in the shape of the arguments; a float for a number.
 
-        A function is not called if no argument is left for it.
+        A function is not called if no argument is left for it; ``find_far`` is called if there are
+        no arguments at all.
         """
         if np.all(is_far):
             return find_far(arguments)[()]

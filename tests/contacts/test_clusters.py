@@ -1,4 +1,6 @@
-"""Steps of clusters of balls against equations with all entries of the matrix."""
+"""Steps of clusters of balls against equations with all entries of the matrix, and greatest
+lengths.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from granphon.contacts.clusters import Springs, find_cluster_steps
+from granphon.contacts.clusters import Springs, find_cluster_steps, find_largest
+from granphon.contacts.slips import find_greatest_length
 
 
 def solve_whole(ends, normal, stiffnesses, springs, moving, forces):
@@ -55,3 +58,13 @@ def test_steps_are_those_of_one_matrix(d):
     whole = solve_whole((i, j), normal, (along, across), springs, [0, 1, 2, 3, 4, 5], forces)
     assert_allclose(steps, whole, rtol=1e-12, atol=1e-13)
     assert np.all(steps[6] == 0.0)
+
+
+def test_greatest_lengths_do_not_pass_over_nan():
+    vectors = np.array([[3.0, 4.0, 0.0], [np.nan, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    assert np.isnan(find_greatest_length(vectors))
+    assert find_greatest_length(vectors[[0, 2]]) == 5.0
+    assert find_greatest_length(vectors[:0]) == 0.0
+    largest = np.zeros(3)
+    find_largest(vectors, np.array([0, 0, 0, 1]), largest)
+    np.testing.assert_array_equal(largest, [np.nan, 2.0, 0.0])

@@ -34,7 +34,8 @@ OUTSIDE = {
         array.sample._TOLERANCE contacts.friction.SLIDING_RATIO
         """,
     "elements that a loop or a cache holds, and the columns of a loop": """
-        array.minimal_residuals._LENGTH array.stencils.CACHED contacts.grid._KEPT_CELLS
+        array.minimal_residuals._LENGTH array.stencils.CACHED contacts.grid._KEPT_BALLS
+        contacts.grid._SHARED_CELLS
         contacts.grid_loops._CONTACTS_AT_ONCE contacts.grid_loops._CONTACTS_IN_CACHE
         contacts.grid_loops._LANES contacts.grid_product._PLACES_AT_ONCE
         contacts.grid_product._BALLS_AT_ONCE contacts.motion._N_SLIPS
