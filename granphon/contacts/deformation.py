@@ -193,27 +193,27 @@ def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> N
 
 @compiled
 def measure_resistance(
-    normal: Array, moved: Array, stiffness: Array, side_stiffness: Array, push: Array
+    normal: Array, move: Array, stiffness: Array, side_stiffness: Array, push: Array
 ) -> None:
     """Set ``push`` (n_c, 3) to the forces k (n.w) n + k' (w - (n.w) n) of contacts against small
-    displacements w of balls j against balls i, ``moved`` (n_c, 3); n is ``normal`` (n_c, 3), k is
+    displacements w of balls j against balls i, ``move`` (n_c, 3); n is ``normal`` (n_c, 3), k is
     ``stiffness`` and k' ``side_stiffness``, (n_c,) each.
     """
-    for contact in range(len(moved)):
+    for contact in range(len(move)):
         loss = 0.0
         for axis in range(3):
-            loss += normal[contact, axis] * moved[contact, axis]
+            loss += normal[contact, axis] * move[contact, axis]
         side = side_stiffness[contact]
         along = (stiffness[contact] - side) * loss
         for axis in range(3):
-            push[contact, axis] = along * normal[contact, axis] + side * moved[contact, axis]
+            push[contact, axis] = along * normal[contact, axis] + side * move[contact, axis]
 
 
 @compiled
 def measure_bends(
     normal: Array,
     over_distance: Array,
-    moved: Array,
+    move: Array,
     force: Array,
     stiffness: Array,
     slope: Array,
@@ -223,7 +223,7 @@ def measure_bends(
     """Set ``bend`` (n_c,) to the second derivative of the overlap h, and ``push`` (n_c, 3) to that
     of the force f(h) n, of contacts whose balls j move straight on against balls i.
 
-    The balls move at the rate w, ``moved`` (n_c, 3), and w' is the part of w across the normal n,
+    The balls move at the rate w, ``move`` (n_c, 3), and w' is the part of w across the normal n,
     ``normal`` (n_c, 3). Then
 
         h'' = -w'.w'/r,    (f n)'' = (c (n.w)^2 + k h'' - f w'.w'/r^2) n - 2 (k + f/r) (n.w) w'/r
@@ -231,13 +231,13 @@ def measure_bends(
     Here r is the distance of the balls, and ``over_distance`` (n_c,) is 1/r, zero for contacts that
     do not turn; f is ``force``, k = df/dh is ``stiffness`` and c = dk/dh is ``slope``, (n_c,) each.
     """
-    for contact in range(len(moved)):
+    for contact in range(len(move)):
         loss = 0.0
         for axis in range(3):
-            loss += normal[contact, axis] * moved[contact, axis]
+            loss += normal[contact, axis] * move[contact, axis]
         square = 0.0
         for axis in range(3):
-            across = moved[contact, axis] - loss * normal[contact, axis]
+            across = move[contact, axis] - loss * normal[contact, axis]
             square += across * across
         over = over_distance[contact]
         bend[contact] = -square * over
@@ -245,7 +245,7 @@ def measure_bends(
         along -= force[contact] * square * over * over
         aside = -2.0 * (stiffness[contact] + force[contact] * over) * loss * over
         for axis in range(3):
-            across = moved[contact, axis] - loss * normal[contact, axis]
+            across = move[contact, axis] - loss * normal[contact, axis]
             push[contact, axis] = along * normal[contact, axis] + aside * across
 
 

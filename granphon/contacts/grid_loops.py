@@ -63,17 +63,17 @@ def add_forces(runs: Runs, force: Values, on_balls: Values) -> None:
         start = runs.table[run, 1]
         end = runs.table[run, 2]
         count = runs.table[run, 3]
-        pushing = force[kind, start : start + count]
+        push = force[kind, start : start + count]
         for axis in range(d):
             component = runs.normal[kind, axis]
             if component == 0.0:
                 continue
             near = on_balls[d * runs.ends[kind, 0] + axis, start : start + count]
             for contact in range(count):
-                near[contact] -= component * pushing[contact]
+                near[contact] -= component * push[contact]
             far = on_balls[d * runs.ends[kind, 1] + axis, end : end + count]
             for contact in range(count):
-                far[contact] += component * pushing[contact]
+                far[contact] += component * push[contact]
 
 
 @compiled
@@ -268,12 +268,12 @@ def add_block_products(blocks: Values, forces: Values, motions: Values) -> None:
     cells = forces.shape[1]
     for ball in range(len(forces) // d):
         for line in range(d):
-            moved = motions[ball * d + line]
+            motion = motions[ball * d + line]
             for column in range(d):
                 entries = blocks[line, column, ball * cells : (ball + 1) * cells]
                 pull = forces[ball * d + column]
                 for cell in range(cells):
-                    moved[cell] += entries[cell] * pull[cell]
+                    motion[cell] += entries[cell] * pull[cell]
 
 
 @compiled

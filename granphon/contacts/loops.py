@@ -240,10 +240,10 @@ def _fill_strains(
             continue
         for strain in range(s):
             # a unit strain moves ball j against ball i, which the contact pulls back
-            moved = _apply_strain(strains, strain, w)
-            pull = add(scale(along * dot(moved, normal), normal), across, moved)
-            turn = cross(normal, moved)
-            set_row(moves, strain, moved)
+            move = _apply_strain(strains, strain, w)
+            pull = add(scale(along * dot(move, normal), normal), across, move)
+            turn = cross(normal, move)
+            set_row(moves, strain, move)
             set_row(pulls, strain, pull)
             for motion in range(len(axes)):
                 axis = axes[motion]

@@ -191,16 +191,16 @@ class MovingContacts:
         """Set the elongations ``e`` of a ``moment`` from its motions."""
         loops.measure(self._columns, moment.motions, self.rules.can_turn, moment.e)
 
-    def press(self, moment: Moment, joined: Any) -> None:
+    def press(self, moment: Moment, is_joined: Any) -> None:
         """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
 
-        ``joined`` (n_c,) says which contacts whose force jumps are joined, None that all are: see
-        :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise they
-        are the normal stiffnesses, in the same array.
+        ``is_joined`` (n_c,) says which contacts whose force jumps are joined, None that all are:
+        see :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise
+        they are the normal stiffnesses, in the same array.
         """
-        self.law.press(moment.e, (moment.pull[0], moment.k), joined)
+        self.law.press(moment.e, (moment.pull[0], moment.k), is_joined)
         if isinstance(self.law, PairLaws) and self.law.has_radii:
-            self.law.punch(moment.e, moment.punch, joined)
+            self.law.punch(moment.e, moment.punch, is_joined)
 
     def begin(self, moment: Moment) -> Any:
         """Set all of a ``moment`` but its motions, as if balls had come to these motions from rest
@@ -210,11 +210,11 @@ class MovingContacts:
         Coulomb's limit. The step also sets :attr:`on_balls` and :attr:`stiffest`.
         """
         self.measure(moment)
-        joined = self.law.begin(moment.e)
-        self.press(moment, joined)
+        is_joined = self.law.begin(moment.e)
+        self.press(moment, is_joined)
         at_rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
         self._advance(at_rest, moment, self.rules)
-        return joined
+        return is_joined
 
     def act(self, moment: Moment, speeds: Array) -> None:
         """Set :attr:`on_balls` to the forces at a ``moment``, with those of dashpots at the
@@ -239,14 +239,14 @@ class MovingContacts:
         return self._advance(before, after, self.rules._replace(is_hertz=is_hertz), speeds=speeds)
 
     def follow_mean(
-        self, before: Moment, after: Moment, joined: Any, step: float
+        self, before: Moment, after: Moment, is_joined: Any, step: float
     ) -> tuple[float, float]:
         """Set the forces across contacts ``after`` a ``step``, s, and :attr:`on_balls` to the mean
         forces of the step, by which it keeps the energy. Return the energy, J, that slip, twist and
-        roll take up in the step, and that which dashpots take up. ``joined`` (n_c,) is that of
+        roll take up in the step, and that which dashpots take up. ``is_joined`` (n_c,) is that of
         :meth:`press`; both moments are complete but for the forces across contacts ``after``.
         """
-        mean = self.law.mean(before.e, after.e, joined)
+        mean = self.law.mean(before.e, after.e, is_joined)
         return self._advance(before, after, self.rules, mean=mean, step=step)
 
     def _advance(
@@ -317,30 +317,30 @@ class MovingContacts:
         """Return the magnitudes (n_c,) of the forces across contacts at a ``moment``, N."""
         return np.asarray(np.sqrt(np.sum(moment.pull[1:_ROWS_OF_SLIP] ** 2, axis=0)))
 
-    def pass_ends(self, e: Array, joined: Any) -> Array:
+    def pass_ends(self, e: Array, is_joined: Any) -> Array:
         """Return how far (n_jumps,), m, each contact whose force jumps has passed its end at
         elongations e (n_c,), m: see :meth:`PairLaws.pass_ends`; (0,) if no force jumps.
         """
         if isinstance(self.law, PairLaws):
-            return self.law.pass_ends(e, joined)
+            return self.law.pass_ends(e, is_joined)
         return np.zeros(0)
 
-    def switch(self, moment: Moment, joined: Any) -> tuple[Any, Index, float]:
+    def switch(self, moment: Moment, was_joined: Any) -> tuple[Any, Index, float]:
         """Join or part the contacts of a ``moment`` that have passed their ends, of a law with
-        forces that jump; ``joined`` (n_c,) says which are joined before, and is not changed.
+        forces that jump; ``was_joined`` (n_c,) says which are joined before, and is not changed.
 
         Return which contacts (n_c,) are joined after that, the numbers of those that have joined or
         parted, and the energy lost, J. In the moment, the forces across contacts that have joined
         or parted are set to zero, and all normal forces and stiffnesses are set anew.
         """
         law = self.law
-        has_passed = self.pass_ends(moment.e, joined) > 0.0
+        has_passed = self.pass_ends(moment.e, was_joined) > 0.0
         switched_contacts = law.jumps[has_passed]
-        is_joined = joined.copy()
+        is_joined = was_joined.copy()
         is_joined[switched_contacts] = ~is_joined[switched_contacts]
         moment.pull[1:, switched_contacts] = 0.0
         self.press(moment, is_joined)
-        energy_before = law.store(moment.e, joined)[switched_contacts]
+        energy_before = law.store(moment.e, was_joined)[switched_contacts]
         energy_after = law.store(moment.e, is_joined)[switched_contacts]
         return is_joined, switched_contacts, float(np.sum(energy_before - energy_after))
 

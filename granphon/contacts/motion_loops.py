@@ -238,12 +238,10 @@ def _turn_force(
     """
     # for a vector across the start, the smallest rotation is a mirror image across the bisector
     bisector = add(start, 1.0, end)
-    carried = add(
-        force, -dot(bisector, force) / max(1.0 + dot(start, end), _LEAST_DIVISOR), bisector
-    )
-    return add(
-        scale(one_plus_cosine - 1.0, carried), half_tangent * one_plus_cosine, cross(end, carried)
-    )
+    mirrored_part = dot(bisector, force) / max(1.0 + dot(start, end), _LEAST_DIVISOR)
+    image = add(force, -mirrored_part, bisector)
+    sine = half_tangent * one_plus_cosine
+    return add(scale(one_plus_cosine - 1.0, image), sine, cross(end, image))
 
 
 @compiled
