@@ -125,15 +125,11 @@ class ExactPlace:
         strain = np.zeros((3, 3))
         if self.strain is not None:
             strain[:p, :p] = unit / spacing * self.strain
-        loss = np.empty(means.size)
-        self.vector = np.empty((means.size, 3))
-        distance = np.empty(means.size)
-        self.normal = np.empty((means.size, 3))
-        motion = (displacement, strain)
-        places = (self.vector, distance, self.normal)
-        measure_turned(*grid.ends, vector, is_flat, *motion, loss, *places)
-        self.size = distance.reshape(means.shape)
-        self.differences = means - loss.reshape(means.shape) / unit
+        turned = measure_turned(*grid.ends, vector, is_flat, displacement, strain)
+        self.vector = turned.current
+        self.normal = turned.normal
+        self.size = turned.distance.reshape(means.shape)
+        self.differences = means - turned.loss.reshape(means.shape) / unit
         self.overlaps = self.overlap + self.differences
 
     @property

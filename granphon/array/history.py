@@ -265,7 +265,7 @@ class LoadingHistory:
             # halving again and again changes twice as much as halving once
             change += 2.0 * rise / end.overlaps.size / compression
             losses_of_halves = np.add(
-                self._law.lost(start, middle), self._law.lost(middle, end_by_halves)
+                self._law.find_losses(start, middle), self._law.find_losses(middle, end_by_halves)
             )
             slid = after.slid - before.slid
             loosened = after.loosened - before.loosened

@@ -335,7 +335,7 @@ class LoadStep:
         on_balls = place.push(*self._add_dashpots(contacts, overlap))
         pull = self._geometry.collect_forces(*on_balls)
         push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
-        largest = max(map(find_greatest_length, on_balls))
+        largest = float(np.max([find_greatest_length(vectors) for vectors in on_balls]))
         imbalance, load_error = self._measure_imbalance(contacts, largest, push)
         return Trial(
             place=place,

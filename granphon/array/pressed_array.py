@@ -53,7 +53,7 @@ class PressedArray:
     @cached_property
     def stored(self) -> float:
         """Mean energy that a contact stores, in units of c W^(5/2)."""
-        return self.law.stored(self.contacts)
+        return self.law.find_stored_energy(self.contacts)
 
     @property
     def dissipated(self) -> float:

@@ -23,7 +23,7 @@ from granphon.base.arrays import Array
 from granphon.contacts import slips
 from granphon.contacts.friction import Configuration, RollingContacts, Tangent, by_contact
 from granphon.contacts.grid_product import GridProduct, invert_blocks, multiply_pressed
-from granphon.contacts.rolling_tangent import fill_tangent
+from granphon.contacts.rolling_tangent import TangentBlocks, fill_tangent
 from granphon.contacts.slips import measure_slips
 
 
@@ -124,15 +124,15 @@ class PressedGeometry:
         n_slips = len(self.stencils.shape) - 1
         if not self.ratio:
             frames = (contacts.normal, contacts.tangent, self._distance)
+            at = Configuration(overlap, displacement, rotation, *frames)
             new_slips = np.empty((n_slips, overlaps.size))
-            slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, new_slips)
-            return Configuration(overlap, displacement, rotation, *frames), overlaps, new_slips
+            slips.measure_straight(contacts, at, overlaps, new_slips)
+            return at, overlaps, new_slips
         normal, tangent = np.empty((2, overlaps.size, 3))
         distance = np.empty(overlaps.size)
-        frames = (normal, tangent, distance)
-        is_plane = n_slips == 1
-        slips.measure_turned(contacts, displacement, rotation, overlap, is_plane, overlaps, *frames)
-        return Configuration(overlap, displacement, rotation, *frames), overlaps, None
+        at = Configuration(overlap, displacement, rotation, normal, tangent, distance)
+        slips.measure_turned(contacts, at, n_slips == 1, overlaps)
+        return at, overlaps, None
 
 
 class PressedPlace:
@@ -249,15 +249,10 @@ class PressedPlace:
             by_contact(forces),
             by_contact(shears, len(shears)),
             geometry.axes,
-            diagonal,
-            forward,
-            backward,
-            ahead,
-            back,
+            TangentBlocks(diagonal, forward, backward, ahead, back),
         )
-        blocks = diagonal.astype(precision)
         return PressedTangent(
-            geometry.product.fill(blocks, forward, backward),
+            geometry.product.fill(diagonal.astype(precision), forward, backward),
             diagonal,
             ahead.astype(precision),
             back.astype(precision),

@@ -39,7 +39,7 @@ from granphon.base.errors import InputError
 from granphon.base.results import held, read_only, result_class
 from granphon.base.validation import choice, require
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw
+from granphon.contacts.friction import SLIDING_RATIO, Contacts, FrictionLaw
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ class PressedEquilibrium(Equilibrium):
     @property
     def energy(self) -> float:
         """Mean energy that a contact stores, in units of c W^(5/2)."""
-        return self.law.stored(self.contacts)
+        return self.law.find_stored_energy(self.contacts)
 
     def shear_ratios(self, response: str) -> Array:
         """Return the ratio (n_c, L1, ..., Lp) of the tangential to the normal stiffness under
@@ -198,7 +198,7 @@ class PressedEquilibrium(Equilibrium):
             return np.full(self.shears.shape[1:], self.mindlin_ratio)
         mobilised = self.law.mobilise(self.contacts)
         share = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
-        return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, share)
+        return self.mindlin_ratio * np.where(mobilised >= SLIDING_RATIO, 0.0, share)
 
     def find_elasticity(
         self,
@@ -290,7 +290,7 @@ class PressedSample(Sample):
     @property
     def tangential_ratio(self) -> float:
         """Mean ``|T|`` over the mean normal force, over all contacts."""
-        return float(np.mean(self.equilibrium.contacts.tangential)) / self.equilibrium.force
+        return float(np.mean(self.equilibrium.contacts.shear_sizes)) / self.equilibrium.force
 
     @property
     def sliding_fraction(self) -> float:
@@ -313,7 +313,7 @@ class PressedSample(Sample):
         """
         contacts = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
-        ratios = self.equilibrium.law.ratios(contacts)[contacts.carried]
+        ratios = self.equilibrium.law.find_ratios(contacts)[contacts.is_carrying]
         if largest is None:
             largest = mu if 0.0 < mu <= 1.0 else 1.0
         return find_density(ratios, bins, 0.0, largest)
@@ -332,7 +332,7 @@ class PressedSample(Sample):
             problem = f"there is no |T|/(mu f) where mu is {mu:g}"
             why = f"Coulomb's limit mu f is {'zero' if mu == 0.0 else 'infinite'}"
             raise InputError(problem, why, "Use tangential_ratio_distribution, of |T|/f")
-        mobilised = equilibrium.law.mobilise(contacts)[contacts.carried]
+        mobilised = equilibrium.law.mobilise(contacts)[contacts.is_carrying]
         return find_density(mobilised, bins, 0.0, 1.0)
 
     @property
@@ -463,10 +463,10 @@ class PressedSample(Sample):
         equilibrium = self.equilibrium
         contacts = equilibrium.contacts
         stencils = self.equilibrium.stencils
-        is_sliding = contacts.carried & (equilibrium.law.mobilise(contacts) >= SLIDES)
+        is_sliding = contacts.is_carrying & (equilibrium.law.mobilise(contacts) >= SLIDING_RATIO)
         shape = balls.arrays["rotations"].shape
         balls.set_array("rotations", self.rotations.reshape(shape))
-        tangential = self._order(stencils.average_around(contacts.tangential / equilibrium.force))
+        tangential = self._order(stencils.average_around(contacts.shear_sizes / equilibrium.force))
         balls.set_array("tangential_force", tangential.ravel())
         balls.set_array(
             "sliding_contacts", self._order(stencils.sum_around(is_sliding.astype(int))).ravel()

@@ -213,7 +213,7 @@ def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembl
         stencils.average_pairs(deviations).ravel(),
         hertz.HertzLaw(1.0),
         size * np.eye(p),
-        stands=True,
+        is_standing=True,
     )
 
 

@@ -327,7 +327,7 @@ class Stepper:
 
         The configuration of the trial is kept for :meth:`locate`.
         """
-        slid, loosened = self.law.lost(here.contacts, trial.contacts)
+        slid, loosened = self.law.find_losses(here.contacts, trial.contacts)
         state = PressedArray(
             overlap=trial.overlap,
             balls=trial.balls,

@@ -116,7 +116,7 @@ class Assembly:
         return np.asarray(self.vector / self.distance[:, None])
 
     @cached_property
-    def differs(self) -> bool:
+    def has_offsets(self) -> bool:
         """Whether some balls overlap, or are apart, on the sites."""
         return bool(np.any(self.offset))
 
@@ -151,11 +151,11 @@ class Assembly:
         """(n,) number of all contacts of each ball, as :meth:`count_contacts` counts them."""
         return self.count_contacts(np.ones(self.n_contacts, bool))
 
-    def count_contacts(self, chosen: Flags) -> Index:
-        """Return the number (n,) of contacts of each ball among those where ``chosen`` (n_c,) is
+    def count_contacts(self, is_chosen: Flags) -> Index:
+        """Return the number (n,) of contacts of each ball among those where ``is_chosen`` (n_c,) is
         true. A contact of a ball with its own image holds no ball, and is not counted.
         """
-        is_counted = chosen & (self.i != self.j)
+        is_counted = is_chosen & (self.i != self.j)
         ends = np.concatenate([self.i[is_counted], self.j[is_counted]])
         return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
 
@@ -182,7 +182,8 @@ class Assembly:
 
         L times the displacements of bodies, m, is the loss n.(u_j - u_i) of the overlap of each
         contact, m, along its normal at touch. The transpose of L times the forces of contacts, N,
-        is the force on each body, N.
+        is the force on each body, N. If both bodies are one ball, which touches its own image, the
+        entries of the row stand twice at the same columns, and cancel.
         """
         from scipy.sparse import csr_array  # imported here: averages do not need SciPy
 
@@ -195,17 +196,18 @@ class Assembly:
         shape = (self.n_contacts, d * self.n_bodies)
         return csr_array((entries.ravel(), columns.ravel(), starts), shape=shape)
 
-    def cut_out(self, balls: Flags, vector: Array, overlap: Array) -> Assembly:
-        """Return the assembly of the chosen ``balls`` (n,) alone; all other bodies are held.
+    def cut_out(self, is_chosen: Flags, vector: Array, overlap: Array) -> Assembly:
+        """Return the assembly of the balls where ``is_chosen`` (n,) is true; all other bodies are
+        held.
 
         The assembly keeps the contacts of which at least one body is chosen. Its displacements are
         counted from a state in which contacts have the ``vector`` (n_c, 3), m, from body to body
         and the ``overlap`` (n_c,), m.
         """
-        count = int(np.count_nonzero(balls))
+        count = int(np.count_nonzero(is_chosen))
         # chosen balls are numbered from zero; all other bodies have the number of what is held
         number = np.full(self.n_bodies, count)
-        number[: self.n_balls][balls] = np.arange(count)
+        number[: self.n_balls][is_chosen] = np.arange(count)
         i = number[self.i]
         j = number[self.j]
         contacts: Index = np.flatnonzero(np.minimum(i, j) < count)
@@ -236,15 +238,15 @@ class GridAssembly(Assembly):
     offset : (n_c,) overlaps on the sites, m.
     law : the law of all contacts.
     cell : (p, p) the periods, m.
-    stands : whether it is known that, while all contacts touch, all motions but those of the whole
-        cost energy, whichever strains of the cell are free.
+    is_standing : whether it is known that, while all contacts touch, all motions but those of the
+        whole cost energy, whichever strains of the cell are free.
     """
 
     grid: Grid
     law: PairLaw
 
     def __init__(
-        self, grid: Grid, offset: Array, law: PairLaw, cell: Array, stands: bool = False
+        self, grid: Grid, offset: Array, law: PairLaw, cell: Array, is_standing: bool = False
     ) -> None:
         p = len(cell)
         # attributes of an object of a frozen class are set in its dictionary
@@ -258,7 +260,7 @@ class GridAssembly(Assembly):
             "directions": np.zeros((0, p)),
             "wall_balls": np.zeros(0),
             # from no free strain to all p (p + 1)/2
-            "standing": set(range(p * (p + 1) // 2 + 1)) if stands else set(),
+            "standing": set(range(p * (p + 1) // 2 + 1)) if is_standing else set(),
         }
         vars(self).update(values)
 

@@ -10,12 +10,68 @@ factor L in L D L^T begins where the row of the matrix begins.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Flags
 from granphon.base.compiled import compiled
+
+
+class Springs(NamedTuple):
+    """Contacts as springs between bodies; bodies from number n on, the number of balls, are held.
+
+    Attributes
+    ----------
+    i, j : (n_c,) numbers of the two bodies.
+    normal : (n_c, 3) unit vectors from body i to body j.
+    along, across : (n_c,) stiffnesses along normals and across them, zero or above; contacts with
+        ``along`` zero are open.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    normal: Array
+    along: Array
+    across: Array
+
+
+class Pushes(NamedTuple):
+    """Contacts that push bodies; bodies from number n on, the number of balls, do not move.
+
+    Attributes
+    ----------
+    i, j : (n_c,) numbers of the two bodies.
+    current : (n_c, 3) vectors from body i to body j.
+    distance : (n_c,) lengths of these vectors.
+    force : (n_c,) forces, above zero where contacts push.
+    stiffness : (n_c,) stiffnesses.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    current: Array
+    distance: Array
+    force: Array
+    stiffness: Array
+
+
+class Lengths(NamedTuple):
+    """The search for the length of the step of each group.
+
+    Attributes
+    ----------
+    length : (groups,) lengths that are tried.
+    low, high : (groups,) lengths between which the work passes zero; ``high`` is infinite until a
+        trial has gone too far. No trial is longer than one.
+    is_done : (groups,) whether the search has ended.
+    """
+
+    length: Array
+    low: Array
+    high: Array
+    is_done: Flags
 
 
 @compiled
@@ -31,18 +87,19 @@ def _find_root(parents: NDArray[np.int64], ball: int) -> int:
 
 @compiled
 def join_balls(
-    i: NDArray[np.int64], j: NDArray[np.int64], joining: Flags, group: NDArray[np.int64]
+    i: NDArray[np.int64], j: NDArray[np.int64], is_joining: Flags, group: NDArray[np.int64]
 ) -> int:
     """Set ``group`` (n,) to the number of the group of each ball, and return the number of groups.
 
-    Balls ``i`` and ``j`` (n_c,) of each contact that is ``joining`` (n_c,) are in the same group; a
-    ball without such a contact is a group of its own. Contacts with bodies from number n on, which
-    are not balls, join nothing.
+    Balls ``i`` and ``j`` (n_c,) of each contact where ``is_joining`` (n_c,) is true are in the same
+    group; a ball without such a contact is a group of its own. Contacts with bodies from number n
+    on, which are not balls, join nothing.
     """
     n = len(group)
     parents = np.arange(n)
+    # the root of a group is its ball of the least number, so that it is counted first below
     for contact in range(len(i)):
-        if joining[contact] and i[contact] < n and j[contact] < n:
+        if is_joining[contact] and i[contact] < n and j[contact] < n:
             first = _find_root(parents, i[contact])
             second = _find_root(parents, j[contact])
             parents[max(first, second)] = min(first, second)
@@ -128,28 +185,39 @@ def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
 
 
 @compiled
-def _list_neighbours(
-    i: NDArray[np.int64], j: NDArray[np.int64], along: Array, n: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _can_join(i: int, j: int, along: float, n: int) -> bool:
+    """Return whether a contact of the bodies ``i`` and ``j`` with the stiffness ``along`` is closed
+    and joins two balls: bodies from number ``n`` on are no balls, and a ball and its own image are
+    one ball.
+    """
+    return along > 0.0 and i < n and j < n and i != j
+
+
+@compiled
+def _list_neighbours(contacts: Springs, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``starts`` (n + 2,) and ``neighbours``: the neighbours of ball b are
     ``neighbours[starts[b] : starts[b + 1]]``. The last number of ``starts`` is not used.
 
-    Neighbours are balls that share a closed contact. A contact is closed if its stiffness ``along``
-    (n_c,) the normal is above zero. Bodies from number n on are no neighbours.
+    Neighbours are balls that share one of the ``contacts``, if it is closed, once for each such
+    contact. The ``n`` balls alone are neighbours, and a ball that touches its own image is none of
+    its own.
     """
+    i = contacts.i
+    j = contacts.j
+    along = contacts.along
     # starts[b + 2] first counts the neighbours of ball b. After the sums over balls, starts[b + 1]
     # is the start of ball b. It counts up as neighbours of ball b are written, and is the start of
     # ball b + 1 in the end
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
-        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
+        if _can_join(i[contact], j[contact], along[contact], n):
             starts[i[contact] + 2] += 1
             starts[j[contact] + 2] += 1
     for ball in range(n):
         starts[ball + 2] += starts[ball + 1]
     neighbours = np.empty(starts[n + 1], np.int64)
     for contact in range(len(i)):
-        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
+        if _can_join(i[contact], j[contact], along[contact], n):
             neighbours[starts[i[contact] + 1]] = j[contact]
             neighbours[starts[j[contact] + 1]] = i[contact]
             starts[i[contact] + 1] += 1
@@ -159,22 +227,22 @@ def _list_neighbours(
 
 @compiled
 def _order_clusters(
-    starts: NDArray[np.int64], neighbours: NDArray[np.int64], moves: Flags
+    starts: NDArray[np.int64], neighbours: NDArray[np.int64], is_moving: Flags
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return ``order``, the balls of all clusters cluster after cluster, and ``place`` (n,), the
     index of each ball in ``order``, which is -1 for balls of no cluster.
 
-    A cluster is a ball where ``moves`` (n,) is true with all balls that closed contacts join to it,
-    whether ``moves`` is true for these or not. Each cluster is ordered from one of its ends, which
-    keeps the entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are those of
-    :func:`_list_neighbours`.
+    A cluster is a ball where ``is_moving`` (n,) is true with all balls that closed contacts join to
+    it, whether ``is_moving`` is true for these or not. Each cluster is ordered from one of its
+    ends, which keeps the entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are
+    those of :func:`_list_neighbours`.
     """
-    n = len(moves)
+    n = len(is_moving)
     order = np.empty(n, np.int64)
     place = np.full(n, -1)
     count = 0
     for ball in range(n):
-        if moves[ball] and place[ball] < 0:
+        if is_moving[ball] and place[ball] < 0:
             # a search from any ball ends at an end of the cluster; the second search starts there
             end = _order_balls(starts, neighbours, ball, count, order, place)
             last = order[end - 1]
@@ -220,28 +288,24 @@ def _lay_rows(
 
 @compiled
 def _add_contacts(
-    ends: tuple[NDArray[np.int64], NDArray[np.int64]],
-    normal: Array,
-    along: Array,
-    across: Array,
+    contacts: Springs,
     place: NDArray[np.int64],
     row_starts: NDArray[np.int64],
     values: Array,
     d: int,
 ) -> None:
-    """Add the stiffness matrix of each closed contact, ``along`` nn + ``across`` (1 - nn), to the
-    entries ``values`` of the lower triangle.
+    """Add the stiffness matrix of each closed contact, ``along`` nn + ``across`` (1 - nn) with its
+    normal n, to the entries ``values`` of the lower triangle.
 
-    ``ends`` are the numbers (n_c,) of bodies i and of bodies j; ``normal`` (n_c, 3) are unit
-    vectors n, and ``along`` and ``across`` (n_c,) stiffnesses. ``place`` (n,) is that of
-    :func:`_order_clusters`, ``row_starts`` (rows,) that of :func:`_lay_rows`, and ``d`` the number
-    of axes. A body without a place does not move: the contact then adds only the block of its other
-    body.
+    ``place`` (n,) is that of :func:`_order_clusters`, ``row_starts`` (rows,) that of
+    :func:`_lay_rows`, and ``d`` the number of axes. A body without a place does not move: the
+    contact then adds only the block of its other body. A contact of a ball with its own image
+    resists no motion of the ball, and adds nothing.
     """
-    i, j = ends
+    i, j, normal, along, across = contacts
     n = len(place)
     for contact in range(len(i)):
-        if not along[contact] > 0.0:
+        if not along[contact] > 0.0 or i[contact] == j[contact]:
             continue
         at_i = d * place[i[contact]] if i[contact] < n else -1
         at_j = d * place[j[contact]] if j[contact] < n else -1
@@ -301,34 +365,23 @@ def _solve(
 
 @compiled
 def find_cluster_steps(
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    normal: Array,
-    along: Array,
-    across: Array,
-    springs: Array,
-    moves: Flags,
-    forces: Array,
-    steps: Array,
+    contacts: Springs, grounds: Array, is_moving: Flags, forces: Array, steps: Array
 ) -> None:
     """Set ``steps`` (n, d) to the displacements of balls that ``forces`` (n, d) cause: the steps of
-    Newton's method. Balls where ``moves`` (n,) is false stay, unless a closed contact joins them
-    to a cluster of balls that move.
+    Newton's method. Balls where ``is_moving`` (n,) is false stay, unless a closed contact joins
+    them to a cluster of balls that move.
 
     Parameters
     ----------
-    i, j : (n_c,) numbers of the two bodies of each contact; bodies from number n on are held.
-    normal : (n_c, 3) unit vectors from body i to body j.
-    along, across : (n_c,) stiffnesses along normals and across them, zero or above; contacts
-        with ``along`` zero are open.
-    springs : (n,) stiffnesses, above zero, that hold balls to the ground.
-    moves : (n,) whether each ball moves.
+    contacts : the contacts.
+    grounds : (n,) stiffnesses, above zero, of springs that hold balls to the ground.
+    is_moving : (n,) whether each ball moves.
     forces, steps : (n, d) forces on balls, and displacements, set.
     """
     n, d = forces.shape
     steps[:] = 0.0
-    starts, neighbours = _list_neighbours(i, j, along, n)
-    order, place = _order_clusters(starts, neighbours, moves)
+    starts, neighbours = _list_neighbours(contacts, n)
+    order, place = _order_clusters(starts, neighbours, is_moving)
     first, row_starts, length = _lay_rows(starts, neighbours, order, place, d)
     values = np.zeros(length)
     solution = np.empty(len(first))
@@ -336,9 +389,9 @@ def find_cluster_steps(
         ball = order[entry]
         for axis in range(d):
             row = d * entry + axis
-            values[row_starts[row] + row] = springs[ball]
+            values[row_starts[row] + row] = grounds[ball]
             solution[row] = forces[ball, axis]
-    _add_contacts((i, j), normal, along, across, place, row_starts, values, d)
+    _add_contacts(contacts, place, row_starts, values, d)
     _solve(first, row_starts, values, solution)
     for entry in range(len(order)):
         for axis in range(d):
@@ -347,12 +400,7 @@ def find_cluster_steps(
 
 @compiled
 def measure_slopes(
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    current: Array,
-    distance: Array,
-    force: Array,
-    stiffness: Array,
+    contacts: Pushes,
     load: Array,
     steps: Array,
     group: NDArray[np.int64],
@@ -364,12 +412,10 @@ def measure_slopes(
     which ``work`` falls with the length.
 
     A ball moves by the length of its group's step times ``steps`` (n, d); ``group`` (n,) is the
-    number of the group of each ball. Contacts have the bodies ``i`` and ``j``, the ``current``
-    vector (n_c, 3) from body i to body j, its length ``distance``, a ``force``, above zero where it
-    pushes, and a ``stiffness``, (n_c,) each. Bodies from number n on do not move. A contact with a
-    force or a stiffness must have a ball, and two balls of it must be in one group. The rate leaves
-    out that directions change.
+    number of the group of each ball. A contact with a force or a stiffness must have a ball, and
+    two balls of it must be in one group. The rate leaves out that directions change.
     """
+    i, j, current, distance, force, stiffness = contacts
     n, d = steps.shape
     work[:] = 0.0
     rise[:] = 0.0
@@ -398,18 +444,11 @@ def measure_slopes(
 
 @compiled
 def choose_lengths(
-    work: Array,
-    rise: Array,
-    first: Array,
-    exponent: float,
-    slope: float,
-    length: Array,
-    low: Array,
-    high: Array,
-    is_done: Flags,
+    work: Array, rise: Array, first: Array, exponent: float, slope: float, lengths: Lengths
 ) -> bool:
-    """Set the ``length`` (groups,) of the step that each group tries next; return whether all
-    groups are done.
+    """Set the length of the step that each group tries next; return whether all groups are done.
+
+    Groups that are done before are left as they are.
 
     Parameters
     ----------
@@ -420,13 +459,12 @@ def choose_lengths(
         closes as the step grows, the work is first - c (length - closing length)^exponent: where
         the work is below zero, the root of this function is the next trial.
     slope : a group is done if the magnitude of its work is at most ``slope`` times ``first``.
-    length : (groups,) present lengths, set to the next ones.
-    low, high : (groups,) lengths between which the work passes zero, narrowed; ``high`` is infinite
-        until a trial has gone too far. No trial is longer than one.
-    is_done : (groups,) set to true where a group is done by ``slope``, or where its work is not
+    lengths : the search. ``length`` is set to the next lengths, ``low`` and ``high`` are narrowed,
+        and ``is_done`` is set to true where a group is done by ``slope``, or where its work is not
         below zero and no trial of the group has gone too far: its energy still falls at the present
-        length. Groups that are done before are left as they are.
+        length.
     """
+    length, low, high, is_done = lengths
     all_done = True
     for group in range(len(work)):
         if is_done[group]:
@@ -436,8 +474,8 @@ def choose_lengths(
             low[group] = trial
         elif work[group] < 0.0:
             high[group] = trial
-        is_open = high[group] == np.inf
-        if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and is_open):
+        has_end = high[group] < np.inf
+        if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and not has_end):
             is_done[group] = True
             continue
         all_done = False

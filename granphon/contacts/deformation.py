@@ -12,12 +12,47 @@ Where the places of balls are given (:mod:`granphon.contacts.placed`), contacts 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Flags
 from granphon.base.compiled import compiled
+
+
+class TurnedContacts(NamedTuple):
+    """Contacts that have turned with their balls.
+
+    Attributes
+    ----------
+    current : (n_c, 3) vectors from ball to ball.
+    distance : (n_c,) lengths of these vectors.
+    normal : (n_c, 3) unit vectors along these vectors.
+    loss : (n_c,) what contacts have lost of their overlaps since touch.
+    """
+
+    current: Array
+    distance: Array
+    normal: Array
+    loss: Array
+
+
+class RowSprings(NamedTuple):
+    """Springs that resist one deformation of each contact, ``head`` . x_j - ``tail`` . x_i, by t
+    displacements and r rotations of its balls.
+
+    Attributes
+    ----------
+    head, tail : (t + r, n_c) coefficients of the motions of ball j and of ball i. Those of
+        displacements are the same in both; ``tail`` alone is read for them, since a spring to the
+        ground has no ``head``.
+    stiffness : (n_c,) force over deformation.
+    """
+
+    head: Array
+    tail: Array
+    stiffness: Array
 
 
 @compiled
@@ -48,7 +83,6 @@ def measure_losses(
         loss[contact] = along
 
 
-@compiled
 def measure_turned(
     i: NDArray[np.int64],
     j: NDArray[np.int64],
@@ -56,18 +90,36 @@ def measure_turned(
     is_flat: Flags,
     displacement: Array,
     strain: Array,
-    loss: Array,
-    current: Array,
-    distance: Array,
-    normal: Array,
-) -> None:
-    """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), with v and w as in :func:`measure_losses`;
-    the ``current`` vectors v + w (n_c, 3); their lengths ``distance`` (n_c,); and their directions
-    ``normal`` (n_c, 3).
+) -> TurnedContacts:
+    """Return the contacts after a motion of their bodies: with v and w of :func:`measure_losses`,
+    and with its arguments, their vectors are v + w, and they lose |v + w| - |v| of their overlaps.
 
-    Flat contacts, where ``is_flat`` (n_c,) is true, keep their vectors, and lose v.w/|v|. A vector
-    must not become zero: its normal is then nan.
+    Flat contacts, where ``is_flat`` (n_c,) is true, keep their vectors, and lose v.w/|v|. The
+    normal of a vector that becomes zero is nan.
     """
+    count = len(vector)
+    turned = TurnedContacts(
+        current=np.empty((count, 3)),
+        distance=np.empty(count),
+        normal=np.empty((count, 3)),
+        loss=np.empty(count),
+    )
+    _set_turned(i, j, vector, is_flat, displacement, strain, turned)
+    return turned
+
+
+@compiled
+def _set_turned(
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    vector: Array,
+    is_flat: Flags,
+    displacement: Array,
+    strain: Array,
+    turned: TurnedContacts,
+) -> None:
+    """Set the arrays of ``turned`` to what :func:`measure_turned` returns."""
+    current, distance, normal, loss = turned
     for contact in range(len(i)):
         first = i[contact]
         second = j[contact]
@@ -141,27 +193,27 @@ def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> N
 
 @compiled
 def measure_resistance(
-    normal: Array, moved: Array, stiffness: Array, side_stiffness: Array, push: Array
+    normal: Array, move: Array, stiffness: Array, side_stiffness: Array, push: Array
 ) -> None:
     """Set ``push`` (n_c, 3) to the forces k (n.w) n + k' (w - (n.w) n) of contacts against small
-    displacements w of balls j against balls i, ``moved`` (n_c, 3); n is ``normal`` (n_c, 3), k is
+    displacements w of balls j against balls i, ``move`` (n_c, 3); n is ``normal`` (n_c, 3), k is
     ``stiffness`` and k' ``side_stiffness``, (n_c,) each.
     """
-    for contact in range(len(moved)):
+    for contact in range(len(move)):
         loss = 0.0
         for axis in range(3):
-            loss += normal[contact, axis] * moved[contact, axis]
+            loss += normal[contact, axis] * move[contact, axis]
         side = side_stiffness[contact]
         along = (stiffness[contact] - side) * loss
         for axis in range(3):
-            push[contact, axis] = along * normal[contact, axis] + side * moved[contact, axis]
+            push[contact, axis] = along * normal[contact, axis] + side * move[contact, axis]
 
 
 @compiled
 def measure_bends(
     normal: Array,
     over_distance: Array,
-    moved: Array,
+    move: Array,
     force: Array,
     stiffness: Array,
     slope: Array,
@@ -171,7 +223,7 @@ def measure_bends(
     """Set ``bend`` (n_c,) to the second derivative of the overlap h, and ``push`` (n_c, 3) to that
     of the force f(h) n, of contacts whose balls j move straight on against balls i.
 
-    The balls move at the rate w, ``moved`` (n_c, 3), and w' is the part of w across the normal n,
+    The balls move at the rate w, ``move`` (n_c, 3), and w' is the part of w across the normal n,
     ``normal`` (n_c, 3). Then
 
         h'' = -w'.w'/r,    (f n)'' = (c (n.w)^2 + k h'' - f w'.w'/r^2) n - 2 (k + f/r) (n.w) w'/r
@@ -179,13 +231,13 @@ def measure_bends(
     Here r is the distance of the balls, and ``over_distance`` (n_c,) is 1/r, zero for contacts that
     do not turn; f is ``force``, k = df/dh is ``stiffness`` and c = dk/dh is ``slope``, (n_c,) each.
     """
-    for contact in range(len(moved)):
+    for contact in range(len(move)):
         loss = 0.0
         for axis in range(3):
-            loss += normal[contact, axis] * moved[contact, axis]
+            loss += normal[contact, axis] * move[contact, axis]
         square = 0.0
         for axis in range(3):
-            across = moved[contact, axis] - loss * normal[contact, axis]
+            across = move[contact, axis] - loss * normal[contact, axis]
             square += across * across
         over = over_distance[contact]
         bend[contact] = -square * over
@@ -193,7 +245,7 @@ def measure_bends(
         along -= force[contact] * square * over * over
         aside = -2.0 * (stiffness[contact] + force[contact] * over) * loss * over
         for axis in range(3):
-            across = moved[contact, axis] - loss * normal[contact, axis]
+            across = move[contact, axis] - loss * normal[contact, axis]
             push[contact, axis] = along * normal[contact, axis] + aside * across
 
 
@@ -202,30 +254,26 @@ def add_row(
     i: NDArray[np.int64],
     j: NDArray[np.int64],
     axes: NDArray[np.int64],
-    head: Array,
-    tail: Array,
-    stiffness: Array,
+    springs: RowSprings,
     apart: Array,
     turns: Array,
     pull: Array,
     torque: Array,
 ) -> float:
-    """Add the forces of springs that resist one deformation of each contact to ``pull`` and their
-    torques to ``torque``, and return the energy of the springs.
+    """Add the forces of ``springs`` to ``pull`` and their torques to ``torque``, and return the
+    energy of the springs.
 
     Parameters
     ----------
     i, j : (n_c,) numbers of the two balls of each contact.
     axes : (t,) axes of displacements.
-    head, tail : (t + r, n_c) coefficients of the t displacements and r rotations of ball j and of
-        ball i in the deformation, head . x_j - tail . x_i. Those of displacements are the same in
-        both; ``tail`` alone is read for them, since a spring to the ground has no ``head``.
-    stiffness : (n_c,) force over deformation.
+    springs : the springs.
     apart : (n_c, d) displacement of ball j against ball i.
     turns : (bodies, r) rotations.
     pull : (n_c, d) forces on balls j, added to.
     torque : (bodies, r) torques on all balls, added to.
     """
+    head, tail, stiffness = springs
     t = len(axes)
     energy = 0.0
     for contact in range(len(i)):

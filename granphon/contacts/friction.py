@@ -45,9 +45,10 @@ from numpy.typing import NDArray
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.contacts import sliding
+from granphon.contacts.sliding import SlipTangent, Step
 
 #: |T| over mu f from which a contact counts as sliding: one, but for rounding
-SLIDES = 1.0 - 1e-9
+SLIDING_RATIO = 1.0 - 1e-9
 
 
 class RollingContacts(NamedTuple):
@@ -91,18 +92,6 @@ class Configuration(NamedTuple):
     normal: Array
     tangent: Array
     distance: Array
-
-
-class SlipTangent(NamedTuple):
-    """A :class:`Tangent` as compiled loops read it: ``stiffness`` and ``shear`` are (n_c,),
-    ``coupling`` and ``sliding`` (n_s, n_c).
-    """
-
-    stiffness: Array
-    shear: Array
-    coupling: Array
-    sliding: Array
-    drag: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,14 +151,14 @@ class Contacts:
         return self.forces + drag * gain, self.shears + eta * drag * (self.slips - start.slips)
 
     @property
-    def tangential(self) -> Array:
+    def shear_sizes(self) -> Array:
         """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""
         if len(self.shears) == 1:
             return np.asarray(np.abs(self.shears[0]))
         return np.asarray(np.sqrt(np.sum(self.shears**2, axis=0)))
 
     @property
-    def carried(self) -> NDArray[np.bool_]:
+    def is_carrying(self) -> NDArray[np.bool_]:
         """(n_c, L1, ..., Lp) whether each contact counts as one that carries load: its normal force
         is more than :data:`~granphon.balls.hertz.COUNTED_FORCE` times the mean over all contacts.
         """
@@ -183,7 +172,8 @@ class Tangent:
     the slip s there.
 
     The normal force changes by df = k dh, and the tangential force by dT = k_s (ds - q q.ds) + c dh
-    + drag ds, where q is the unit vector of T if the contact slides, and zero otherwise.
+    + drag ds. If the contact slides, q is the unit vector of T, or of the force that there would be
+    without sliding if mu is zero; otherwise q is zero.
 
     Attributes
     ----------
@@ -215,8 +205,8 @@ class Tangent:
         sliding = math.sqrt(1.0 - share) * self.sliding
         factor = 1.0 / unit
         shear = factor * (self.shear + eta * added)
-        drag = factor * (self.drag + eta * drag)
-        return Tangent(factor * stiffness, shear, factor * self.coupling, sliding, drag)
+        slip_drag = factor * (self.drag + eta * drag)
+        return Tangent(factor * stiffness, shear, factor * self.coupling, sliding, slip_drag)
 
     @cached_property
     def springs(self) -> Array:
@@ -280,11 +270,11 @@ class FrictionLaw:
         """
         contacts = Contacts(overlaps, slips, np.empty(slips.shape))
         tangential_overlaps = by_contact(overlaps if guess is None else guess)
-        start = before.flatten()
         end_slips = by_contact(slips, len(slips))
+        step = Step(*before.flatten(), tangential_overlaps, end_slips)
         shears = contacts.shears.reshape(len(slips), -1)
         numbers = (float(self.mindlin_ratio), float(self.friction_coefficient))
-        sliding.set_shears(*numbers, *start, tangential_overlaps, end_slips, shears)
+        sliding.set_shears(*numbers, step, shears)
 
         def linearise() -> Tangent:
             """Return the derivatives of the forces at the end of the step."""
@@ -295,13 +285,7 @@ class FrictionLaw:
                 sliding=np.empty(slips.shape),
             )
             sliding.set_tangent(
-                *numbers,
-                *start,
-                by_contact(overlaps),
-                tangential_overlaps,
-                guess is None,
-                end_slips,
-                *tangent.flatten()[:4],  # all but the drag, a number
+                *numbers, step, by_contact(overlaps), guess is None, tangent.flatten()
             )
             return tangent
 
@@ -337,30 +321,33 @@ class FrictionLaw:
             return np.zeros_like(forces)
         if mu == 0.0:
             return (forces > 0.0).astype(float)
-        return self.ratios(contacts) / mu
+        return self.find_ratios(contacts) / mu
 
-    def ratios(self, contacts: Contacts) -> Array:
+    def find_ratios(self, contacts: Contacts) -> Array:
         """Return |T| over the normal force f (n_c, L1, ..., Lp); zero where balls are apart. A
         ratio above mu counts as mu.
         """
         forces = contacts.forces
         ratios = np.divide(
-            contacts.tangential, forces, out=np.zeros_like(forces), where=forces > 0.0
+            contacts.shear_sizes, forces, out=np.zeros_like(forces), where=forces > 0.0
         )
         return np.minimum(ratios, self.friction_coefficient)
 
     def sliding_fraction(self, contacts: Contacts) -> float:
         """Return the fraction of contacts that slide, with tangential forces at Coulomb's limit,
-        among those that carry load (:attr:`Contacts.carried`). At least one contact must carry
+        among those that carry load (:attr:`Contacts.is_carrying`). At least one contact must carry
         load.
         """
-        return float(np.mean(self.mobilise(contacts)[contacts.carried] >= SLIDES))
+        return float(np.mean(self.mobilise(contacts)[contacts.is_carrying] >= SLIDING_RATIO))
 
-    def stored(self, contacts: Contacts) -> float:
+    def find_stored_energy(self, contacts: Contacts) -> float:
         """Return the mean energy that a contact stores, in units of c W^(5/2)."""
         stiffness = self.mindlin_ratio * hertz.stiffness_of(contacts.roots)
         elastic_slips = np.divide(
-            contacts.tangential, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
+            contacts.shear_sizes,
+            stiffness,
+            out=np.zeros_like(stiffness),
+            where=stiffness > 0.0,
         )
         return float(
             np.mean(
@@ -369,18 +356,15 @@ class FrictionLaw:
             )
         )
 
-    def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
+    def find_losses(self, before: Contacts, after: Contacts) -> tuple[float, float]:
         """Return two energies that a contact loses in a step from the state ``before`` to the state
         ``after``, means over contacts in units of c W^(5/2): by sliding, and by the law of the
         tangential force. In the step overlaps and slips change along a straight line.
         """
-        slips = by_contact(after.slips, len(after.slips))
+        end_slips = by_contact(after.slips, len(after.slips))
+        step = Step(*before.flatten(), by_contact(after.overlaps), end_slips)
         by_sliding, by_law = sliding.sum_losses(
-            float(self.mindlin_ratio),
-            float(self.friction_coefficient),
-            *before.flatten(),
-            by_contact(after.overlaps),
-            slips,
+            float(self.mindlin_ratio), float(self.friction_coefficient), step
         )
         return by_sliding / after.overlaps.size, by_law / after.overlaps.size
 

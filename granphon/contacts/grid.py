@@ -21,10 +21,11 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array
 
-#: number of balls up to which a grid of a lattice is kept; and number of cells up to which a grid
-#: finds the numbers of the balls of its contacts, 16 bytes a contact, to share them with its copies
-#: in other units
-_KEPT_CELLS = 2**14
+#: number of balls up to which a grid of a lattice is kept
+_KEPT_BALLS = 2**14
+#: number of cells up to which a grid finds the numbers of the balls of its contacts, 16 bytes a
+#: contact, to share them with its copies in other units
+_SHARED_CELLS = 2**14
 #: component of a unit normal up to which it is rounding
 _ROUNDING = 1e-15
 
@@ -118,7 +119,7 @@ class Grid:
         # runs, normals and ends do not depend on the unit: both grids share them. The ends of a
         # large grid take memory, and are shared only if they have been found before
         vars(scaled).update(runs=self.runs, normal=self.normal)
-        if "ends" in vars(self) or self.n_cells <= _KEPT_CELLS:
+        if "ends" in vars(self) or self.n_cells <= _SHARED_CELLS:
             vars(scaled).update(ends=self.ends)
         return scaled
 
@@ -194,10 +195,10 @@ def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
     """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells of a ``lattice``, kind by
-    kind; lengths are over the diameter. The last 8 grids of at most ``_KEPT_CELLS`` balls are kept
+    kind; lengths are over the diameter. The last 8 grids of at most ``_KEPT_BALLS`` balls are kept
     for further calls.
     """
-    if math.prod(shape) * lattice.n_balls > _KEPT_CELLS:
+    if math.prod(shape) * lattice.n_balls > _KEPT_BALLS:
         return Grid.of(lattice.contacts, shape, lattice.n_balls)
     return _keep_lattice_grid(shape, lattice)
 

@@ -4,7 +4,8 @@ A cell has b balls, and each ball moves along d axes. Motions of balls, and forc
 arrays (f, cells) with f = b d: the line d ball + axis has the motion of one ball of each cell along
 one axis. Arrays with one number of each contact are (kinds, cells). Blocks of balls are (d, d, n),
 of n = b cells balls: first those of the first ball of all cells, then those of the second, and so
-on. Loops work in the precision of their arguments.
+on. Loops work in the precision of their arguments. What is done for one run stands in each loop:
+the call of a function would take as long as a short run.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from granphon.contacts.grid import Runs
 Values = NDArray[Any]
 #: number of contacts of a run that are worked on at a time, so that they stay in the processor's
 #: cache
-_CACHED = 512
+_CONTACTS_AT_ONCE = 512
 #: number of contacts of a grid up to which all tensions stay in the cache: 256 kB of them
-_SMALL = 2**15
+_CONTACTS_IN_CACHE = 2**15
 #: number of sums to which products are added in turn: the processor adds to one sum while it still
 #: adds to the others
 _LANES = 16
@@ -62,17 +63,17 @@ def add_forces(runs: Runs, force: Values, on_balls: Values) -> None:
         start = runs.table[run, 1]
         end = runs.table[run, 2]
         count = runs.table[run, 3]
-        pushing = force[kind, start : start + count]
+        push = force[kind, start : start + count]
         for axis in range(d):
             component = runs.normal[kind, axis]
             if component == 0.0:
                 continue
             near = on_balls[d * runs.ends[kind, 0] + axis, start : start + count]
             for contact in range(count):
-                near[contact] -= component * pushing[contact]
+                near[contact] -= component * push[contact]
             far = on_balls[d * runs.ends[kind, 1] + axis, end : end + count]
             for contact in range(count):
-                far[contact] += component * pushing[contact]
+                far[contact] += component * push[contact]
 
 
 @compiled
@@ -92,7 +93,7 @@ def resist(
     kind is added to ``tension_sums`` (kinds,). If the cell is held, both are (0,). The last digits
     of the sums depend on the number of contacts that are worked on at a time.
     """
-    if stiffness.size <= _SMALL:
+    if stiffness.size <= _CONTACTS_IN_CACHE:
         _resist_at_once(runs, stiffness, motions, elongations, forces, tension_sums)
     else:
         _resist_by_parts(runs, stiffness, motions, elongations, forces, tension_sums)
@@ -138,19 +139,19 @@ def _resist_by_parts(
     forces: Values,
     tension_sums: Values,
 ) -> None:
-    """Do what :func:`resist` does, for at most ``_CACHED`` contacts of a run at a time: their
-    motions, tensions and forces stay in the cache.
+    """Do what :func:`resist` does, for at most ``_CONTACTS_AT_ONCE`` contacts of a run at a time:
+    their motions, tensions and forces stay in the cache.
     """
     d = runs.normal.shape[1]
-    tension = np.empty(_CACHED, motions.dtype)
+    tension = np.empty(_CONTACTS_AT_ONCE, motions.dtype)
     for run in range(len(runs.table)):
         kind = runs.table[run, 0]
         run_start = runs.table[run, 1]
         run_stop = run_start + runs.table[run, 3]
         # from the number of the cell where a contact starts to that of the cell where it ends
         offset = runs.table[run, 2] - run_start
-        for start in range(run_start, run_stop, _CACHED):
-            stop = min(start + _CACHED, run_stop)
+        for start in range(run_start, run_stop, _CONTACTS_AT_ONCE):
+            stop = min(start + _CONTACTS_AT_ONCE, run_stop)
             count = stop - start
             tension[:count] = 0.0
             for axis in range(d):
@@ -267,12 +268,12 @@ def add_block_products(blocks: Values, forces: Values, motions: Values) -> None:
     cells = forces.shape[1]
     for ball in range(len(forces) // d):
         for line in range(d):
-            moved = motions[ball * d + line]
+            motion = motions[ball * d + line]
             for column in range(d):
                 entries = blocks[line, column, ball * cells : (ball + 1) * cells]
                 pull = forces[ball * d + column]
                 for cell in range(cells):
-                    moved[cell] += entries[cell] * pull[cell]
+                    motion[cell] += entries[cell] * pull[cell]
 
 
 @compiled
@@ -326,7 +327,7 @@ def take_conjugate_step(
     step with the ``preconditioned`` residual, the curvature along the new ``direction``, and the
     square of the residual after the step.
 
-    If the curvature is not above zero, no step is taken, and the square is returned as zero.
+    If the curvature is zero or below, no step is taken, and the square is returned as zero.
     Vectors (f cells + s,) have the motions of balls, field by field, and s strains of the cell, or
     the forces on these.
 

@@ -25,9 +25,9 @@ from granphon.contacts.shift_product import Halo
 
 Values = NDArray[Any]
 #: number of places that are multiplied at a time, so that they stay in the processor's cache
-_CACHED = 1024
+_PLACES_AT_ONCE = 1024
 #: number of balls whose blocks are inverted together
-_INVERTED = 64
+_BALLS_AT_ONCE = 64
 
 
 class GridProduct(NamedTuple):
@@ -158,7 +158,7 @@ def add_neighbour_products(product: GridProduct, motions: Values, forces: Values
     ``motions`` (f, k, cells) of the other ball.
 
     For each right side, motions are copied to all places, and the forces at the places of cells are
-    added up, ``_CACHED`` places at a time; those at ghosts between them are left.
+    added up, ``_PLACES_AT_ONCE`` places at a time; those at ghosts between them are left.
     """
     cells = product.cells
     places = product.places
@@ -172,8 +172,8 @@ def add_neighbour_products(product: GridProduct, motions: Values, forces: Values
             motion_at = motions_at[field]
             for place in range(len(cells)):
                 motion_at[place] = motion[cells[place]]
-        for start in range(places[0], end, _CACHED):
-            _add_up_forces(product, motions_at, forces_at, start, min(start + _CACHED, end))
+        for start in range(places[0], end, _PLACES_AT_ONCE):
+            _add_up_forces(product, motions_at, forces_at, start, min(start + _PLACES_AT_ONCE, end))
         for field in range(fields):
             force = forces[field, side]
             force_at = forces_at[field]
@@ -212,30 +212,30 @@ def _add_up_forces(
 
 @compiled
 def _eliminate(matrices: Values) -> None:
-    """Replace the ``matrices`` (m, m, _INVERTED) by their inverses, by the elimination of Gauss and
-    Jordan. Its pivots are those on the diagonal, which suffices where the symmetric part of a
-    matrix is positive definite.
+    """Replace the ``matrices`` (m, m, _BALLS_AT_ONCE) by their inverses, by the elimination of
+    Gauss and Jordan. Its pivots are those on the diagonal, which suffices where the symmetric part
+    of a matrix is positive definite.
     """
     m = len(matrices)
-    factor = np.empty(_INVERTED)
+    factor = np.empty(_BALLS_AT_ONCE)
     for pivot in range(m):
-        for place in range(_INVERTED):
+        for place in range(_BALLS_AT_ONCE):
             factor[place] = 1.0 / matrices[pivot, pivot, place]
         matrices[pivot, pivot] = 1.0
         for column in range(m):
             entries = matrices[pivot, column]
-            for place in range(_INVERTED):
+            for place in range(_BALLS_AT_ONCE):
                 entries[place] *= factor[place]
         for line in range(m):
             if line == pivot:
                 continue
-            for place in range(_INVERTED):
+            for place in range(_BALLS_AT_ONCE):
                 factor[place] = matrices[line, pivot, place]
             matrices[line, pivot] = 0.0
             for column in range(m):
                 entries = matrices[line, column]
                 pivots = matrices[pivot, column]
-                for place in range(_INVERTED):
+                for place in range(_BALLS_AT_ONCE):
                     entries[place] -= factor[place] * pivots[place]
 
 
@@ -248,12 +248,12 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
     """
     m = len(blocks)
     n = blocks.shape[2]
-    matrices = np.zeros((m, m, _INVERTED))
+    matrices = np.zeros((m, m, _BALLS_AT_ONCE))
     for line in range(m):
         # if there are fewer balls, the places left over are inverted too, and must not be singular
         matrices[line, line] = 1.0
-    for start in range(0, n, _INVERTED):
-        stop = min(start + _INVERTED, n)
+    for start in range(0, n, _BALLS_AT_ONCE):
+        stop = min(start + _BALLS_AT_ONCE, n)
         for ball in range(start, stop):
             for line in range(m):
                 for column in range(m):

@@ -34,14 +34,16 @@ class _Limits(NamedTuple):
         if least != -math.inf:
             # the pull where the law ends: a law may be zero at the end itself, and pull just after
             opening = np.array([least, math.nextafter(least, math.inf)])
-            tension = -min(float(np.min(law.force(opening))), 0.0)
+            tension = abs(min(float(np.min(law.force(opening))), 0.0))
         most = float(getattr(law, "most_overlap", math.inf))
         return cls(least, touching_overlap(law), most, tension)
 
 
 class ContactLaws:
-    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,);
-    contacts of no group never push.
+    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,).
+
+    Contacts of no group never push: they are open below zero, and their law is known at every
+    overlap.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ class ContactLaws:
         return np.where(np.isinf(self.tension), 0.0, self.tension)
 
     @property
-    def adhere(self) -> bool:
+    def can_adhere(self) -> bool:
         """Whether some contact bears tension before it opens, as balls that adhere and bonds do."""
         return bool(np.any(self.tension > 0.0))
 
@@ -208,7 +210,7 @@ class ContactLaws:
         return overlaps
 
     @property
-    def know_radii(self) -> bool:
+    def has_radii(self) -> bool:
         """Whether some law knows the radius of its contacts."""
         return any(callable(getattr(law, "contact_radius", None)) for law, _ in self.groups)
 

@@ -31,6 +31,8 @@ one entry follow each other: what multiplies them goes through memory in order.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,55 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.columns import Columns
 from granphon.contacts.vectors import Vector, add, cross, dot, get_row, scale, set_row
+
+
+class Blocks(NamedTuple):
+    """The tangent of contacts, block by block: A, B, B' and S of
+    :mod:`granphon.contacts.tangent`, with m motions of each of n balls and s strains.
+
+    Attributes
+    ----------
+    diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
+    forward : (m, m, n_c) blocks of A: forces on ball i of each contact against motions of ball j.
+    backward : (m, m, n_c) blocks of A, transposed: forces on ball j of each contact (second axis)
+        against motions of ball i (first axis). They are the array ``forward`` itself if A is
+        symmetric.
+    ahead : (n, m, s) B, forces on balls against unit strains.
+    back : (n, m, s) B' transposed, forces on strains against unit motions of balls.
+    corner : (s, s) S, forces on strains against unit strains.
+    """
+
+    diagonal: Array
+    forward: Array
+    backward: Array
+    ahead: Array
+    back: Array
+    corner: Array
+
+    def symmetrise(self) -> Blocks:
+        """Return the blocks with A replaced by its symmetric part; B, B' and S stay as they are."""
+        diagonal = 0.5 * (self.diagonal + self.diagonal.swapaxes(0, 1))
+        forward = 0.5 * (self.forward + self.backward)
+        return self._replace(diagonal=diagonal, forward=forward, backward=forward)
+
+
+class _Resistance(NamedTuple):
+    """Stiffnesses of one contact, and its arms.
+
+    Attributes
+    ----------
+    along, across : the block for two displacements is across + along nn.
+    slip, torsion, bending : stiffnesses against slip, twist and roll.
+    arm_i, arm_j : the arms of balls i and j.
+    """
+
+    along: float
+    across: float
+    slip: float
+    torsion: float
+    bending: float
+    arm_i: float
+    arm_j: float
 
 
 @compiled
@@ -98,19 +149,55 @@ def _fill_displacements(
 
 
 @compiled
+def _find_entries(
+    law: _Resistance, normal: Array, turning: Array, row: int, axis: int
+) -> tuple[float, float, float]:
+    """Return an entry of three blocks of a contact: force on ball i against motions of ball i, on
+    ball j against those of j, and on ball i against those of j.
+
+    ``row`` is the axis of the force and ``axis`` that of the motion, 0 to 2 of displacements, 3 to
+    5 of rotations; ``normal`` n (3,) is that of the contact, and ``turning`` that of
+    :func:`_set_turning`.
+    """
+    arm_i = law.arm_i
+    arm_j = law.arm_j
+    if row < 3 and axis < 3:
+        entry = law.along * normal[row] * normal[axis]
+        if row == axis:
+            entry += law.across
+        return entry, entry, -entry
+    if row < 3:
+        sheared = law.slip * turning[row, axis - 3]
+        return arm_i * sheared, -arm_j * sheared, arm_j * sheared
+    if axis < 3:
+        sheared = law.slip * turning[axis, row - 3]
+        return arm_i * sheared, -arm_j * sheared, -arm_i * sheared
+    # entries of nn and of 1 - nn
+    parallel = normal[row - 3] * normal[axis - 3]
+    perpendicular = -parallel
+    if row == axis:
+        perpendicular += 1.0
+    roll = law.torsion * parallel + law.bending * perpendicular
+    return (
+        arm_i * arm_i * law.slip * perpendicular + roll,
+        arm_j * arm_j * law.slip * perpendicular + roll,
+        arm_i * arm_j * law.slip * perpendicular - roll,
+    )
+
+
+@compiled
 def _fill_motions(
     columns: Columns, axes: NDArray[np.int64], diagonal: Array, forward: Array
 ) -> None:
     """Add the blocks of balls to ``diagonal`` and set those of contacts in ``forward``: forces
-    against motions, with the arguments of :func:`fill_tangent`.
+    against motions along the ``axes`` of :func:`fill_tangent`. Blocks of contacts that resist
+    nothing are left as they are.
     """
     m = len(axes)
     turning = np.zeros((3, 3))
     for contact in range(len(columns.i)):
         i = columns.i[contact]
         j = columns.j[contact]
-        arm_i = columns.arm_i[contact]
-        arm_j = columns.arm_j[contact]
         normal = columns.normal[contact]
         slip = columns.shear_stiffness[contact]
         torsion = columns.torsion_stiffness[contact]
@@ -120,40 +207,14 @@ def _fill_motions(
         along = columns.normal_stiffness[contact] - across
         if across == 0.0 and along == 0.0 and torsion == 0.0 and bending == 0.0:
             continue
+        arms = (columns.arm_i[contact], columns.arm_j[contact])
+        law = _Resistance(along, across, slip, torsion, bending, *arms)
         _set_turning(normal, turning)
-        # near: force on ball i against motions of i; far: of j on j; between: on i against j
         for line in range(m):
-            row = axes[line]
             for column in range(m):
-                axis = axes[column]
-                if row < 3 and axis < 3:
-                    near = along * normal[row] * normal[axis]
-                    if row == axis:
-                        near += across
-                    far = near
-                    between = -near
-                elif row < 3:
-                    sheared = slip * turning[row, axis - 3]
-                    near = arm_i * sheared
-                    far = -arm_j * sheared
-                    between = arm_j * sheared
-                elif axis < 3:
-                    sheared = slip * turning[axis, row - 3]
-                    near = arm_i * sheared
-                    far = -arm_j * sheared
-                    between = -arm_i * sheared
-                else:
-                    # entries of nn and of 1 - nn
-                    parallel = normal[row - 3] * normal[axis - 3]
-                    perpendicular = -parallel
-                    if row == axis:
-                        perpendicular += 1.0
-                    roll = torsion * parallel + bending * perpendicular
-                    near = arm_i * arm_i * slip * perpendicular + roll
-                    far = arm_j * arm_j * slip * perpendicular + roll
-                    between = arm_i * arm_j * slip * perpendicular - roll
-                diagonal[line, column, i] += near
-                diagonal[line, column, j] += far
+                on_i, on_j, between = _find_entries(law, normal, turning, axes[line], axes[column])
+                diagonal[line, column, i] += on_i
+                diagonal[line, column, j] += on_j
                 forward[line, column, contact] = between
 
 
@@ -161,8 +222,8 @@ def _fill_motions(
 def _fill_strains(
     columns: Columns, axes: NDArray[np.int64], strains: Array, ahead: Array, corner: Array
 ) -> None:
-    """Add the forces against unit ``strains`` to ``ahead`` and ``corner``, with the arguments of
-    :func:`fill_tangent`.
+    """Add the forces against unit ``strains`` to ``ahead`` and ``corner`` of :class:`Blocks`;
+    ``axes`` and ``strains`` are those of :func:`fill_tangent`.
     """
     s = len(strains)
     moves = np.zeros((s, 3))
@@ -179,10 +240,10 @@ def _fill_strains(
             continue
         for strain in range(s):
             # a unit strain moves ball j against ball i, which the contact pulls back
-            moved = _apply_strain(strains, strain, w)
-            pull = add(scale(along * dot(moved, normal), normal), across, moved)
-            turn = cross(normal, moved)
-            set_row(moves, strain, moved)
+            move = _apply_strain(strains, strain, w)
+            pull = add(scale(along * dot(move, normal), normal), across, move)
+            turn = cross(normal, move)
+            set_row(moves, strain, move)
             set_row(pulls, strain, pull)
             for motion in range(len(axes)):
                 axis = axes[motion]
@@ -199,40 +260,40 @@ def _fill_strains(
 
 
 @compiled
-def fill_tangent(
-    columns: Columns,
-    axes: NDArray[np.int64],
-    strains: Array,
-    diagonal: Array,
-    forward: Array,
-    ahead: Array,
-    corner: Array,
-) -> None:
-    """Set ``diagonal``, ``forward``, ``ahead`` and ``corner`` to the tangent of all contacts; all
-    four must be zeros before. Static forces across normals are not in it:
-    :func:`add_static_turn` adds what these do.
+def fill_tangent(columns: Columns, axes: NDArray[np.int64], strains: Array, blocks: Blocks) -> None:
+    """Set ``diagonal``, ``forward``, ``ahead`` and ``corner`` of the ``blocks`` to the tangent of
+    all contacts; all four must be zeros before. Static forces across normals are not in it:
+    :func:`add_static_turn` adds what these do. Without them ``backward`` and ``back`` are the same
+    numbers as ``forward`` and ``ahead``.
 
     Parameters
     ----------
     columns : the contacts.
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     strains : (s, 3, 3) unit strains, symmetric.
-    diagonal : (m, m, n) forces on each ball against motions of the same ball.
-    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; forces on ball
-        j against motions of ball i are its transpose.
-    ahead : (n, m, s) forces on balls against unit strains; forces on strains against unit motions
-        are the same numbers.
-    corner : (s, s) forces on strains against unit strains.
+    blocks : the blocks; ``backward`` and ``back`` are not set.
     """
-    rotates = False
+    can_rotate = False
     for motion in range(len(axes)):
-        rotates = rotates or axes[motion] >= 3
-    if rotates:
-        _fill_motions(columns, axes, diagonal, forward)
+        can_rotate = can_rotate or axes[motion] >= 3
+    if can_rotate:
+        _fill_motions(columns, axes, blocks.diagonal, blocks.forward)
     else:
-        _fill_displacements(columns, axes, diagonal, forward)
+        _fill_displacements(columns, axes, blocks.diagonal, blocks.forward)
     if len(strains):
-        _fill_strains(columns, axes, strains, ahead, corner)
+        _fill_strains(columns, axes, strains, blocks.ahead, blocks.corner)
+
+
+class _Turn(NamedTuple):
+    """The changes turn x T, turn x (n x T) and (e/2) n x T, (m + s, 3) each, that a static force T
+    of a contact makes as the contact turns.
+
+    The first m rows belong to unit motions of ball j, and the last s rows to unit strains.
+    """
+
+    push: Array
+    torque: Array
+    lever: Array
 
 
 @compiled
@@ -240,25 +301,23 @@ def _set_static_turn(
     normal: Vector,
     force: Vector,
     origin: Vector,
-    over: float,
+    over_distance: float,
     axes: NDArray[np.int64],
-    moved: Array,
-    push: Array,
-    torque: Array,
-    lever: Array,
+    moves: Array,
+    changes: _Turn,
 ) -> None:
-    """Set the rows of ``push``, ``torque`` and ``lever``, (m + s, 3) each, to the changes
-    turn x T, turn x (n x T) and (e/2) n x T of the static ``force`` T across the normal n.
+    """Set the ``changes`` that the static ``force`` T across the ``normal`` n makes.
 
-    The first m rows belong to unit motions of ball j along the ``axes``, 3 to 5 of which are
-    rotations; the last s rows belong to strains. ``moved`` (m + s, 3) are the motions v of the
-    contact, and ``over`` is 1/r with the distance r of the centres. T turns about n as the tangents
+    ``axes`` (m,) are those of the motions of ball j, 3 to 5 of rotations. ``moves`` (m + s, 3) are
+    the motions v of the contact, and ``over_distance`` is 1/r with the distance r of the centres. T
+    turns about n as the tangents
     do that the smallest rotation carries from the unit vector ``origin`` to n, and that the mean
     rotation of both balls about ``origin`` turns; if ``origin`` is zero, T does not turn about n.
     """
+    push, torque, lever = changes
     m = len(axes)
     moment = cross(normal, force)
-    spin_factor = over / (1.0 + dot(normal, origin))
+    spin_factor = over_distance / (1.0 + dot(normal, origin))
     for column in range(len(push)):
         if column < m and axes[column] >= 3:
             # the mean rotation of both balls about the origin, of which one turns
@@ -267,10 +326,10 @@ def _set_static_turn(
             set_row(torque, column, scale(spin, cross(normal, moment)))
             set_row(lever, column, scale(0.0, moment))
             continue
-        v = get_row(moved, column)
+        v = get_row(moves, column)
         tilt = cross(normal, v)
         spin = -spin_factor * dot(tilt, origin)
-        turn = add(scale(over, tilt), spin, normal)
+        turn = add(scale(over_distance, tilt), spin, normal)
         set_row(push, column, cross(turn, force))
         set_row(torque, column, cross(turn, moment))
         set_row(lever, column, scale(0.5 * dot(normal, v), moment))
@@ -281,18 +340,19 @@ def _add_turn_of_strains(
     i: int,
     j: int,
     axes: NDArray[np.int64],
-    strained: Array,
+    moves: Array,
     push: Array,
     back: Array,
     corner: Array,
 ) -> None:
     """Add to ``back`` and ``corner`` the work that a contact of balls ``i`` and ``j`` does in unit
     strains. The changes of its force on ball j are ``push`` (m + s, 3), and its motions v by unit
-    strains are ``strained`` (s, 3); other arguments are those of :func:`add_static_turn`.
+    strains are ``moves`` (s, 3). ``axes`` (m,) are those of the motions of a ball; ``back`` and
+    ``corner`` are those of :class:`Blocks`.
     """
     m = len(axes)
-    for strain in range(len(strained)):
-        motion = get_row(strained, strain)
+    for strain in range(len(moves)):
+        motion = get_row(moves, strain)
         for column in range(len(push)):
             work = dot(get_row(push, column), motion)
             if column >= m:
@@ -310,19 +370,16 @@ def _add_turn_of_balls(
     j: int,
     arms: tuple[float, float],
     axes: NDArray[np.int64],
-    push: Array,
-    torque: Array,
-    lever: Array,
-    diagonal: Array,
-    forward: Array,
-    backward: Array,
-    ahead: Array,
+    changes: _Turn,
+    blocks: Blocks,
 ) -> None:
-    """Add the forces and torques on the balls ``i`` and ``j`` of a ``contact`` to the blocks of
-    balls, of the contact and of strains. They are made of the changes ``push``, ``torque`` and
-    ``lever`` of :func:`_set_static_turn` and of the ``arms`` of balls i and j; other arguments are
-    those of :func:`add_static_turn`.
+    """Add the forces and torques on the balls ``i`` and ``j`` of a ``contact`` to the ``blocks`` of
+    balls, of the contact and of strains. They are made of the ``changes`` of
+    :func:`_set_static_turn` and of the ``arms`` of balls i and j; ``axes`` (m,) are those of the
+    motions of a ball.
     """
+    push, torque, lever = changes
+    diagonal, forward, backward, ahead, _, _ = blocks
     m = len(axes)
     arm_i, arm_j = arms
     for line in range(m):
@@ -348,31 +405,20 @@ def _add_turn_of_balls(
 
 @compiled
 def add_static_turn(
-    columns: Columns,
-    axes: NDArray[np.int64],
-    strains: Array,
-    diagonal: Array,
-    forward: Array,
-    backward: Array,
-    ahead: Array,
-    back: Array,
-    corner: Array,
+    columns: Columns, axes: NDArray[np.int64], strains: Array, blocks: Blocks
 ) -> None:
-    """Add to all blocks the changes that static forces across normals cause as they turn with their
-    contacts.
-
-    ``backward`` (m, m, n_c) are the forces on ball j of each contact (second axis) against motions
-    of ball i (first axis). ``back`` (n, m, s) are the forces on strains against unit motions of
-    balls. The other arguments are those of :func:`fill_tangent`.
+    """Add to all ``blocks`` the changes that static forces across normals cause as they turn with
+    their contacts. The arguments are those of :func:`fill_tangent`.
     """
     m = len(axes)
     # v by a unit of each motion of ball j, and of each strain
-    moved = np.zeros((m + len(strains), 3))
-    strained = moved[m:]
+    moves = np.zeros((m + len(strains), 3))
+    moves_by_strain = moves[m:]
     for motion in range(m):
         if axes[motion] < 3:
-            moved[motion, axes[motion]] = 1.0
+            moves[motion, axes[motion]] = 1.0
     push, torque, lever = np.zeros((3, m + len(strains), 3))
+    changes = _Turn(push, torque, lever)
     turns_about_normal = len(columns.origin) > 0
     for contact in range(len(columns.i)):
         # the tangent holds the forces that resist: minus those that act
@@ -385,16 +431,14 @@ def add_static_turn(
         normal = get_row(columns.normal, contact)
         w = get_row(columns.vector, contact)
         for strain in range(len(strains)):
-            set_row(strained, strain, _apply_strain(strains, strain, w))
+            set_row(moves_by_strain, strain, _apply_strain(strains, strain, w))
         origin = get_row(columns.origin, contact) if turns_about_normal else (0.0, 0.0, 0.0)
-        over = 1.0 / columns.distance[contact]
+        over_distance = 1.0 / columns.distance[contact]
         # numbers are passed on, not all columns: to pass these takes longer than all else
-        _set_static_turn(normal, force, origin, over, axes, moved, push, torque, lever)
-        _add_turn_of_balls(
-            contact, i, j, arms, axes, push, torque, lever, diagonal, forward, backward, ahead
-        )
+        _set_static_turn(normal, force, origin, over_distance, axes, moves, changes)
+        _add_turn_of_balls(contact, i, j, arms, axes, changes, blocks)
         if len(strains):
-            _add_turn_of_strains(i, j, axes, strained, push, back, corner)
+            _add_turn_of_strains(i, j, axes, moves_by_strain, push, blocks.back, blocks.corner)
 
 
 @compiled
@@ -408,8 +452,8 @@ def fill_entries(
 ) -> None:
     """Add the blocks of balls and contacts to the entries ``data`` of a sparse matrix in columns.
 
-    ``diagonal`` (m, m, n), ``forward`` and ``backward`` (m, m, n_c) are those of
-    :func:`add_static_turn`. ``by_ball`` (n, 2) has, for the block of each ball, the index of its
+    ``diagonal`` (m, m, n), ``forward`` and ``backward`` (m, m, n_c) are those of :class:`Blocks`.
+    ``by_ball`` (n, 2) has, for the block of each ball, the index of its
     first entry in ``data`` and the distance in ``data`` from one of its columns to the next;
     ``by_contact`` (n_c, 2, 2) has both for the blocks (i, j) and (j, i) of each contact.
     """

@@ -30,7 +30,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Index
 from granphon.contacts import motion_loops as loops
 from granphon.contacts.motion_laws import PairLaws, Powers
-from granphon.contacts.motion_loops import Columns, Moment, Rules
+from granphon.contacts.motion_loops import Columns, Moment, Rules, Step
 from granphon.dynamics.damping import Losses
 from granphon.networks.network import ContactNetwork
 
@@ -41,15 +41,16 @@ _ROWS_OF_SLIP = 1 + _N_SLIPS
 
 
 class MetPairs(NamedTuple):
-    """Pairs of balls that may meet, beside the contacts of a network.
+    """Pairs that may meet, beside the contacts of a network: two balls, or a ball i and a flat wall
+    j.
 
     Attributes
     ----------
-    i, j : (n_p,) numbers of the balls.
-    shift : (n_p, 3) whole periods by which ball j is displaced.
+    i, j : (n_p,) numbers of the two bodies.
+    shift : (n_p, 3) whole periods by which body j is displaced.
     slip_ratio : (n_p,) stiffness of slip over that of a flat punch as wide as the contact.
-    bulge : length, m: pairs begin to push where their distance is the sum of their radii and this
-        length.
+    bulge : length, m: two balls begin to push where their distance is the sum of their radii and
+        this length. A ball and a wall do so where their distance is the radius.
     """
 
     i: Index
@@ -66,9 +67,10 @@ class _Geometry(NamedTuple):
     ----------
     r : (n_c, 3) r at rest: a vector, m, where contacts turn, and a unit vector elsewhere.
     length : (n_c,) length of r.
-    gap : (n_c,) distance of the surfaces of pairs that may meet, m; zero of contacts.
+    gap : (n_c,) distance, m, by which balls of pairs that may meet have to approach before they
+        push; zero of contacts.
     is_free : (n_c,) one where r follows the balls, and zero where r stays.
-    near, far : (n_c,) arms of balls i and of balls j over the length of r: parts of a vector, or
+    arm_i, arm_j : (n_c,) arms of balls i and of balls j over the length of r: parts of a vector, or
         lengths, m, of a unit vector.
     levers : (2, n_c) radii of balls i and of balls j where these are the levers of slip, m, in
         place of the arms; else zero.
@@ -78,8 +80,8 @@ class _Geometry(NamedTuple):
     length: Array
     gap: Array
     is_free: Array
-    near: Array
-    far: Array
+    arm_i: Array
+    arm_j: Array
     levers: Array
 
 
@@ -104,7 +106,7 @@ class MovingContacts:
     axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     ratios : (rows - 1, n_c) stiffnesses against slip (3), twist and rolling (3) over those of flat
         punches; rows is 4, or 8 with twist and rolling.
-    held : (rows - 1, n_c) forces across contacts at rest.
+    rest_forces : (rows - 1, n_c) forces across contacts at rest.
     springs : (n, m) stiffnesses of springs to the ground; None without such springs.
     on_balls : (n, m) forces of contacts, their dashpots, and springs to the ground on balls, set by
         each step.
@@ -113,6 +115,7 @@ class MovingContacts:
     stiffest : greatest stiffness of a contact, or of a flat punch as wide, after the last step,
         N/m.
     is_damped : whether there are dashpots.
+    is_hertz : whether all normal forces are Hertz's, which loops know.
     """
 
     def __init__(
@@ -131,17 +134,20 @@ class MovingContacts:
         self.springs: Array | None = None
         if network.on_site is not None:
             self.springs = network.on_site[:, : len(self.axes)]
-        self._is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
+        self.is_hertz = isinstance(law, Powers) and law.exponent == hertz.EXPONENT
         self.ratios = _find_ratios(network, pairs, punch)
-        self.held = _find_rest_forces(network, self.ratios.shape)
-        geometry = _find_true_geometry(network, pairs) if rules.turns else _find_geometry(network)
-        columns = _list_columns(geometry, law, self.ratios, self._is_hertz)
+        self.rest_forces = _find_rest_forces(network, self.ratios.shape)
+        geometry = (
+            _find_true_geometry(network, pairs) if rules.can_turn else _find_geometry(network)
+        )
+        columns = _list_columns(geometry, law, self.ratios, self.is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
         ends = (np.append(network.i, pairs.i), np.append(network.j, pairs.j))
-        self._columns = _make_columns(ends, columns)
+        self._columns = _make_columns(ends, self.axes, columns)
         self.on_balls = np.zeros((network.n_balls, len(self.axes)))
         n_rows = len(self.ratios) + 1
+        self._no_mean = np.zeros(0)
         self._no_speeds = np.zeros((0, len(self.axes)))
         self._no_dash = np.zeros((n_rows, 0))
         self.dash = np.zeros((n_rows, len(ends[0]))) if self.is_damped else self._no_dash
@@ -161,10 +167,10 @@ class MovingContacts:
         if the law does not know the radii of contacts.
         """
         n_contacts = len(self._columns.i)
-        pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
+        pull = np.concatenate([np.zeros((1, n_contacts)), self.rest_forces])
         k = np.ones(n_contacts)
         # a law that does not know radii takes the normal stiffness for that of a punch
-        punch = np.ones(n_contacts) if self.law.know_radii else k
+        punch = np.ones(n_contacts) if self.law.has_radii else k
         return Moment(np.zeros_like(self.on_balls), np.zeros(n_contacts), pull, k, punch)
 
     def make_spare(self, moment: Moment, has_pull: bool) -> Moment:
@@ -178,23 +184,23 @@ class MovingContacts:
             np.empty_like(moment.e),
             np.empty_like(moment.pull) if has_pull else moment.pull,
             k,
-            np.empty_like(k) if self.law.know_radii else k,
+            np.empty_like(k) if self.law.has_radii else k,
         )
 
     def measure(self, moment: Moment) -> None:
         """Set the elongations ``e`` of a ``moment`` from its motions."""
-        loops.measure(self._columns, moment.motions, self.axes, self.rules.turns, moment.e)
+        loops.measure(self._columns, moment.motions, self.rules.can_turn, moment.e)
 
-    def press(self, moment: Moment, joined: Any) -> None:
+    def press(self, moment: Moment, is_joined: Any) -> None:
         """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
 
-        ``joined`` (n_c,) says which contacts whose force jumps are joined, None that all are: see
-        :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise they
-        are the normal stiffnesses, in the same array.
+        ``is_joined`` (n_c,) says which contacts whose force jumps are joined, None that all are:
+        see :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise
+        they are the normal stiffnesses, in the same array.
         """
-        self.law.press(moment.e, (moment.pull[0], moment.k), joined)
-        if isinstance(self.law, PairLaws) and self.law.know_radii:
-            self.law.punch(moment.e, moment.punch, joined)
+        self.law.press(moment.e, (moment.pull[0], moment.k), is_joined)
+        if isinstance(self.law, PairLaws) and self.law.has_radii:
+            self.law.punch(moment.e, moment.punch, is_joined)
 
     def begin(self, moment: Moment) -> Any:
         """Set all of a ``moment`` but its motions, as if balls had come to these motions from rest
@@ -204,11 +210,11 @@ class MovingContacts:
         Coulomb's limit. The step also sets :attr:`on_balls` and :attr:`stiffest`.
         """
         self.measure(moment)
-        joined = self.law.begin(moment.e)
-        self.press(moment, joined)
+        is_joined = self.law.begin(moment.e)
+        self.press(moment, is_joined)
         at_rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
         self._advance(at_rest, moment, self.rules)
-        return joined
+        return is_joined
 
     def act(self, moment: Moment, speeds: Array) -> None:
         """Set :attr:`on_balls` to the forces at a ``moment``, with those of dashpots at the
@@ -220,33 +226,28 @@ class MovingContacts:
         self._advance(moment, after, self._stick, speeds=speeds)
 
     def follow(
-        self, before: Moment, after: Moment, knows_law: bool, speeds: Array
+        self, before: Moment, after: Moment, is_hertz: bool, speeds: Array
     ) -> tuple[float, float]:
         """Set the forces across contacts ``after`` a step, and :attr:`on_balls` to the forces after
         it, with those of dashpots at the ``speeds`` (n, m) after it. Return the energy, J, that
         slip, twist and roll take up in the step, and that which dashpots take up.
 
-        The moment ``after`` has to have its motions, and unless ``knows_law`` also its elongations,
-        normal forces and stiffnesses. If ``knows_law``, loops find these by Hertz's law and do not
-        set them; the caller may ask for this if :attr:`knows_law` is true.
+        The moment ``after`` has to have its motions, and unless ``is_hertz`` also its elongations,
+        normal forces and stiffnesses. If ``is_hertz``, loops find these by Hertz's law and do not
+        set them; the caller may ask for this if :attr:`is_hertz` is true.
         """
-        return self._advance(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
+        return self._advance(before, after, self.rules._replace(is_hertz=is_hertz), speeds=speeds)
 
     def follow_mean(
-        self, before: Moment, after: Moment, joined: Any, step: float
+        self, before: Moment, after: Moment, is_joined: Any, step: float
     ) -> tuple[float, float]:
         """Set the forces across contacts ``after`` a ``step``, s, and :attr:`on_balls` to the mean
         forces of the step, by which it keeps the energy. Return the energy, J, that slip, twist and
-        roll take up in the step, and that which dashpots take up. ``joined`` (n_c,) is that of
+        roll take up in the step, and that which dashpots take up. ``is_joined`` (n_c,) is that of
         :meth:`press`; both moments are complete but for the forces across contacts ``after``.
         """
-        mean = self.law.mean(before.e, after.e, joined)
+        mean = self.law.mean(before.e, after.e, is_joined)
         return self._advance(before, after, self.rules, mean=mean, step=step)
-
-    @property
-    def knows_law(self) -> bool:
-        """Whether the loops know the law of normal forces: that of Hertz."""
-        return self._is_hertz
 
     def _advance(
         self,
@@ -261,23 +262,20 @@ class MovingContacts:
         """Take contacts from the moment ``before`` to the moment ``after`` by ``rules``, and return
         the two energies of :meth:`follow`.
 
-        ``mean``, ``speeds`` and ``step`` are those of the loop
-        :func:`~granphon.contacts.motion_loops.follow`. If both ``mean`` and ``speeds`` are None,
+        ``mean``, ``speeds`` and the length ``step``, s, are those of
+        :class:`~granphon.contacts.motion_loops.Step`. If both ``mean`` and ``speeds`` are None,
         dashpots do not act. Sets :attr:`on_balls` and :attr:`stiffest`, and :attr:`dash` if
         dashpots act.
         """
         has_dash = speeds is not None or mean is not None
-        side_energy, dashpot_energy, self.stiffest = loops.follow(
-            self._columns,
-            rules,
-            self.axes,
-            before,
-            after,
-            np.zeros(0) if mean is None else mean,
-            self._no_speeds if speeds is None else speeds,
+        inputs = Step(
             step,
+            self._no_mean if mean is None else mean,
+            self._no_speeds if speeds is None else speeds,
             self.dash if has_dash else self._no_dash,
-            self.on_balls,
+        )
+        side_energy, dashpot_energy, self.stiffest = loops.follow(
+            self._columns, rules, before, after, inputs, self.on_balls
         )
         if self.springs is not None:
             # the mean of a linear force over the step is the mean of the forces at its two ends
@@ -298,13 +296,14 @@ class MovingContacts:
         energy = float(np.sum(self.still * moment.motions))
         if self.springs is not None:
             energy += 0.5 * float(np.sum(self.springs * moment.motions**2))
-        if self.rules.turns:
+        if self.rules.can_turn:
             energy -= float(np.sum(self.law.rest * moment.e))
         return energy
 
     def shear_energy(self, moment: Moment) -> float:
         """Return the energy, J, that all contacts together store by slip, twist and rolling at a
-        ``moment``: the sum of T^2/2k_t over all forces and torques T.
+        ``moment``: the sum of T^2/2k_t over all forces and torques T with a stiffness k_t above
+        zero.
         """
         forces = moment.pull[1:]
         double_stiffness = 2.0 * self.ratios * moment.punch
@@ -318,43 +317,43 @@ class MovingContacts:
         """Return the magnitudes (n_c,) of the forces across contacts at a ``moment``, N."""
         return np.asarray(np.sqrt(np.sum(moment.pull[1:_ROWS_OF_SLIP] ** 2, axis=0)))
 
-    def pass_ends(self, e: Array, joined: Any) -> Array:
+    def pass_ends(self, e: Array, is_joined: Any) -> Array:
         """Return how far (n_jumps,), m, each contact whose force jumps has passed its end at
         elongations e (n_c,), m: see :meth:`PairLaws.pass_ends`; (0,) if no force jumps.
         """
         if isinstance(self.law, PairLaws):
-            return self.law.pass_ends(e, joined)
+            return self.law.pass_ends(e, is_joined)
         return np.zeros(0)
 
-    def switch(self, moment: Moment, joined: Any) -> tuple[Any, Index, float]:
+    def switch(self, moment: Moment, was_joined: Any) -> tuple[Any, Index, float]:
         """Join or part the contacts of a ``moment`` that have passed their ends, of a law with
-        forces that jump; ``joined`` (n_c,) says which are joined before, and is not changed.
+        forces that jump; ``was_joined`` (n_c,) says which are joined before, and is not changed.
 
         Return which contacts (n_c,) are joined after that, the numbers of those that have joined or
         parted, and the energy lost, J. In the moment, the forces across contacts that have joined
         or parted are set to zero, and all normal forces and stiffnesses are set anew.
         """
         law = self.law
-        has_passed = self.pass_ends(moment.e, joined) > 0.0
+        has_passed = self.pass_ends(moment.e, was_joined) > 0.0
         switched_contacts = law.jumps[has_passed]
-        is_joined = joined.copy()
+        is_joined = was_joined.copy()
         is_joined[switched_contacts] = ~is_joined[switched_contacts]
         moment.pull[1:, switched_contacts] = 0.0
         self.press(moment, is_joined)
-        energy_before = law.store(moment.e, joined)[switched_contacts]
+        energy_before = law.store(moment.e, was_joined)[switched_contacts]
         energy_after = law.store(moment.e, is_joined)[switched_contacts]
         return is_joined, switched_contacts, float(np.sum(energy_before - energy_after))
 
 
 def measure_along(network: ContactNetwork, motions: Array) -> Array:
-    """Return the elongations (n_c,), m, of the contacts of a ``network`` along their directions at
-    rest, if its balls have moved by ``motions`` (n, m) since rest.
+    """Return the elongations (n_c,), m, of the contacts of a ``network``, at least one, along their
+    directions at rest, if its balls have moved by ``motions`` (n, m) since rest.
     """
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
-    columns = _make_columns((network.i, network.j), directions)
+    columns = _make_columns((network.i, network.j), _list_axes(network), directions)
     e = np.empty(network.n_contacts)
-    loops.measure(columns, motions, _list_axes(network), False, e)
+    loops.measure(columns, motions, False, e)
     return e
 
 
@@ -374,16 +373,16 @@ def _find_rest_forces(network: ContactNetwork, shape: tuple[int, ...]) -> Array:
     The static force and torque of a contact are those on ball j; the forces and torques that resist
     slip, twist and roll have the opposite sign.
     """
-    held = np.zeros(shape)
+    forces = np.zeros(shape)
     n_contacts = network.n_contacts
     if network.tangential_force is not None:
-        held[:_N_SLIPS, :n_contacts] = -network.tangential_force.T
-    if network.contact_torque is not None and len(held) > _N_SLIPS:
+        forces[:_N_SLIPS, :n_contacts] = -network.tangential_force.T
+    if network.contact_torque is not None and len(forces) > _N_SLIPS:
         twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
         roll = network.contact_torque - twist[:, None] * network.normal
-        held[_N_SLIPS, :n_contacts] = -twist
-        held[_N_SLIPS + 1 :, :n_contacts] = -roll.T
-    return held
+        forces[_N_SLIPS, :n_contacts] = -twist
+        forces[_N_SLIPS + 1 :, :n_contacts] = -roll.T
+    return forces
 
 
 def _list_columns(
@@ -401,14 +400,14 @@ def _list_columns(
     columns |= {
         loops.LENGTH: geometry.length,
         loops.GAP: geometry.gap,
-        loops.FREE: geometry.is_free,
-        loops.NEAR: geometry.near,
-        loops.FAR: geometry.far,
-        loops.NEAR_LEVER: geometry.levers[0],
-        loops.FAR_LEVER: geometry.levers[1],
+        loops.IS_FREE: geometry.is_free,
+        loops.ARM_I: geometry.arm_i,
+        loops.ARM_J: geometry.arm_j,
+        loops.LEVER_I: geometry.levers[0],
+        loops.LEVER_J: geometry.levers[1],
         loops.FORCE: law.rest,
         loops.SLIP_RATIO: ratios[0],
-        loops.END: law.end,
+        loops.OPENING: law.end,
     }
     if len(ratios) > _N_SLIPS:
         columns |= {
@@ -421,14 +420,14 @@ def _list_columns(
     return columns
 
 
-def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
+def _make_columns(ends: tuple[Index, Index], axes: Index, values: dict[int, Any]) -> Columns:
     """Return the contacts, at least one, as loops read them: ``ends`` (n_c,) are the numbers of
-    balls i and j, and ``values`` the columns (n_c,) by the place where their row begins; other
-    columns are zero.
+    balls i and j, ``axes`` (m,) those of the motions of a ball, and ``values`` the columns (n_c,)
+    by the place where their row begins; other columns are zero.
 
     A column of equal numbers is kept as one number.
     """
-    shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
+    shared = np.zeros(loops.COLUMNS_END // loops.CHUNK)
     separate = {}
     for row, column in values.items():
         shared[row // loops.CHUNK] = column[0]
@@ -438,6 +437,7 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
     return Columns(
         i=ends[0].astype(np.uint32),
         j=ends[1].astype(np.uint32),
+        axes=axes,
         shared=shared,
         separate=np.array([*separate.values()], float).reshape(-1, n_contacts),
         lines=np.array([*separate], np.int64),
@@ -454,8 +454,8 @@ def _find_geometry(network: ContactNetwork) -> _Geometry:
         length=np.ones(network.n_contacts),
         gap=zeros,
         is_free=zeros,
-        near=network.arm_i,
-        far=network.arm_j,
+        arm_i=network.arm_i,
+        arm_j=network.arm_j,
         levers=np.zeros((2, network.n_contacts)),
     )
 
@@ -464,39 +464,47 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
     """Return the contacts of a ``network`` and, behind them, the ``pairs`` that may meet, as
     contacts that turn with their balls. Those with flat walls keep their directions.
     """
-    i = pairs.i
-    j = pairs.j
+    i = np.append(network.i, pairs.i)
+    j = np.append(network.j, pairs.j)
     is_flat = np.isinf(network.distance)
-    is_wall = np.isinf(network.radii[j])
-    radii_j = np.where(is_wall, 0.0, network.radii[j])
     vectors = np.where(is_flat[:, None], network.normal, network.vector)
-    pair_vectors = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
-    gap = np.linalg.norm(pair_vectors, axis=1) - network.radii[i] - radii_j - pairs.bulge
-    for wall, (wall_point, wall_normal) in network.walls.items():
-        at_wall = j == wall
-        balls = i[at_wall]
-        to_wall = (wall_point - network.positions[balls]) @ wall_normal
-        pair_vectors[at_wall] = wall_normal
-        gap[at_wall] = to_wall - network.radii[balls]
+    pair_vectors, gap = _measure_pairs(network, pairs)
     r = np.concatenate([vectors, pair_vectors])
-    is_flat = np.append(is_flat, is_wall)
+    is_flat = np.append(is_flat, np.isinf(network.radii[pairs.j]))
     # arms share the distance, so that torques balance the moment of forces across contacts
-    arm_i = np.append(network.arm_i, network.radii[i])
-    near = np.where(is_flat, arm_i, arm_i / _find_arm_sums(network, pairs))
+    arm_i = np.append(network.arm_i, network.radii[pairs.i])
+    arm_i = np.where(is_flat, arm_i, arm_i / _find_arm_sums(network, pairs))
     levers = np.zeros((2, len(r)))
     if network.lever_excesses is not None:
-        ends = np.stack([np.append(network.i, i), np.append(network.j, j)])
-        radii = network.radii[ends]
+        radii = network.radii[np.stack([i, j])]
         levers = np.where(np.isfinite(radii), radii, 0.0)
     return _Geometry(
         r=r,
         length=np.sqrt(np.sum(r * r, axis=1)),
-        gap=np.append(np.zeros(network.n_contacts), np.maximum(gap, 0.0)),  # no pair pushes at rest
+        gap=np.append(np.zeros(network.n_contacts), gap),
         is_free=np.where(is_flat, 0.0, 1.0),
-        near=near,
-        far=np.where(is_flat, 0.0, 1.0 - near),
+        arm_i=arm_i,
+        arm_j=np.where(is_flat, 0.0, 1.0 - arm_i),
         levers=levers,
     )
+
+
+def _measure_pairs(network: ContactNetwork, pairs: MetPairs) -> tuple[Array, Array]:
+    """Return, of the ``pairs`` at rest, r (n_p, 3), and the distances (n_p,), m, by which the balls
+    have to approach before they push. No pair pushes at rest: a distance below zero counts as zero.
+    """
+    i = pairs.i
+    j = pairs.j
+    r = network.positions[j] + pairs.shift @ network.cell - network.positions[i]
+    radii_j = np.where(np.isinf(network.radii[j]), 0.0, network.radii[j])
+    gap = np.linalg.norm(r, axis=1) - network.radii[i] - radii_j - pairs.bulge
+    for wall, (wall_point, wall_normal) in network.walls.items():
+        at_wall = j == wall
+        balls = i[at_wall]
+        r[at_wall] = wall_normal
+        to_wall = (wall_point - network.positions[balls]) @ wall_normal
+        gap[at_wall] = to_wall - network.radii[balls]
+    return r, np.maximum(gap, 0.0)
 
 
 def _find_arm_sums(network: ContactNetwork, pairs: MetPairs) -> Array:
@@ -528,7 +536,7 @@ def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Arra
     twist = append_pairs(network.torsion_stiffness)
     roll = append_pairs(network.bending_stiffness)
     has_torque = network.contact_torque is not None and np.any(network.contact_torque)
-    turns_balls = has_torque and network.ball_motions.rotations
-    if turns_balls or np.any(twist) or np.any(roll):
+    is_torque_felt = has_torque and network.ball_motions.rotations
+    if is_torque_felt or np.any(twist) or np.any(roll):
         return np.array([slip, slip, slip, twist, roll, roll, roll])
     return np.array([slip, slip, slip])

@@ -26,9 +26,9 @@ from granphon.contacts.laws import ContactLaws
 _LEAST_NORMAL = hertz.LEAST_NORMAL
 #: ratio of a change of an overlap to the overlap up to which a mean force is that of Gauss's two
 #: points: a difference of energies would lose more digits
-_CLOSE = 2e-3
+_GAUSS_RANGE = 2e-3
 #: distance of Gauss's two points from the middle of an interval, over its length
-_GAUSS = 0.5 / math.sqrt(3.0)
+_GAUSS_POINT = 0.5 / math.sqrt(3.0)
 
 
 def share(values: Array) -> Array:
@@ -52,7 +52,7 @@ class Powers:
     rest : (n,) force at rest, N.
     end : (n,) elongation at which a contact opens, m.
     jumps : numbers of the contacts whose force jumps: none.
-    know_radii : whether the law knows the radius of its contacts: it does not.
+    has_radii : whether the law knows the radius of its contacts: it does not.
     """
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
@@ -67,15 +67,15 @@ class Powers:
         self._stiffness_factor = share(hertz.stiffness_of(coefficient))
 
     jumps = np.zeros(0, np.intp)
-    know_radii = False
+    has_radii = False
 
-    def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
+    def press(self, e: Array, out: Any = None, is_joined: Any = None) -> tuple[Array, Array]:
         """Return f - f_0 (n,), N, without a difference of near-equal forces, and the stiffnesses
         k (n,), N/m, at elongations e (n,), m; both are written into the two arrays ``out``, if
         given.
 
-        ``joined`` (n,) says which of the contacts whose force jumps are joined; if it is None, all
-        are. No force of this law jumps, and ``joined`` is not read.
+        ``is_joined`` (n,) says which of the contacts whose force jumps are joined; if it is None,
+        all are. No force of this law jumps, and ``is_joined`` is not read.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         a = self.exponent
@@ -103,19 +103,19 @@ class Powers:
         """
         return None
 
-    def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
+    def mean(self, e: Array, end: Array, is_joined: Any = None) -> Array:
         """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m;
-        ``joined`` is not read.
+        ``is_joined`` is not read.
         """
         if self.exponent == hertz.EXPONENT:
             mean = hertz.mean_force(self.overlap - e, self.overlap - end)
             return self.coefficient * mean - self.rest
         return _mean_of(self, e, end)
 
-    def store(self, e: Array, joined: Any = None) -> Array:
+    def store(self, e: Array, is_joined: Any = None) -> Array:
         """Return the energy (n,), J, of each contact at elongations e (n,), m, less that at rest,
         and with the energy f_0 e of a load f_0 that holds the contact at rest. It is zero at e = 0,
-        and never below zero. ``joined`` is not read.
+        and never below zero. ``is_joined`` is not read.
         """
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
@@ -125,8 +125,8 @@ class Powers:
         energy = self.coefficient * powers / (a + 1.0) + self.rest * e
         return _refine_near_rest(self, e, energy)
 
-    def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
-        """Return whether contacts are closed (n,) at elongations e (n,), m; ``joined`` is not
+    def is_closed(self, e: Array, is_joined: Any = None) -> NDArray[np.bool_]:
+        """Return whether contacts are closed (n,) at elongations e (n,), m; ``is_joined`` is not
         read.
         """
         return np.asarray(e < self.overlap)
@@ -145,7 +145,7 @@ class PairLaws:
     apart : number of contacts of balls that are apart at rest and may meet, which no load holds;
         they are the last ones.
     jumps : numbers of the contacts whose force jumps where they join or part.
-    know_radii : whether some law knows the radius of its contacts.
+    has_radii : whether some law knows the radius of its contacts.
     """
 
     def __init__(self, springs: ContactLaws, overlap: Array, apart: int = 0) -> None:
@@ -154,7 +154,7 @@ class PairLaws:
         self.end = overlap - springs.least
         self.rest = springs.force(overlap)
         self.apart = apart
-        self.know_radii = springs.know_radii
+        self.has_radii = springs.has_radii
         # the first overlap above that at which the law ends
         self._first_overlap = np.nextafter(springs.least, np.inf)
         rest_overlap = np.maximum(overlap, self._first_overlap)
@@ -163,14 +163,14 @@ class PairLaws:
             rest_overlap[-apart:] = self._first_overlap[-apart:]
         self._rest_energy = springs.energy(rest_overlap)
         # a contact that never opens neither joins nor parts: its law is asked at overlap zero
-        opens = springs.least > -np.inf
-        parting = np.where(opens, self._first_overlap, 0.0)
-        joining = np.where(opens, np.nextafter(springs.touch, np.inf), 0.0)
+        can_open = springs.least > -np.inf
+        parting = np.where(can_open, self._first_overlap, 0.0)
+        joining = np.where(can_open, np.nextafter(springs.touch, np.inf), 0.0)
         parting_force = springs.force(parting)
         joining_force = springs.force(joining)
         # the force at the first overlap of a law without a jump is not zero, but below this number
         end_force = np.maximum(np.abs(parting_force), np.abs(joining_force))
-        self.jumps: Index = np.flatnonzero(opens & (end_force >= _LEAST_NORMAL))
+        self.jumps: Index = np.flatnonzero(can_open & (end_force >= _LEAST_NORMAL))
         self._parting_force = parting_force[self.jumps]
 
     def begin(self, e: Array) -> Any:
@@ -188,16 +188,17 @@ class PairLaws:
             least_joined[-self.apart :] = self.springs.touch[-self.apart :]
         return h >= least_joined
 
-    def pass_ends(self, e: Array, joined: Array) -> Array:
+    def pass_ends(self, e: Array, is_joined: Array) -> Array:
         """Return how far (n_jumps,), m, each of the contacts :attr:`jumps` has passed its end at
-        elongations e (n,), m; below zero before the end. The end of a contact that is ``joined``
-        (n,) is the overlap at which it parts, and that of any other the overlap at which it joins.
+        elongations e (n,), m; below zero before the end. The end of a contact where ``is_joined``
+        (n,) is true is the overlap at which it parts, and that of any other the overlap at which it
+        joins.
         """
         jumps = self.jumps
         h = self.overlap[jumps] - e[jumps]
         beyond_parting = self.springs.least[jumps] - h
         beyond_joining = h - self.springs.touch[jumps]
-        return np.where(joined[jumps], beyond_parting, beyond_joining)
+        return np.where(is_joined[jumps], beyond_parting, beyond_joining)
 
     def _find_law_overlaps(self, e: Array) -> Array:
         """Return the overlaps (n,), m, at which laws are evaluated at elongations e (n,), m: those
@@ -208,107 +209,109 @@ class PairLaws:
         h[jumps] = np.maximum(h[jumps], self._first_overlap[jumps])
         return h
 
-    def _find_parted(self, joined: Any) -> Index:
-        """Return the numbers of the contacts :attr:`jumps` that are not ``joined`` (n,); none if
-        that is None.
+    def _find_parted(self, is_joined: Any) -> Index:
+        """Return the numbers of the contacts :attr:`jumps` where ``is_joined`` (n,) is false; none
+        if that is None.
         """
-        return self.jumps[:0] if joined is None else self.jumps[~joined[self.jumps]]
+        return self.jumps[:0] if is_joined is None else self.jumps[~is_joined[self.jumps]]
 
-    def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
+    def press(self, e: Array, out: Any = None, is_joined: Any = None) -> tuple[Array, Array]:
         """Return f - f_0 (n,), N, and the stiffnesses k (n,), N/m, at elongations e (n,), m; see
         :meth:`Powers.press`. A stiffness below zero, as of balls that adhere before they part,
         counts as zero.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self._find_law_overlaps(e)
-        parted = self._find_parted(joined)
+        parted_contacts = self._find_parted(is_joined)
         change[:] = self.springs.force(h)
         k[:] = np.maximum(self.springs.stiffness(h), 0.0)
-        change[parted] = 0.0
-        k[parted] = 0.0
+        change[parted_contacts] = 0.0
+        k[parted_contacts] = 0.0
         change -= self.rest
         return change, k
 
-    def punch(self, e: Array, out: Array, joined: Any = None) -> Array:
+    def punch(self, e: Array, out: Array, is_joined: Any = None) -> Array:
         """Write into ``out`` (n,), and return, the stiffnesses 2 E* a, N/m, of flat punches with
         the radius a of the contacts at elongations e (n,), m; zero of contacts that have parted.
-        ``joined`` (n,) is that of :meth:`press`. A contact whose law does not know a has its normal
-        stiffness.
+        ``is_joined`` (n,) is that of :meth:`press`. A contact whose law does not know a has its
+        normal stiffness.
         """
         out[:] = self.springs.punch(self._find_law_overlaps(e))
-        out[self._find_parted(joined)] = 0.0
+        out[self._find_parted(is_joined)] = 0.0
         return out
 
-    def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
+    def mean(self, e: Array, end: Array, is_joined: Any = None) -> Array:
         """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m;
-        ``joined`` (n,) is that of :meth:`press`.
+        ``is_joined`` (n,) is that of :meth:`press`.
         """
-        return _mean_of(self, e, end, joined)
+        return _mean_of(self, e, end, is_joined)
 
-    def store(self, e: Array, joined: Any = None) -> Array:
+    def store(self, e: Array, is_joined: Any = None) -> Array:
         """Return the energies (n,), J, of :meth:`Powers.store` at elongations ``e`` (n,), m; if
-        contacts adhere, they may be below zero. A contact whose force jumps and that is not
-        ``joined`` (n,) has the energy with which its law ends.
+        contacts adhere, they may be below zero. A contact whose force jumps has the energy with
+        which its law ends where ``is_joined`` (n,) is false.
         """
         first = self._first_overlap
         h = np.maximum(self.overlap - e, first)
-        parted = self._find_parted(joined)
-        h[parted] = first[parted]
+        parted_contacts = self._find_parted(is_joined)
+        h[parted_contacts] = first[parted_contacts]
         energy = self.springs.energy(h) - self._rest_energy + self.rest * e
         # joined contacts that are stretched beyond their law keep its last force until a step ends
         jumps = self.jumps
         distance_beyond = np.minimum(self.overlap[jumps] - e[jumps] - first[jumps], 0.0)
         work_beyond = distance_beyond * self._parting_force
-        if joined is not None:
-            work_beyond = np.where(joined[jumps], work_beyond, 0.0)
+        if is_joined is not None:
+            work_beyond = np.where(is_joined[jumps], work_beyond, 0.0)
         energy[jumps] += work_beyond
-        return _refine_near_rest(self, e, energy, joined)
+        return _refine_near_rest(self, e, energy, is_joined)
 
-    def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
-        """Return whether contacts are closed (n,) at elongations e (n,), m. If ``joined`` (n,) is
-        given, contacts whose force jumps are closed where they are joined.
+    def is_closed(self, e: Array, is_joined: Any = None) -> NDArray[np.bool_]:
+        """Return whether contacts are closed (n,) at elongations e (n,), m. If ``is_joined`` (n,)
+        is given, contacts whose force jumps are closed where they are joined.
         """
         is_closed = np.asarray(self.overlap - e > self.springs.least)
-        if joined is not None:
-            is_closed[self.jumps] = joined[self.jumps]
+        if is_joined is not None:
+            is_closed[self.jumps] = is_joined[self.jumps]
         return is_closed
 
 
-def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Array:
+def _mean_near(law: Powers | PairLaws, e: Array, end: Array, is_joined: Any) -> Array:
     """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m, by
-    Gauss's two points, which is accurate if they are close; ``joined`` is as for
+    Gauss's two points, which is accurate if they are close; ``is_joined`` is as for
     :meth:`Powers.press`.
     """
     middle = 0.5 * (e + end)
-    point_distance = _GAUSS * (end - e)  # of Gauss's points from the middle
-    first_force, _ = law.press(middle - point_distance, joined=joined)
-    second_force, _ = law.press(middle + point_distance, joined=joined)
+    point_distance = _GAUSS_POINT * (end - e)  # of Gauss's points from the middle
+    first_force, _ = law.press(middle - point_distance, is_joined=is_joined)
+    second_force, _ = law.press(middle + point_distance, is_joined=is_joined)
     return np.asarray(0.5 * (first_force + second_force))
 
 
-def _refine_near_rest(law: Powers | PairLaws, e: Array, energy: Array, joined: Any = None) -> Array:
+def _refine_near_rest(
+    law: Powers | PairLaws, e: Array, energy: Array, is_joined: Any = None
+) -> Array:
     """Return the ``energy`` (n,), J, of contacts at elongations e (n,), m, with contacts near rest
     replaced by the work of their mean force: their ``energy`` is a difference of near-equal
     numbers.
 
-    ``joined`` is as for :meth:`Powers.press`.
+    ``is_joined`` is as for :meth:`Powers.press`.
     """
-    is_small = (np.abs(e) <= _CLOSE * np.abs(law.overlap)) & (law.overlap != 0.0)
-    is_near = is_small & law.is_closed(e, joined)
-    work = -e * _mean_near(law, np.zeros_like(e), e, joined)
+    is_small = (np.abs(e) <= _GAUSS_RANGE * np.abs(law.overlap)) & (law.overlap != 0.0)
+    is_near = is_small & law.is_closed(e, is_joined)
+    work = -e * _mean_near(law, np.zeros_like(e), e, is_joined)
     return np.where(is_near, work, energy)
 
 
-def _mean_of(law: Powers | PairLaws, e: Array, end: Array, joined: Any = None) -> Array:
+def _mean_of(law: Powers | PairLaws, e: Array, end: Array, is_joined: Any = None) -> Array:
     """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m.
 
     If the elongations are not close, or if the contact opens or closes between them, the mean is
     minus the change of the energy over the change of e; otherwise it is that of Gauss's two points.
-    ``joined`` is as for :meth:`Powers.press`.
+    ``is_joined`` is as for :meth:`Powers.press`.
     """
     distance = end - e
-    is_far = np.abs(distance) > _CLOSE * np.abs(law.overlap - e)
-    switches = law.is_closed(e, joined) != law.is_closed(end, joined)
-    energy_lost = law.store(e, joined) - law.store(end, joined)
-    mean = _mean_near(law, e, end, joined)
+    is_far = np.abs(distance) > _GAUSS_RANGE * np.abs(law.overlap - e)
+    switches = law.is_closed(e, is_joined) != law.is_closed(end, is_joined)
+    energy_lost = law.store(e, is_joined) - law.store(end, is_joined)
+    mean = _mean_near(law, e, end, is_joined)
     return np.divide(energy_lost, distance, out=mean, where=is_far | switches)

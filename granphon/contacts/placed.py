@@ -17,7 +17,13 @@ import numpy as np
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array, Index
-from granphon.contacts.deformation import add_forces, add_row, measure_along, measure_distances
+from granphon.contacts.deformation import (
+    RowSprings,
+    add_forces,
+    add_row,
+    measure_along,
+    measure_distances,
+)
 from granphon.dynamics.deformation_rows import Row
 
 
@@ -40,9 +46,9 @@ def find_overlaps(
     if normal is not None:
         measure_along(vector, lengths, normal, loss)
         return at_length - loss, normal
-    along = np.empty_like(vector)
-    measure_distances(vector, lengths, along, loss)
-    return at_length - loss, along
+    directions = np.empty(vector.shape)
+    measure_distances(vector, lengths, directions, loss)
+    return at_length - loss, directions
 
 
 class ContactForces:
@@ -86,21 +92,13 @@ class ContactForces:
         ``apart`` (n_c, d) are the displacements of balls j less those of balls i, and ``turns``
         (count, r) are the rotations of the balls, in the coordinates of the row.
         """
-        i, j = self._ends
-        self.energy += add_row(
-            i,
-            j,
-            self._axes,
-            # the coefficients of one motion, which the loop reads contact after contact, have to
-            # follow each other in memory
-            np.ascontiguousarray(row.head.T),
-            np.ascontiguousarray(row.tail.T),
-            stiffness,
-            apart,
-            turns,
-            self.pull,
-            self.torque,
-        )
+        # the coefficients of one motion, which the loop reads contact after contact, have to follow
+        # each other in memory
+        head = np.ascontiguousarray(row.head.T)
+        tail = np.ascontiguousarray(row.tail.T)
+        springs = RowSprings(head, tail, stiffness)
+        exerted = (self.pull, self.torque)
+        self.energy += add_row(*self._ends, self._axes, springs, apart, turns, *exerted)
 
     def collect(self) -> tuple[Array, Array]:
         """Return the forces (count, 3) on balls, and the virial (3, 3): the sum over contacts of

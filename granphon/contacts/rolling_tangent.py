@@ -22,12 +22,57 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
-from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
+from granphon.contacts.friction import Configuration, RollingContacts
+from granphon.contacts.sliding import SlipTangent
 from granphon.contacts.slips import LEAST_DIVISOR
 from granphon.contacts.vectors import Vector, cross, dot, get_row, set_row
 
 #: number of contacts whose blocks are found before they are written, entry by entry
 _CHUNK = 64
+
+
+class TangentBlocks(NamedTuple):
+    """The blocks of the tangent of n_c contacts of n_balls balls with m motions each, 3 in a plane
+    and 6 in space. The overlap y is a motion too, or is held.
+
+    Attributes
+    ----------
+    diagonal : (m, m, n_balls) forces on each ball against its own motions.
+    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j.
+    backward : (m, m, n_c) forces on ball j of each contact (second axis) against motions of ball i
+        (first axis).
+    ahead : (m, n_balls) forces on balls against a unit of y; (m, 0) if the overlap is held.
+    back : (m, n_balls) minus the change of the sum of normal forces by each unit motion; (m, 0) if
+        the overlap is held.
+    """
+
+    diagonal: Array
+    forward: NDArray[Any]
+    backward: NDArray[Any]
+    ahead: Array
+    back: Array
+
+
+class _Contact(NamedTuple):
+    """Where one contact stands: the numbers of its balls i and j, their arms, and its place in a
+    chunk.
+    """
+
+    i: int
+    j: int
+    arm_i: float
+    arm_j: float
+    place: int
+
+
+@compiled
+def _find_contact(contacts: RollingContacts, distance: float, c: int, start: int) -> _Contact:
+    """Return where contact ``c`` stands, in a chunk that begins with the contact ``start``;
+    ``distance`` is that of its centres, over the diameter.
+    """
+    half = 0.5 * distance
+    uneven = contacts.uneven[c]
+    return _Contact(contacts.i[c], contacts.j[c], half - uneven, half + uneven, c - start)
 
 
 @compiled
@@ -84,25 +129,40 @@ def _resist_in_plane(law: _PlaneLaw, v_n: float, v_t: float) -> tuple[float, flo
     )
 
 
+class _PlaneRoom(NamedTuple):
+    """Arrays that a loop over contacts in a plane sets anew for each contact.
+
+    Attributes
+    ----------
+    n, t : (2,) components along n and t of a unit motion in each coordinate of displacements.
+    forward, backward : (3, 3, _CHUNK) blocks of the contacts of a chunk, as those of
+        :class:`TangentBlocks`.
+    """
+
+    n: Array
+    t: Array
+    forward: Array
+    backward: Array
+
+
 @compiled
 def _add_press_in_plane(
-    ends: tuple[int, int],
-    arms: tuple[float, float],
+    contact: _Contact,
     law: _PlaneLaw,
     lattice_normal: tuple[float, float],
-    n: Array,
-    t: Array,
+    room: _PlaneRoom,
     ahead: Array,
     back: Array,
 ) -> float:
-    """Add to ``ahead`` and ``back`` of :func:`fill_tangent` what a unit of the overlap y does at
-    one contact in a plane; return by how much the unit changes the normal force.
+    """Add to ``ahead`` and ``back`` of :class:`TangentBlocks` what a unit of the overlap y does at
+    one ``contact`` in a plane; return by how much the unit changes the normal force.
 
-    ``ends``, ``arms`` and ``law`` are those of the contact, ``lattice_normal`` are the components
-    along n and t of the direction e at touch. ``n`` and ``t`` (2,) are the components along n and t
-    of unit motions in each coordinate of displacements.
+    ``lattice_normal`` are the components along n and t of the direction e at touch.
     """
-    i, j = ends
+    i = contact.i
+    j = contact.j
+    n = room.n
+    t = room.t
     e_n, e_t = lattice_normal
     k = law.k
     # a unit of y moves centre j by -e against centre i; the signs below are those for +e
@@ -113,31 +173,27 @@ def _add_press_in_plane(
         ahead[motion, j] -= push
         back[motion, i] += k * n[motion]
         back[motion, j] -= k * n[motion]
-    ahead[2, i] += arms[0] * change + torque
-    ahead[2, j] += arms[1] * change + torque
+    ahead[2, i] += contact.arm_i * change + torque
+    ahead[2, j] += contact.arm_j * change + torque
     return k * e_n
 
 
 @compiled
 def _add_motions_in_plane(
-    ends: tuple[int, int],
-    place: int,
-    arms: tuple[float, float],
-    law: _PlaneLaw,
-    n: Array,
-    t: Array,
-    diagonal: Array,
-    forward_rows: Array,
-    backward_rows: Array,
+    contact: _Contact, law: _PlaneLaw, room: _PlaneRoom, diagonal: Array
 ) -> None:
-    """Add to ``diagonal`` of :func:`fill_tangent` what one contact in a plane does against motions
-    of its balls, and set its blocks, at ``place`` in ``forward_rows`` and ``backward_rows`` (3, 3,
-    _CHUNK).
-
-    The other arguments are those of :func:`_add_press_in_plane`.
+    """Add to ``diagonal`` of :class:`TangentBlocks` what one ``contact`` in a plane does against
+    motions of its balls, and set its blocks in the ``room``.
     """
-    i, j = ends
-    arm_i, arm_j = arms
+    i = contact.i
+    j = contact.j
+    arm_i = contact.arm_i
+    arm_j = contact.arm_j
+    place = contact.place
+    n = room.n
+    t = room.t
+    forward = room.forward
+    backward = room.backward
     spring = law.spring
     for motion in range(2):
         # forces and torques on both balls against a displacement of either
@@ -146,25 +202,46 @@ def _add_motions_in_plane(
             push = n[line] * along + t[line] * across
             diagonal[line, motion, i] += push
             diagonal[line, motion, j] += push
-            forward_rows[line, motion, place] = -push
-            backward_rows[motion, line, place] = -push
+            forward[line, motion, place] = -push
+            backward[motion, line, place] = -push
         on_i = arm_i * change + torque
         on_j = arm_j * change + torque
         diagonal[2, motion, i] += on_i
         diagonal[2, motion, j] -= on_j
-        forward_rows[2, motion, place] = -on_i
-        backward_rows[motion, 2, place] = on_j
+        forward[2, motion, place] = -on_i
+        backward[motion, 2, place] = on_j
         # forces on both balls against rotations
         shear = spring * t[motion]
         diagonal[motion, 2, i] += arm_i * shear
         diagonal[motion, 2, j] -= arm_j * shear
-        forward_rows[motion, 2, place] = arm_j * shear
-        backward_rows[2, motion, place] = -arm_i * shear
+        forward[motion, 2, place] = arm_j * shear
+        backward[2, motion, place] = -arm_i * shear
     # torques against rotations
     diagonal[2, 2, i] += arm_i * arm_i * spring
     diagonal[2, 2, j] += arm_j * arm_j * spring
-    forward_rows[2, 2, place] = arm_i * arm_j * spring
-    backward_rows[2, 2, place] = arm_i * arm_j * spring
+    forward[2, 2, place] = arm_i * arm_j * spring
+    backward[2, 2, place] = arm_i * arm_j * spring
+
+
+@compiled
+def _collect_plane_law(
+    c: int, ratio: float, distance: float, tangent: SlipTangent, force: float, shears: Array
+) -> _PlaneLaw:
+    """Return the law of contact ``c`` in a plane. ``ratio`` is eps, ``distance`` that of the
+    centres, ``tangent`` the derivatives and ``shears`` (1, n_c) the tangential forces of all
+    contacts, and ``force`` the normal force.
+    """
+    q = tangent.sliding[0, c]
+    spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
+    tilt = ratio / distance
+    return _PlaneLaw(
+        k=tangent.stiffness[c],
+        spring=spring,
+        coupling=tangent.coupling[0, c],
+        side_stiffness=spring - tilt * force,
+        shear_stiffness=tilt * shears[0, c],
+        lever=0.5 * ratio * shears[0, c],
+    )
 
 
 @compiled
@@ -175,55 +252,37 @@ def _fill_plane(
     normal_force: Array,
     shears: Array,
     axes: Array,
-    diagonal: Array,
-    forward: NDArray[Any],
-    backward: NDArray[Any],
-    ahead: Array,
-    back: Array,
+    blocks: TangentBlocks,
 ) -> float:
     """Do what :func:`fill_tangent` does, with the same arguments, for balls in a plane: m is 3, two
     displacements and a rotation.
     """
+    diagonal, forward, backward, ahead, back = blocks
     is_free = ahead.shape[1] > 0
-    eps = contacts.ratio
     corner = 0.0
-    n = np.empty(2)
-    t = np.empty(2)
     count = len(normal_force)
-    forward_rows = np.empty((3, 3, _CHUNK))
-    backward_rows = np.empty((3, 3, _CHUNK))
+    shape = (3, 3, _CHUNK)
+    room = _PlaneRoom(np.empty(2), np.empty(2), np.empty(shape), np.empty(shape))
+    n = room.n
+    t = room.t
     for start in range(0, count, _CHUNK):
         stop = min(start + _CHUNK, count)
         for c in range(start, stop):
-            ends = (contacts.i[c], contacts.j[c])
             x = at.normal[c, 0]
             y = at.normal[c, 1]
             distance = at.distance[c]
-            arms = (0.5 * distance - contacts.uneven[c], 0.5 * distance + contacts.uneven[c])
-            q = tangent.sliding[0, c]
-            spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
-            tilt = eps / distance
-            law = _PlaneLaw(
-                k=tangent.stiffness[c],
-                spring=spring,
-                coupling=tangent.coupling[0, c],
-                side_stiffness=spring - tilt * normal_force[c],
-                shear_stiffness=tilt * shears[0, c],
-                lever=0.5 * eps * shears[0, c],
-            )
-            # components along n and t of a unit motion in each coordinate of displacements
+            contact = _find_contact(contacts, distance, c, start)
+            law = _collect_plane_law(c, contacts.ratio, distance, tangent, normal_force[c], shears)
             for motion in range(2):
                 n[motion] = x * axes[0, motion] + y * axes[1, motion]
                 t[motion] = x * axes[1, motion] - y * axes[0, motion]
             if is_free:
                 e_n = x * contacts.normal[c, 0] + y * contacts.normal[c, 1]
                 e_t = x * contacts.normal[c, 1] - y * contacts.normal[c, 0]
-                corner += _add_press_in_plane(ends, arms, law, (e_n, e_t), n, t, ahead, back)
-            _add_motions_in_plane(
-                ends, c - start, arms, law, n, t, diagonal, forward_rows, backward_rows
-            )
-        _write_rows(forward_rows, forward, start, stop)
-        _write_rows(backward_rows, backward, start, stop)
+                corner += _add_press_in_plane(contact, law, (e_n, e_t), room, ahead, back)
+            _add_motions_in_plane(contact, law, room, diagonal)
+        _write_rows(room.forward, forward, start, stop)
+        _write_rows(room.backward, backward, start, stop)
     return corner
 
 
@@ -293,7 +352,7 @@ def _resist_in_space(
 
 
 @compiled
-def _collect_law(
+def _collect_space_law(
     c: int,
     ratio: float,
     distance: float,
@@ -302,7 +361,7 @@ def _collect_law(
     shears: Array,
     lattice_normal: Vector,
 ) -> _SpaceLaw:
-    """Return the law of contact ``c``. ``ratio`` is eps, ``distance`` that of the centres,
+    """Return the law of contact ``c`` in space. ``ratio`` is eps, ``distance`` that of the centres,
     ``tangent`` the derivatives and ``shears`` (2, n_c) the tangential forces of all contacts,
     ``force`` the normal force, and ``lattice_normal`` the components of e along n, t and b.
     """
@@ -329,37 +388,32 @@ def _collect_law(
     )
 
 
-@compiled
-def _set_wrench(
-    resistance: tuple[float, ...],
-    along: Array,
-    turning: Array,
-    arms: tuple[float, float],
-    push: Array,
-    torques: Array,
-) -> None:
-    """Set ``push`` (3,) to the force on ball j in the coordinates of displacements, and ``torques``
-    (2, 3) to the torques on balls i and j along the axes of space.
+class _SpaceRoom(NamedTuple):
+    """Arrays that a loop over contacts in space sets anew for each contact.
 
-    ``resistance`` are the components that :func:`_resist_in_space` returns, ``along`` and
-    ``turning`` (3, 3) those that :func:`_set_axes` sets; ``arms`` are those of balls i and j.
+    Attributes
+    ----------
+    along, turning : (3, 3) the rows are n, t and b = n x t: in ``along`` in the coordinates of
+        displacements, in ``turning`` along the axes of space.
+    push : (3,) force on ball j, in the coordinates of displacements.
+    torques : (2, 3) torques on balls i and j, along the axes of space.
+    forward, backward : (6, 6, _CHUNK) blocks of the contacts of a chunk, as those of
+        :class:`TangentBlocks`.
     """
-    f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = resistance
-    arm_i, arm_j = arms
-    for axis in range(3):
-        push[axis] = along[0, axis] * f_n + along[1, axis] * f_t + along[2, axis] * f_b
-        wrench = turning[0, axis] * w_n + turning[1, axis] * w_t + turning[2, axis] * w_b
-        lever = turning[1, axis] * l_t + turning[2, axis] * l_b
-        torques[0, axis] = -arm_i * wrench - lever
-        torques[1, axis] = -arm_j * wrench - lever
+
+    along: Array
+    turning: Array
+    push: Array
+    torques: Array
+    forward: Array
+    backward: Array
 
 
 @compiled
 def _set_axes(along: Array, turning: Array, normal: Vector, tangent: Vector, axes: Array) -> None:
-    """Set the rows of ``turning`` and of ``along``, (3, 3) each, to the ``normal`` n, the
-    ``tangent`` t and b = n x t: in ``turning`` by their components along the axes of space, in
-    ``along`` by those in the coordinates of displacements. The matrix ``axes`` (3, 3) takes these
-    coordinates to the axes of space.
+    """Set ``along`` and ``turning`` of :class:`_SpaceRoom` for a contact with the ``normal`` n and
+    the ``tangent`` t. The matrix ``axes`` (3, 3) takes the coordinates of displacements to the axes
+    of space.
     """
     set_row(turning, 0, normal)
     set_row(turning, 1, tangent)
@@ -374,30 +428,46 @@ def _set_axes(along: Array, turning: Array, normal: Vector, tangent: Vector, axe
 
 
 @compiled
+def _set_wrench(resistance: tuple[float, ...], contact: _Contact, room: _SpaceRoom) -> None:
+    """Set ``push`` and ``torques`` of the ``room`` from the components of a ``resistance`` that
+    :func:`_resist_in_space` returns.
+    """
+    f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = resistance
+    along = room.along
+    turning = room.turning
+    push = room.push
+    torques = room.torques
+    for axis in range(3):
+        push[axis] = along[0, axis] * f_n + along[1, axis] * f_t + along[2, axis] * f_b
+        wrench = turning[0, axis] * w_n + turning[1, axis] * w_t + turning[2, axis] * w_b
+        lever = turning[1, axis] * l_t + turning[2, axis] * l_b
+        torques[0, axis] = -contact.arm_i * wrench - lever
+        torques[1, axis] = -contact.arm_j * wrench - lever
+
+
+@compiled
 def _add_press_in_space(
-    ends: tuple[int, int],
-    arms: tuple[float, float],
+    contact: _Contact,
     law: _SpaceLaw,
     lattice_normal: Vector,
-    vectors: tuple[Array, Array],
-    wrench: tuple[Array, Array],
+    room: _SpaceRoom,
     ahead: Array,
     back: Array,
 ) -> float:
-    """Add to ``ahead`` and ``back`` of :func:`fill_tangent` what a unit of the overlap y does at
-    one contact in space; return by how much the unit changes the normal force.
+    """Add to ``ahead`` and ``back`` of :class:`TangentBlocks` what a unit of the overlap y does at
+    one ``contact`` in space; return by how much the unit changes the normal force.
 
-    ``ends``, ``arms`` and ``law`` are those of the contact, ``lattice_normal`` are the components
-    along n, t and b of the direction e at touch, ``vectors`` are ``along`` and ``turning`` of
-    :func:`_set_axes`, and ``wrench`` is room for ``push`` and ``torques`` of :func:`_set_wrench`.
+    ``lattice_normal`` are the components along n, t and b of the direction e at touch.
     """
-    i, j = ends
+    i = contact.i
+    j = contact.j
+    along = room.along
+    push = room.push
+    torques = room.torques
     e_n, e_t, e_b = lattice_normal
-    along, turning = vectors
-    push, torques = wrench
     # a unit of y moves centre j by -e against centre i
     resistance = _resist_in_space(law, -e_n, -e_t, -e_b, 0.0, 0.0, 0.0)
-    _set_wrench(resistance, along, turning, arms, push, torques)
+    _set_wrench(resistance, contact, room)
     for axis in range(3):
         ahead[axis, i] -= push[axis]
         ahead[axis, j] += push[axis]
@@ -409,82 +479,78 @@ def _add_press_in_space(
 
 
 @compiled
-def _add_displacements_in_space(
-    ends: tuple[int, int],
-    place: int,
-    arms: tuple[float, float],
-    law: _SpaceLaw,
-    vectors: tuple[Array, Array],
-    wrench: tuple[Array, Array],
-    diagonal: Array,
-    forward_rows: Array,
-    backward_rows: Array,
+def _add_motion_of_i(
+    contact: _Contact, motion: int, sign: float, room: _SpaceRoom, diagonal: Array
 ) -> None:
-    """Add to ``diagonal`` of :func:`fill_tangent` what one contact in space does against
-    displacements of its balls, and set these columns of its blocks, at ``place`` in
-    ``forward_rows`` and ``backward_rows`` (6, 6, _CHUNK).
-
-    The other arguments are those of :func:`_add_press_in_space`.
+    """Add to ``diagonal`` of :class:`TangentBlocks` the forces and torques against a unit
+    ``motion`` of ball i, 0 to 5, and set those on ball j in ``room.backward``. They are ``sign``
+    times the ``push`` and the ``torques`` of the ``room``.
     """
-    i, j = ends
-    along, turning = vectors
-    push, torques = wrench
+    push = room.push
+    torques = room.torques
+    backward = room.backward
+    for axis in range(3):
+        diagonal[axis, motion, contact.i] -= sign * push[axis]
+        diagonal[3 + axis, motion, contact.i] += sign * torques[0, axis]
+        backward[motion, axis, contact.place] = sign * push[axis]
+        backward[motion, 3 + axis, contact.place] = sign * torques[1, axis]
+
+
+@compiled
+def _add_motion_of_j(contact: _Contact, motion: int, room: _SpaceRoom, diagonal: Array) -> None:
+    """Add to ``diagonal`` of :class:`TangentBlocks` the forces and torques against a unit
+    ``motion`` of ball j, 0 to 5, and set those on ball i in ``room.forward``. They are the ``push``
+    and the ``torques`` of the ``room``.
+    """
+    push = room.push
+    torques = room.torques
+    forward = room.forward
+    for axis in range(3):
+        diagonal[axis, motion, contact.j] += push[axis]
+        diagonal[3 + axis, motion, contact.j] += torques[1, axis]
+        forward[axis, motion, contact.place] = -push[axis]
+        forward[3 + axis, motion, contact.place] = torques[0, axis]
+
+
+@compiled
+def _add_displacements_in_space(
+    contact: _Contact, law: _SpaceLaw, room: _SpaceRoom, diagonal: Array
+) -> None:
+    """Add to ``diagonal`` of :class:`TangentBlocks` what one ``contact`` in space does against
+    displacements of its balls, and set these columns of its blocks in the ``room``.
+    """
+    along = room.along
     for motion in range(3):
-        # forces against a displacement of ball j: minus those against a displacement of ball i
         resistance = _resist_in_space(
             law, along[0, motion], along[1, motion], along[2, motion], 0.0, 0.0, 0.0
         )
-        _set_wrench(resistance, along, turning, arms, push, torques)
-        for axis in range(3):
-            diagonal[axis, motion, i] += push[axis]
-            diagonal[axis, motion, j] += push[axis]
-            forward_rows[axis, motion, place] = -push[axis]
-            backward_rows[motion, axis, place] = -push[axis]
-            diagonal[3 + axis, motion, i] -= torques[0, axis]
-            diagonal[3 + axis, motion, j] += torques[1, axis]
-            forward_rows[3 + axis, motion, place] = torques[0, axis]
-            backward_rows[motion, 3 + axis, place] = -torques[1, axis]
+        _set_wrench(resistance, contact, room)
+        _add_motion_of_j(contact, motion, room, diagonal)
+        # a displacement of ball i moves the contact the other way
+        _add_motion_of_i(contact, motion, -1.0, room, diagonal)
 
 
 @compiled
 def _add_rotations_in_space(
-    ends: tuple[int, int],
-    place: int,
-    arms: tuple[float, float],
-    law: _SpaceLaw,
-    e: Vector,
-    vectors: tuple[Array, Array],
-    wrench: tuple[Array, Array],
-    diagonal: Array,
-    forward_rows: Array,
-    backward_rows: Array,
+    contact: _Contact, law: _SpaceLaw, e: Vector, room: _SpaceRoom, diagonal: Array
 ) -> None:
-    """Do what :func:`_add_displacements_in_space` does, for rotations of the balls of a contact
-    with the direction ``e`` at touch, along the axes of space.
+    """Do what :func:`_add_displacements_in_space` does, for rotations of the balls about the axes
+    of space; ``e`` is the direction of the contact at touch.
     """
-    i, j = ends
-    arm_i, arm_j = arms
-    along, turning = vectors
-    push, torques = wrench
+    turning = room.turning
+    arm_i = contact.arm_i
+    arm_j = contact.arm_j
     for motion in range(3):
         # tangents turn about n with the mean rotation of both balls about e
         spin = law.lever * e[motion]
         r_t = turning[1, motion]
         r_b = turning[2, motion]
         resistance = _resist_in_space(law, 0.0, 0.0, 0.0, arm_i * r_t, arm_i * r_b, spin)
-        _set_wrench(resistance, along, turning, arms, push, torques)
-        for axis in range(3):
-            diagonal[axis, 3 + motion, i] -= push[axis]
-            backward_rows[3 + motion, axis, place] = push[axis]
-            diagonal[3 + axis, 3 + motion, i] += torques[0, axis]
-            backward_rows[3 + motion, 3 + axis, place] = torques[1, axis]
+        _set_wrench(resistance, contact, room)
+        _add_motion_of_i(contact, 3 + motion, 1.0, room, diagonal)
         resistance = _resist_in_space(law, 0.0, 0.0, 0.0, arm_j * r_t, arm_j * r_b, spin)
-        _set_wrench(resistance, along, turning, arms, push, torques)
-        for axis in range(3):
-            diagonal[axis, 3 + motion, j] += push[axis]
-            forward_rows[axis, 3 + motion, place] = -push[axis]
-            diagonal[3 + axis, 3 + motion, j] += torques[1, axis]
-            forward_rows[3 + axis, 3 + motion, place] = torques[0, axis]
+        _set_wrench(resistance, contact, room)
+        _add_motion_of_j(contact, 3 + motion, room, diagonal)
 
 
 @compiled
@@ -495,48 +561,43 @@ def _fill_space(
     normal_force: Array,
     shears: Array,
     axes: Array,
-    diagonal: Array,
-    forward: NDArray[Any],
-    backward: NDArray[Any],
-    ahead: Array,
-    back: Array,
+    blocks: TangentBlocks,
 ) -> float:
     """Do what :func:`fill_tangent` does, with the same arguments, for balls in space: m is 6, three
     displacements and three rotations.
     """
+    diagonal, forward, backward, ahead, back = blocks
     is_free = ahead.shape[1] > 0
-    along = np.empty((3, 3))
-    turning = np.empty((3, 3))
-    vectors = (along, turning)
-    wrench = (np.empty(3), np.empty((2, 3)))
     corner = 0.0
     count = len(normal_force)
-    forward_rows = np.empty((6, 6, _CHUNK))
-    backward_rows = np.empty((6, 6, _CHUNK))
-    rows = (forward_rows, backward_rows)
+    shape = (6, 6, _CHUNK)
+    room = _SpaceRoom(
+        along=np.empty((3, 3)),
+        turning=np.empty((3, 3)),
+        push=np.empty(3),
+        torques=np.empty((2, 3)),
+        forward=np.empty(shape),
+        backward=np.empty(shape),
+    )
     for start in range(0, count, _CHUNK):
         stop = min(start + _CHUNK, count)
         for c in range(start, stop):
-            place = c - start
-            ends = (contacts.i[c], contacts.j[c])
             n = get_row(at.normal, c)
             t = get_row(at.tangent, c)
             e = get_row(contacts.normal, c)
             distance = at.distance[c]
-            arms = (0.5 * distance - contacts.uneven[c], 0.5 * distance + contacts.uneven[c])
-            _set_axes(along, turning, n, t, axes)
+            contact = _find_contact(contacts, distance, c, start)
+            _set_axes(room.along, room.turning, n, t, axes)
             components = (dot(n, e), dot(t, e), dot(cross(n, t), e))  # of e along n, t and b
-            law = _collect_law(
+            law = _collect_space_law(
                 c, contacts.ratio, distance, tangent, normal_force[c], shears, components
             )
             if is_free:
-                corner += _add_press_in_space(
-                    ends, arms, law, components, vectors, wrench, ahead, back
-                )
-            _add_displacements_in_space(ends, place, arms, law, vectors, wrench, diagonal, *rows)
-            _add_rotations_in_space(ends, place, arms, law, e, vectors, wrench, diagonal, *rows)
-        _write_rows(forward_rows, forward, start, stop)
-        _write_rows(backward_rows, backward, start, stop)
+                corner += _add_press_in_space(contact, law, components, room, ahead, back)
+            _add_displacements_in_space(contact, law, room, diagonal)
+            _add_rotations_in_space(contact, law, e, room, diagonal)
+        _write_rows(room.forward, forward, start, stop)
+        _write_rows(room.backward, backward, start, stop)
     return corner
 
 
@@ -547,13 +608,9 @@ def fill_tangent(
     normal_force: Array,
     shears: Array,
     axes: Array,
-    diagonal: Array,
-    forward: NDArray[Any],
-    backward: NDArray[Any],
-    ahead: Array,
-    back: Array,
+    blocks: TangentBlocks,
 ) -> float:
-    """Fill the blocks of the tangent, the forces on balls that resist small motions of balls.
+    """Fill the ``blocks`` of the tangent, the forces on balls that resist small motions of balls.
     Return by how much a unit of the overlap y raises the sum of normal forces; zero if the overlap
     is held.
 
@@ -569,16 +626,8 @@ def fill_tangent(
     shears : (n_s, n_c) components of the tangential forces T, which turn too; n_s is p - 1.
     axes : (p, p) matrix that takes coordinates of displacements to the axes of space; p is 2 or 3,
         and the number m of motions of a ball is 3 or 6.
-    diagonal : (m, m, n_balls) forces on each ball against its own motions, added to.
-    forward : (m, m, n_c) forces on ball i of each contact against motions of ball j; set.
-    backward : (m, m, n_c) forces on ball j of each contact (second axis) against motions of ball i
-        (first axis); set.
-    ahead : (m, n_balls) forces on balls against a unit of y, added to; (m, 0) if the overlap is
-        held.
-    back : (m, n_balls) minus the change of the sum of normal forces by each unit motion, added to;
-        (m, 0) if the overlap is held.
+    blocks : ``forward`` and ``backward`` are set; the others are added to.
     """
-    blocks = (diagonal, forward, backward, ahead, back)
     if len(axes) == 2:
-        return _fill_plane(contacts, at, tangent, normal_force, shears, axes, *blocks)
-    return _fill_space(contacts, at, tangent, normal_force, shears, axes, *blocks)
+        return _fill_plane(contacts, at, tangent, normal_force, shears, axes, blocks)
+    return _fill_space(contacts, at, tangent, normal_force, shears, axes, blocks)

@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Values = NDArray[Any]
-Index = tuple[Any, ...]
+Slices = tuple[Any, ...]
 #: about the greatest number of bytes that the contributions of the ends of contacts in one slab
 #: take, so that they stay in the processor's cache
-_CACHED = 2**21
+_CACHE_BYTES = 2**21
 #: least ratio of the layers of a slab to the ghost layers around it; the work of these is done
 #: once more in another slab
-_LONG = 2
+_LEAST_RATIO = 2
 #: number of multiplications in a product of matrices up to which OpenBLAS takes one thread
-_ONE_THREAD = 2**18
+_PRODUCTS_OF_THREAD = 2**18
 
 
 class Halo:
@@ -76,23 +76,23 @@ class Halo:
             below = self.below[axis]
             size = self.shape[axis]
             above = self.above[axis]
-            later_axes: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
             stop = below + size
             # if there are more ghost layers than layers, they repeat the array more than once
             for n_copied in range(0, above, size):
                 count = min(size, above - n_copied)
-                ghost_start = stop + n_copied
-                yield (
-                    array[(..., slice(ghost_start, ghost_start + count), *later_axes)],
-                    array[(..., slice(below, below + count), *later_axes)],
-                )
+                ghosts = self._take_layers(array, axis, stop + n_copied, count)
+                yield ghosts, self._take_layers(array, axis, below, count)
             for n_copied in range(0, below, size):
                 count = min(size, below - n_copied)
-                ghost_stop = below - n_copied
-                yield (
-                    array[(..., slice(ghost_stop - count, ghost_stop), *later_axes)],
-                    array[(..., slice(stop - count, stop), *later_axes)],
-                )
+                ghosts = self._take_layers(array, axis, below - n_copied - count, count)
+                yield ghosts, self._take_layers(array, axis, stop - count, count)
+
+    def _take_layers(self, array: Values, axis: int, start: int, count: int) -> Values:
+        """Return a view of ``count`` layers along the ``axis`` of an ``array`` (..., P1, ..., Pp),
+        from the layer ``start`` on.
+        """
+        later_axes: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
+        return array[(..., slice(start, start + count), *later_axes)]
 
 
 class _Workspace(NamedTuple):
@@ -145,9 +145,9 @@ class _Slab(NamedTuple):
     """
 
     layers: slice
-    sources: list[tuple[slice, Index]]
+    sources: list[tuple[slice, Slices]]
     start: int
-    inner: Index
+    inner: Slices
     space: _Workspace
 
 
@@ -171,21 +171,21 @@ class ContactOperator:
         self, shape: Sequence[int], shifts: Sequence[tuple[int, ...]], head: Values, tail: Values
     ) -> None:
         both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
-        halo = Halo(shape, both_ways)
-        along = (0,) * (len(shape) - 1)
+        halo = Halo(shape, both_ways)  # with no more ghost layers than contacts need
+        other_axes = (0,) * (len(shape) - 1)  # no step along the axes but the first
         steps = [halo.offset(shift) for shift in shifts]
         # deformations of all kinds of contacts are found for the same places of balls i: a contact
         # that begins in a ghost cell and leads away from the slab needs a cell j too. There are so
         # many ghost layers that the farthest of these cells is among them
         farthest = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
-        layers = math.ceil(farthest / halo.offset((1, *along)))
+        layers = math.ceil(farthest / halo.offset((1, *other_axes)))
         self.shape = tuple(shape)
         self.n_contacts = len(shifts)
         self.head = head
         self.tail = tail
         self.n_rows, self.n_fields = head.shape
-        self.halo = Halo(shape, [*both_ways, (layers, *along), (-layers, *along)])
-        self._stride = self.halo.offset((1, *along))
+        self.halo = Halo(shape, [*both_ways, (layers, *other_axes), (-layers, *other_axes)])
+        self._stride = self.halo.offset((1, *other_axes))
         self._steps = [self.halo.offset(shift) for shift in shifts]
         #: slabs by the precision of their buffers
         self._slabs: dict[Any, list[_Slab]] = {}
@@ -207,8 +207,8 @@ class ContactOperator:
         below = halo.below[0]
         count = self.shape[0]
         ghosts = below + halo.above[0]
-        cached = _CACHED // (2 * self.n_rows * precision.itemsize * self._stride)
-        most_layers = max(1, cached - ghosts, _LONG * ghosts)
+        layer_bytes = 2 * self.n_rows * precision.itemsize * self._stride
+        most_layers = max(1, _CACHE_BYTES // layer_bytes - ghosts, _LEAST_RATIO * ghosts)
         n_slabs = math.ceil(count / most_layers)
         step = math.ceil(count / n_slabs)  # slabs of one length, but for the last
         spaces: dict[int, _Workspace] = {}
@@ -229,7 +229,7 @@ class ContactOperator:
             )
         return slabs
 
-    def _list_sources(self, start: int, stop: int) -> list[tuple[slice, Index]]:
+    def _list_sources(self, start: int, stop: int) -> list[tuple[slice, Slices]]:
         """Return the ``sources`` of the :class:`_Slab` of the layers from ``start`` to before
         ``stop``: runs of layers that follow each other in the array.
         """
@@ -435,7 +435,7 @@ def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
     if matrix.dtype != out.dtype:
         columns = columns.view(matrix.dtype)
         out = out.view(matrix.dtype)
-    step = max(1, _ONE_THREAD // matrix.size)
+    step = max(1, _PRODUCTS_OF_THREAD // matrix.size)
     if columns.shape[1] <= step:
         np.matmul(matrix, columns, out=out)
         return

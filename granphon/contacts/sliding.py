@@ -1,16 +1,16 @@
 """Compiled loops over the contacts of the law of friction; the law, and the formulas of a step, are
 those of :mod:`granphon.contacts.friction`.
 
-Loops take the law's numbers ``eta`` and ``mu``. The state of contacts before the step is
-``old_overlaps`` (n_c,), ``old_slips`` (n_s, n_c) and the tangential forces ``old_shears`` (n_s,
-n_c); at the end of the step overlaps are ``overlaps`` (n_c,) and slips ``slips`` (n_s, n_c). n_s is
-1 in a plane, 2 in space. The root of an overlap h is r = h_+^(1/2), ``old_root`` before the step
-and ``new_root`` at its end; the normal stiffness is k = (3/2) r, and the normal force r^3.
+Loops take the law's numbers ``eta`` and ``mu``, and a :class:`Step` of n_c contacts with n_s slips
+each; n_s is 1 in a plane, 2 in space. The root of an overlap h is r = h_+^(1/2), ``old_root``
+before the step and ``new_root`` at its end; the normal stiffness is k = (3/2) r, and the normal
+force r^3.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,38 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 #: divisor in place of a root, or a product of two, that is zero: its square is above zero too
-_TINY = 1e-150
+_LEAST_DIVISOR = 1e-150
+
+
+class Step(NamedTuple):
+    """What loops read of a step of all contacts.
+
+    Attributes
+    ----------
+    old_overlaps : (n_c,) overlaps before the step.
+    old_slips : (n_s, n_c) slips before the step.
+    old_shears : (n_s, n_c) tangential forces before the step.
+    overlaps : (n_c,) overlaps at the end of the step, or a guess of these.
+    slips : (n_s, n_c) slips at the end of the step.
+    """
+
+    old_overlaps: Array
+    old_slips: Array
+    old_shears: Array
+    overlaps: Array
+    slips: Array
+
+
+class SlipTangent(NamedTuple):
+    """A :class:`~granphon.contacts.friction.Tangent` as loops read it: ``stiffness`` and ``shear``
+    are (n_c,), ``coupling`` and ``sliding`` (n_s, n_c).
+    """
+
+    stiffness: Array
+    shear: Array
+    coupling: Array
+    sliding: Array
+    drag: float
 
 
 @compiled
@@ -38,12 +69,31 @@ def _find_spring(eta: float, old_root: float, new_root: float, change: float) ->
     # the quotient is (3/2) r
     least_root = min(old_root, new_root)
     total = least_root + new_root
-    return eta * (total - least_root * new_root / max(total, _TINY))
+    return eta * (total - least_root * new_root / max(total, _LEAST_DIVISOR))
+
+
+@compiled
+def _find_spring_slope(eta: float, old_root: float, new_root: float, change: float) -> float:
+    """Return the derivative of the stiffness of :func:`_find_spring`, with the same arguments, with
+    respect to the overlap at the end of the step. It is zero if the contact is open there. If h
+    stays, the derivative is that for a rise.
+    """
+    if new_root == 0.0:
+        return 0.0
+    if old_root == 0.0:
+        mean_stiffness = new_root * new_root * new_root / change
+        return eta * (EXPONENT * new_root - mean_stiffness) / change
+    if new_root < old_root:
+        return eta * EXPONENT * 0.5 / new_root
+    inverse_sum = 1.0 / (old_root + new_root)
+    return 0.5 * eta * (old_root * inverse_sum + 1.0) * inverse_sum
 
 
 @compiled
 def set_springs(eta: float, old_overlaps: Array, overlaps: Array, springs: Array) -> None:
-    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step."""
+    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step from
+    ``old_overlaps`` to ``overlaps``, (n_c,) each.
+    """
     for c in range(len(overlaps)):
         old_root = math.sqrt(max(old_overlaps[c], 0.0))
         new_root = math.sqrt(max(overlaps[c], 0.0))
@@ -51,22 +101,13 @@ def set_springs(eta: float, old_overlaps: Array, overlaps: Array, springs: Array
 
 
 @compiled
-def set_shears(
-    eta: float,
-    mu: float,
-    old_overlaps: Array,
-    old_slips: Array,
-    old_shears: Array,
-    overlaps: Array,
-    slips: Array,
-    shears: Array,
-) -> None:
-    """Set ``shears`` (n_s, n_c) to the tangential forces at the end of a step.
+def set_shears(eta: float, mu: float, step: Step, shears: Array) -> None:
+    """Set ``shears`` (n_s, n_c) to the tangential forces at the end of a ``step``.
 
     A force beyond Coulomb's limit is shortened to the limit, and keeps its direction. The stiffness
-    against slip and the limit are found from ``overlaps``, which may be a guess of those at the end
-    of the step.
+    against slip and the limit are found from the overlaps of the step, which may be a guess.
     """
+    old_overlaps, old_slips, old_shears, overlaps, slips = step
     for c in range(len(overlaps)):
         old_root = math.sqrt(max(old_overlaps[c], 0.0))
         new_root = math.sqrt(max(overlaps[c], 0.0))
@@ -81,36 +122,25 @@ def set_shears(
             shears[s, c] = shear
             size = math.hypot(size, shear) if s else abs(shear)
         limit = mu * (new_root * new_root * new_root)
-        if size > limit:
+        if size > limit:  # never where mu is infinite: the limit is infinite, or nan at a zero root
             for s in range(len(slips)):
                 shears[s, c] *= limit / size
 
 
 @compiled
 def set_tangent(
-    eta: float,
-    mu: float,
-    old_overlaps: Array,
-    old_slips: Array,
-    old_shears: Array,
-    overlaps: Array,
-    tangential_overlaps: Array,
-    couples: bool,
-    slips: Array,
-    stiffness: Array,
-    shear: Array,
-    coupling: Array,
-    sliding: Array,
+    eta: float, mu: float, step: Step, overlaps: Array, is_coupled: bool, tangent: SlipTangent
 ) -> None:
-    """Set ``stiffness``, ``shear`` (n_c,), ``coupling`` and ``sliding`` (n_s, n_c) to the
-    derivatives of the forces of contacts at the end of a step: those of
-    :class:`~granphon.contacts.friction.Tangent`.
+    """Set the arrays of the ``tangent`` to the derivatives of the forces of contacts at the end of
+    a ``step``, where overlaps are ``overlaps`` (n_c,). The drag of the tangent is not read.
 
-    The stiffness against slip and Coulomb's limit are found from ``tangential_overlaps`` (n_c,). If
-    these are the ``overlaps``, ``couples`` is to be true. If they are a guess that does not change,
-    tangential forces do not depend on ``overlaps``: then ``couples`` must be false, and
+    The stiffness against slip and Coulomb's limit are found from the overlaps of the step. If these
+    are ``overlaps`` too, ``is_coupled`` is to be true. If they are a guess that does not change,
+    tangential forces do not depend on ``overlaps``: then ``is_coupled`` must be false, and
     ``coupling`` is set to zero.
     """
+    old_overlaps, old_slips, old_shears, tangential_overlaps, slips = step
+    stiffness, shear, coupling, sliding, _ = tangent
     n_s = len(slips)
     trial = np.zeros(n_s)
     for c in range(len(overlaps)):
@@ -119,60 +149,64 @@ def set_tangent(
         least_root = min(old_root, new_root)
         overlap_change = tangential_overlaps[c] - old_overlaps[c]
         spring = _find_spring(eta, old_root, new_root, overlap_change)
-        k = EXPONENT * math.sqrt(max(overlaps[c], 0.0))
-        stiffness[c] = k
-        inverse_sum = 1.0 / max(least_root + new_root, _TINY) if new_root > 0.0 else 0.0
-        # slope: derivative of `spring` with respect to the overlap at the end, where h rises
-        if old_root == 0.0 and new_root > 0.0:
-            mean_stiffness = new_root * new_root * new_root / overlap_change
-            slope = eta * (EXPONENT * new_root - mean_stiffness) / overlap_change
-        else:
-            slope = 0.5 * eta * (least_root * inverse_sum + 1.0) * inverse_sum
+        # derivatives with respect to the overlap at the end: of `spring`, and of `least_root`
+        spring_slope = 0.0
+        root_slope = 0.0
+        if is_coupled:
+            spring_slope = _find_spring_slope(eta, old_root, new_root, overlap_change)
+            root_slope = 0.5 / new_root if 0.0 < new_root < old_root else 0.0
         size = 0.0
         for s in range(n_s):
-            change = slips[s, c] - old_slips[s, c]
+            slip = slips[s, c] - old_slips[s, c]
             # T/r before the step
             reduced_shear = old_shears[s, c] / old_root if old_root > 0.0 else 0.0
-            trial[s] = spring * change + least_root * reduced_shear
+            trial[s] = spring * slip + least_root * reduced_shear
             size = math.hypot(size, trial[s]) if s else abs(trial[s])
-            coupled = 0.0
-            if couples:
-                coupled = slope * change
-                # where h falls, both roots in `spring` are that at the end: the slope of `spring`
-                # is twice as large, and T before the step falls in proportion to the root
-                if new_root < old_root:
-                    coupled += coupled + inverse_sum * reduced_shear
-            coupling[s, c] = coupled
+            coupling[s, c] = spring_slope * slip + root_slope * reduced_shear
             sliding[s, c] = 0.0
+        k = EXPONENT * math.sqrt(max(overlaps[c], 0.0))
+        stiffness[c] = k
+        shear[c] = spring
         limit = mu * (new_root * new_root * new_root)
-        if not size > limit:  # also where mu is infinite and the contact open: the limit is nan
-            shear[c] = spring
-            continue
-        kept_share = limit / size
-        shear[c] = kept_share * spring
-        along = 0.0
-        for s in range(n_s):
-            sliding[s, c] = trial[s] / size
-            along += sliding[s, c] * coupling[s, c]
-        if couples:
-            for s in range(n_s):
-                across = coupling[s, c] - along * sliding[s, c]
-                coupling[s, c] = kept_share * across + mu * k * sliding[s, c]
+        if size > limit:  # never where mu is infinite, as in set_shears
+            limit_slope = mu * k if is_coupled else 0.0
+            _set_sliding(c, trial, size, limit, limit_slope, shear, coupling, sliding)
 
 
 @compiled
-def sum_losses(
-    eta: float,
-    mu: float,
-    old_overlaps: Array,
-    old_slips: Array,
-    old_shears: Array,
-    overlaps: Array,
-    slips: Array,
-) -> tuple[float, float]:
-    """Return two energies that all contacts together lose in a step, along which overlaps and slips
-    change in proportion: by sliding, and by the law of the tangential force.
+def _set_sliding(
+    c: int,
+    trial: Array,
+    size: float,
+    limit: float,
+    limit_slope: float,
+    shear: Array,
+    coupling: Array,
+    sliding: Array,
+) -> None:
+    """Replace the derivatives of contact ``c`` in ``shear``, ``coupling`` and ``sliding`` of
+    :class:`SlipTangent`, those of a contact that sticks, by those of a contact that slides.
+
+    Its force without sliding is ``trial`` (n_s,), whose length ``size`` is above the ``limit``.
+    ``limit_slope`` is the derivative of the limit with respect to the overlap.
     """
+    kept_share = limit / size
+    shear[c] *= kept_share
+    along = 0.0
+    for s in range(len(trial)):
+        sliding[s, c] = trial[s] / size
+        along += sliding[s, c] * coupling[s, c]
+    for s in range(len(trial)):
+        across = coupling[s, c] - along * sliding[s, c]
+        coupling[s, c] = kept_share * across + limit_slope * sliding[s, c]
+
+
+@compiled
+def sum_losses(eta: float, mu: float, step: Step) -> tuple[float, float]:
+    """Return two energies that all contacts together lose in a ``step``, along which overlaps and
+    slips change in proportion: by sliding, and by the law of the tangential force.
+    """
+    old_overlaps, old_slips, old_shears, overlaps, slips = step
     lost_by_sliding = 0.0
     lost_by_law = 0.0
     for c in range(len(overlaps)):
@@ -233,7 +267,7 @@ def _find_rising_losses(
     mean = (
         eta
         * (old_root * old_root + old_root * new_root + new_root * new_root)
-        / max(old_root + new_root, _TINY)
+        / max(old_root + new_root, _LEAST_DIVISOR)
     )
     cube = old_root * old_root * old_root
     rise = new_root * new_root * new_root - cube
@@ -245,18 +279,22 @@ def _find_rising_losses(
     slide_root = new_root
     if share != 1.0:
         slide_root = min(max(float(np.cbrt(cube + share * rise)), old_root), new_root)
-    square_sum = max(old_root * old_root + old_root * slide_root + slide_root * slide_root, _TINY)
+    square_sum = max(
+        old_root * old_root + old_root * slide_root + slide_root * slide_root, _LEAST_DIVISOR
+    )
     # the loss by the law while the contact sticks
     by_law = old_root * reduced_square
     by_law += (slide_root + 2.0 * old_root) * share * a_dot_b / square_sum
     powers = (slide_root + 3.0 * old_root) * slide_root + 6.0 * old_root * old_root
     powers = powers * slide_root + 5.0 * cube
     by_law += powers * share * share * b_square / (5.0 * square_sum * square_sum)
-    by_law *= (slide_root - old_root) / (3.0 * eta * max(slide_root, _TINY))
+    by_law *= (slide_root - old_root) / (3.0 * eta * max(slide_root, _LEAST_DIVISOR))
     if mu == math.inf:
         return 0.0, by_law
     fourth_sum = _sum_powers(slide_root, new_root)
-    square_sum = max(slide_root * slide_root + slide_root * new_root + new_root * new_root, _TINY)
+    square_sum = max(
+        slide_root * slide_root + slide_root * new_root + new_root * new_root, _LEAST_DIVISOR
+    )
     by_sliding = 0.4 * (mu / eta) * excess * fourth_sum / square_sum
     by_law += mu * mu / (15.0 * eta) * (new_root - slide_root) * fourth_sum
     return by_sliding, by_law
@@ -293,7 +331,7 @@ def _find_falling_losses(
     if share != 1.0:
         slide_overlap = max(old_overlap + share * overlap_change, 0.0)
         slide_root = min(max(math.sqrt(slide_overlap), new_root), old_root)
-    root_sum = max(old_root + slide_root, _TINY)
+    root_sum = max(old_root + slide_root, _LEAST_DIVISOR)
     # the loss by the law while the contact sticks
     by_law = a_square + 2.0 * (2.0 * old_root + slide_root) * share * a_dot_b / (3.0 * root_sum)
     powers = 8.0 * old_overlap + 9.0 * old_root * slide_root + 3.0 * slide_root * slide_root
@@ -302,7 +340,7 @@ def _find_falling_losses(
     if mu == math.inf:
         return 0.0, by_law
     fourth_sum = _sum_powers(slide_root, new_root)
-    by_sliding = 0.4 * mu * excess * fourth_sum / max(slide_root + new_root, _TINY)
+    by_sliding = 0.4 * mu * excess * fourth_sum / max(slide_root + new_root, _LEAST_DIVISOR)
     by_law += mu * mu / (15.0 * eta) * (slide_root - new_root) * fourth_sum
     return by_sliding, by_law
 
@@ -332,9 +370,9 @@ def _find_slide_start(
     constant = min(a_square - limit * limit, 0.0)
     root = math.sqrt(max(half_linear * half_linear - quadratic * constant, 0.0))
     if half_linear <= 0.0:
-        share = (root - half_linear) / max(quadratic, _TINY)
+        share = (root - half_linear) / max(quadratic, _LEAST_DIVISOR)
     else:
-        share = -constant / max(half_linear + root, _TINY)
+        share = -constant / max(half_linear + root, _LEAST_DIVISOR)
     return min(share, 1.0), excess
 
 

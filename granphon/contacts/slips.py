@@ -41,7 +41,7 @@ from granphon.contacts.vectors import Vector, add, add_to_row, cross, dot, get_r
 
 #: square of the tangent of an angle up to which the angle is the sum of the first three terms of
 #: its series: the fourth is rounding
-_SMALL = 1e-6
+_SERIES_SQUARE = 1e-6
 #: least divisor in place of 1 + n.e, which is zero if a step too long has turned a contact round
 LEAST_DIVISOR = float(np.finfo(float).tiny)
 
@@ -99,27 +99,29 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
 
 @compiled
 def find_greatest_length(vectors: Array) -> float:
-    """Return the greatest length among ``vectors`` (n, 3); zero if there are none."""
+    """Return the greatest length among ``vectors`` (n, 3): zero if there are none, nan if a vector
+    is nan.
+    """
     greatest_square = 0.0
     for place in range(len(vectors)):
         vector = get_row(vectors, place)
-        greatest_square = max(greatest_square, dot(vector, vector))
+        square = dot(vector, vector)
+        if square > greatest_square or square != square:
+            greatest_square = square
     return math.sqrt(greatest_square)
 
 
 @compiled
 def measure_straight(
-    contacts: RollingContacts,
-    displacement: Array,
-    rotation: Array,
-    overlap: float,
-    overlaps: Array,
-    slips: Array,
+    contacts: RollingContacts, at: Configuration, overlaps: Array, slips: Array
 ) -> None:
     """Set the ``overlaps`` (n_c,) and ``slips`` (n_s, n_c) of contacts that keep their directions,
-    from ``displacement`` and ``rotation`` (n_balls, 3) of balls and the ``overlap`` y. The first
-    slip is that along the tangent t, and the second, in space, that along n x t.
+    in the configuration ``at``. The first slip is that along the tangent t, and the second, in
+    space, that along n x t.
     """
+    overlap = at.overlap
+    displacement = at.displacement
+    rotation = at.rotation
     for c in range(len(overlaps)):
         i = contacts.i[c]
         j = contacts.j[c]
@@ -139,22 +141,13 @@ def measure_straight(
 
 @compiled
 def measure_turned(
-    contacts: RollingContacts,
-    displacement: Array,
-    rotation: Array,
-    overlap: float,
-    in_plane: bool,
-    overlaps: Array,
-    normal: Array,
-    tangent: Array,
-    distance: Array,
+    contacts: RollingContacts, at: Configuration, is_in_plane: bool, overlaps: Array
 ) -> None:
-    """Set the ``overlaps`` (n_c,), the ``distance`` (n_c,) of centres, and the unit vectors
-    ``normal`` and ``tangent`` (n_c, 3) of contacts that turn with their balls.
-
-    ``displacement`` and ``rotation`` (n_balls, 3) are those of balls, and ``overlap`` is y.
-    ``in_plane`` says whether balls stay in the plane of x and y.
+    """Set the ``overlaps`` (n_c,) of contacts that turn with their balls, and the arrays over
+    contacts of the configuration ``at``, from its overlap y and its motions of balls.
+    ``is_in_plane`` says whether balls stay in the plane of x and y.
     """
+    overlap, displacement, rotation, normal, tangent, distance = at
     eps = contacts.ratio
     for c in range(len(overlaps)):
         i = contacts.i[c]
@@ -170,7 +163,7 @@ def measure_turned(
         n = (w[0] / length, w[1] / length, w[2] / length)
         set_row(normal, c, n)
         distance[c] = length
-        if in_plane:
+        if is_in_plane:
             set_row(tangent, c, (-n[1], n[0], 0.0))
             continue
         # the smallest rotation from e to n takes the tangent along
@@ -193,7 +186,7 @@ def _find_angle(sine: float, cosine: float, eps: float) -> float:
     """
     slope = sine / cosine
     square = eps * eps * slope * slope
-    if cosine > 0.0 and square < _SMALL:
+    if cosine > 0.0 and square < _SERIES_SQUARE:
         return slope * (1.0 - square / 3.0 + 0.2 * square * square)
     return math.atan2(eps * sine, cosine) / eps
 

@@ -12,17 +12,18 @@ contacts: both are found once for all lists with the same numbers.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.contacts import loops
 from granphon.contacts.columns import Columns
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.loops import Blocks
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import Elimination
 
@@ -45,21 +46,8 @@ class Pattern:
     def __init__(
         self, i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
     ) -> None:
-        balls = np.arange(n_balls)
-        # blocks of balls, and (i, j) and (j, i) of contacts; those at the same place are one block
-        lines = np.concatenate([balls, i, j])
-        columns = np.concatenate([balls, j, i])
-        # blocks are numbered column by column, and in a column of blocks line by line
-        blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
-        line = blocks % n_balls
-        column = blocks // n_balls
-        # blocks of each column: where they start among all blocks, and how many they are
-        starts = np.searchsorted(blocks, np.arange(n_balls + 1) * n_balls)
-        heights = np.diff(starts)
-        # of each block, where its first entry stands, and how far apart its columns of entries are
-        blocks_above = np.arange(blocks.size) - starts[column]
-        first = starts[column] * n_motions**2 + blocks_above * n_motions
-        apart = heights[column] * n_motions
+        lines, columns, numbers = _list_blocks(i, j, n_balls)
+        first, apart = _lay_blocks(columns, n_balls, n_motions)
         places = np.stack([first, apart], axis=1)[numbers]
         motions = np.arange(n_motions)
         #: (n, 2) where the block of each ball begins, and how far apart its columns are
@@ -71,7 +59,8 @@ class Pattern:
         # (blocks, columns, lines) the place of each entry of each block, and the line of the matrix
         entries = first[:, None, None] + apart[:, None, None] * motions[:, None] + motions
         self._indices = np.empty(entries.size, np.int32)
-        self._indices[entries] = (n_motions * line[:, None, None] + motions).astype(np.int32)
+        self._indices[entries] = (n_motions * lines[:, None, None] + motions).astype(np.int32)
+        heights = np.bincount(columns, minlength=n_balls)
         n_in_column = np.repeat(heights * n_motions, n_motions)
         self._starts = np.concatenate([[0], np.cumsum(n_in_column)]).astype(np.int32)
 
@@ -91,6 +80,15 @@ class Pattern:
         matrix.has_canonical_format = True
         return matrix
 
+    def list_entries(self, blocks: Blocks) -> Array:
+        """Return the entries (n_entries,) of A with these ``blocks``, in the order of the
+        pattern.
+        """
+        data = np.zeros(self.n_entries)
+        of_balls_and_contacts = (blocks.diagonal, blocks.forward, blocks.backward)
+        loops.fill_entries(*of_balls_and_contacts, self.by_ball, self.by_contact, data)
+        return data
+
     @cached_property
     def elimination(self) -> Elimination:
         """The order of elimination of symmetric matrices with these places."""
@@ -108,6 +106,31 @@ class Pattern:
         if size not in self._leading:
             self._leading[size] = LeadingPart(self, size)
         return self._leading[size]
+
+
+def _list_blocks(
+    i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int
+) -> tuple[Index, Index, Index]:
+    """Return the line and the column (blocks,) of each block of A, in the order of columns and, in
+    a column, of lines; and the numbers (n + 2 n_c,) of the blocks of balls, then of the blocks (i,
+    j) and then of the blocks (j, i) of contacts. What stands at the same place is one block.
+    """
+    balls = np.arange(n_balls)
+    lines = np.concatenate([balls, i, j])
+    columns = np.concatenate([balls, j, i])
+    blocks, numbers = np.unique(columns * n_balls + lines, return_inverse=True)
+    return blocks % n_balls, blocks // n_balls, numbers
+
+
+def _lay_blocks(columns: Index, n_balls: int, n_motions: int) -> tuple[Index, Index]:
+    """Return, of each block of A with its ``columns`` (blocks,), the place of its first entry among
+    all entries (blocks,), and how far apart its columns of entries are (blocks,).
+    """
+    heights = np.bincount(columns, minlength=n_balls)  # numbers of blocks
+    starts = np.cumsum(heights) - heights
+    blocks_above = np.arange(columns.size) - starts[columns]
+    first = starts[columns] * n_motions**2 + blocks_above * n_motions
+    return first, heights[columns] * n_motions
 
 
 class LeadingPart:
@@ -191,43 +214,6 @@ def find_pattern(
     return pattern
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Blocks:
-    """The tangent of contacts, block by block.
-
-    Attributes
-    ----------
-    diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
-    forward : (m, m, n_c) blocks of A: forces on ball i of each contact against motions of ball j.
-    backward : (m, m, n_c) blocks of A, transposed: forces on ball j of each contact (second axis)
-        against motions of ball i (first axis). They are the array ``forward`` itself if A is
-        symmetric.
-    ahead : (n, m, s) B, forces on balls against unit strains.
-    back : (n, m, s) B' transposed, forces on strains against unit motions of balls.
-    corner : (s, s) S, forces on strains against unit strains.
-    """
-
-    diagonal: Array
-    forward: Array
-    backward: Array
-    ahead: Array
-    back: Array
-    corner: Array
-
-    def symmetrise(self) -> Blocks:
-        """Return the blocks with A replaced by its symmetric part; B, B' and S stay as they are."""
-        diagonal = 0.5 * (self.diagonal + self.diagonal.swapaxes(0, 1))
-        forward = 0.5 * (self.forward + self.backward)
-        return replace(self, diagonal=diagonal, forward=forward, backward=forward)
-
-    def list_entries(self, pattern: Pattern) -> Array:
-        """Return the entries of A in the order of its ``pattern``."""
-        data = np.zeros(pattern.n_entries)
-        blocks = (self.diagonal, self.forward, self.backward)
-        loops.fill_entries(*blocks, pattern.by_ball, pattern.by_contact, data)
-        return data
-
-
 def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_balls: int) -> Blocks:
     """Return the tangent of the contacts ``columns`` of ``n_balls`` balls.
 
@@ -242,14 +228,13 @@ def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_bal
     ahead = np.zeros((n_balls, m, s))
     corner = np.zeros((s, s))
     frozen = columns.freeze()
-    loops.fill_tangent(frozen, axes, strains, diagonal, forward, ahead, corner)
+    blocks = Blocks(diagonal, forward, forward, ahead, ahead, corner)
+    loops.fill_tangent(frozen, axes, strains, blocks)
     if not len(columns.tangential_force):
-        return Blocks(diagonal, forward, forward, ahead, ahead, corner)
-    backward = forward.copy()
-    back = ahead.copy()
-    blocks = (diagonal, forward, backward)
-    loops.add_static_turn(frozen, axes, strains, *blocks, ahead, back, corner)
-    return Blocks(*blocks, ahead, back, corner)
+        return blocks
+    blocks = blocks._replace(backward=forward.copy(), back=ahead.copy())
+    loops.add_static_turn(frozen, axes, strains, blocks)
+    return blocks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -274,7 +259,7 @@ class Tangent:
     @cached_property
     def data(self) -> Array:
         """Entries of A, in the order of :attr:`pattern`."""
-        return self.blocks.list_entries(self.pattern)
+        return self.pattern.list_entries(self.blocks)
 
     @cached_property
     def matrix(self) -> Any:

@@ -72,7 +72,7 @@ LEAST_SOLVED_FORCE = 1e-6
 VALID_FORCE = 0.08
 #: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap at which
 #: the first contact closes: wherever the law stiffens the ratio is one or more
-_VANISHED = 1e-7
+_ZERO_RATIO = 1e-7
 #: number of values that are evaluated at once if the coefficients of its step are copied for each
 _VALUES_AT_ONCE = 2**13
 #: number of values per step from which values are sorted by step before they are evaluated
@@ -80,29 +80,29 @@ _MANY_VALUES = 64
 #: number of collocation (Radau) points on a step; its upper end is not counted
 _STAGES = 16
 #: tolerance of the last Chebyshev coefficients of k, relative to the least value of k on the step
-_LAST_COEFFICIENTS = 1e-12
+_COEFFICIENT_TOLERANCE = 1e-12
 #: number of openings from which all steps are short, so that fewer points and a larger tolerance
 #: suffice
 _MANY_OPENINGS = 100
 #: number of collocation points on short steps
 STAGES_OF_SHORT = 12
 #: tolerance of the last coefficients of k on short steps, relative to the least value of k
-LAST_OF_SHORT = 1e-10
+TOLERANCE_OF_SHORT = 1e-10
 #: number of nodes of the average over balls (see Shape.nodes)
 _N_NODES = 32
 #: the lowest step of an interval is halved until the next opening below is at least this fraction
 #: of the step's extent in y away: the nearer that opening, the less smooth is k
-_NEAR = 0.15
+_OPENING_DISTANCE = 0.15
 #: change of k, relative to k, at which Newton's method ends: convergence is quadratic, so that the
 #: remaining error is far smaller
-_SETTLED = 1e-8
+_K_TOLERANCE = 1e-8
 #: change of the root u, relative to u at the upper end of the step, after which only rounding
 #: remains: Newton's method for an overlap converges quadratically too
-_SETTLED_ROOT = 1e-9
+_ROOT_TOLERANCE = 1e-9
 #: largest number of iterations of Newton's method, which converges quadratically
 _MOST_ITERATIONS = 30
 #: half length of the shortest step in the root, relative to its middle
-_SHORTEST = 1e-12
+_SHORTEST_STEP = 1e-12
 #: upper bound on the rounding error of k that is allowed for, relative to k
 _WORST_NOISE = 1e-8
 #: estimate of the relative rounding error of y and of the forces at the points of a step
@@ -119,7 +119,7 @@ _MANY_STEPS = 256
 #: relative step of Xi for the derivative of the series
 _STEP_OF_XI = 1e-3
 #: largest number of elements in an array of near contacts
-_MOST_NEAR = 2**21
+_MOST_NEAR_ELEMENTS = 2**21
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,8 @@ class EffectiveLaw(SpreadLaw):
     holds.
 
     Methods raise :class:`~granphon.base.errors.PrecisionError` for overlaps between that of the
-    first contact and the start of the curve.
+    first contact and the start of the curve, for forces below that at its start, and if the
+    equation has no solution where the medium is valid (:func:`effective_curve`).
 
     Attributes
     ----------
@@ -210,7 +211,7 @@ class EffectiveLaw(SpreadLaw):
         curve.
         """
         why = f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})"
-        if self.curve.stiffness_vanishes:
+        if self.curve.has_zero_stiffness:
             why = "The stiffness is zero there, and equation (36) has no solution at smaller forces"
         return PrecisionError(problem, why, "Raise the load")
 
@@ -238,7 +239,7 @@ class EffectiveCurve:
 
     The curve begins at f* = :data:`LEAST_SOLVED_FORCE`. It begins at a higher force if steps below
     it do not settle in double precision (which is always below the limit of validity), or if the
-    stiffness vanishes there (:attr:`stiffness_vanishes`).
+    stiffness vanishes there (:attr:`has_zero_stiffness`).
 
     Attributes
     ----------
@@ -284,8 +285,8 @@ class EffectiveCurve:
         return float(self.overlap(np.array([self.least_force]))[0])
 
     @cached_property
-    def stiffness_vanishes(self) -> bool:
-        """Whether the stiffness counts as zero (:data:`_VANISHED`) at the start of the curve,
+    def has_zero_stiffness(self) -> bool:
+        """Whether the stiffness counts as zero (:data:`_ZERO_RATIO`) at the start of the curve,
         although contacts still carry force there.
 
         Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as
@@ -295,7 +296,7 @@ class EffectiveCurve:
         depth = origin + (middle - half) ** 2 - float(self.shape.openings[0])  # y - y_1
         stiffness = self.ends(STIFFNESS)[0, 0]
         force = self.ends(FORCE)[0, 0]
-        return bool(stiffness * depth < _VANISHED * force)
+        return _is_zero_stiffness(stiffness, depth, force)
 
     def ends(self, order: int) -> Array:
         """Return the reduced energy, force or stiffness (2, steps) at the lower and the upper end
@@ -339,18 +340,18 @@ class EffectiveCurve:
             # at an opening f rises as u^2, and the variable is the square root of f; on other steps
             # f may span decades, and the variable is log f
             force_rise = np.clip(target - lower_force[index], 0.0, span[index])
-            begins_at_opening = middle == half
+            is_at_opening = middle == half
             root_variable = np.sqrt(force_rise / span[index])
             log_rise = np.log1p(force_rise / lower_force[index])
             log_variable = log_rise / np.log1p(span[index] / lower_force[index])
-            variable = np.where(begins_at_opening, root_variable, log_variable)
+            variable = np.where(is_at_opening, root_variable, log_variable)
             root = middle + half * (2.0 * variable - 1.0)
             for _ in range(_MOST_ITERATIONS):
                 residual = target - self._evaluate(index, root, FORCE)
                 slope = 2.0 * root * self._evaluate(index, root, STIFFNESS)
                 change = np.divide(residual, slope, out=np.zeros_like(root), where=slope > 0.0)
                 root = np.clip(root + change, middle - half, middle + half)
-                is_settled = np.abs(change) <= _SETTLED_ROOT * (middle + half)
+                is_settled = np.abs(change) <= _ROOT_TOLERANCE * (middle + half)
                 if np.all(is_settled | (np.abs(residual) <= rounding * target)):
                     break
             return np.asarray(origin + root**2)
@@ -380,8 +381,8 @@ class EffectiveCurve:
         quotient = np.zeros((max(1, len(numerator) - 1), numerator.shape[1]))
         if not isinstance(self.shape, PointShape):
             _, middle, half = self.steps
-            begins_at_opening = middle == half
-            for step in np.flatnonzero(begins_at_opening):
+            is_at_opening = middle == half
+            for step in np.flatnonzero(is_at_opening):
                 rise = 2.0 * half[step] * self.steps[1:, step]  # dy/dt, a series of two terms
                 slopes = chebyshev.chebdiv(numerator[:, step], rise)[0]
                 quotient[: slopes.size, step] = slopes
@@ -432,6 +433,13 @@ class EffectiveCurve:
         for begin, end in pairwise([*begins, order.size]):
             results[order[begin:end]] = function(int(steps[begin]), ascending[begin:end])
         return results.reshape(arguments.shape)
+
+
+def _is_zero_stiffness(stiffness: float, depth: float, force: float) -> bool:
+    """Return whether a reduced ``stiffness`` counts as zero at the reduced ``force`` and the
+    ``depth`` y - y_1 (:data:`_ZERO_RATIO`).
+    """
+    return bool(stiffness * depth < _ZERO_RATIO * force)
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
@@ -610,7 +618,7 @@ class PointAverages:
         *_, near_contacts = self._find_range(block)
         near_count: int = near_contacts.stop - near_contacts.start
         n_elements = near_count * n_steps * point_count
-        if n_steps > 1 and n_elements > _MOST_NEAR:
+        if n_steps > 1 and n_elements > _MOST_NEAR_ELEMENTS:
             return n_steps // 2
         return n_steps
 
@@ -682,24 +690,31 @@ class PointAverages:
         root = np.sqrt(far_overlap)
         stiffness_series = _integrate_series(slope_series, half, 1.5 * root @ w)
         force_series = _integrate_series(stiffness_series, half, far_overlap * root @ w)
-        # T_m at the points, and its difference from T_m at the upper end of the step, both by
-        # recurrence, so that the difference loses no digits
         t = (block.origin - least_origin + block.root**2 - middle) / half
         drop = block.drop * (block.root + block.root[:, -1:]) / half
-        polynomials = [np.ones_like(t), t]
-        changes = [np.zeros_like(t), drop]
-        for _ in range(len(force_series) - 2):
-            change = 2.0 * (drop * polynomials[-1] + t[:, -1:] * changes[-1]) - changes[-2]
-            polynomials.append(2.0 * t * polynomials[-1] - polynomials[-2])
-            changes.append(change)
-        basis = np.stack(polynomials)
-        basis_change = np.stack(changes)
+        basis, basis_change = _find_polynomials(t, drop, len(force_series))
         return [
             _sum_series(stiffness_series, basis),
             _sum_series(stiffness_series, basis_change),
             _sum_series(force_series, basis_change),
             _sum_series(force_series, basis[..., -1]),
         ]
+
+
+def _find_polynomials(t: Array, drop: Array, count: int) -> tuple[Array, Array]:
+    """Return the Chebyshev polynomials T_m, (count, B, s + 1), at the variable ``t`` (B, s + 1),
+    and their differences from T_m at the last point of each row, (count, B, s + 1).
+
+    ``drop`` (B, s + 1) is t less its value at the last point. Both results are found by recurrence,
+    so that the differences lose no digits; ``count`` is two or more.
+    """
+    polynomials = [np.ones_like(t), t]
+    changes = [np.zeros_like(t), drop]
+    for _ in range(count - 2):
+        change = 2.0 * (drop * polynomials[-1] + t[:, -1:] * changes[-1]) - changes[-2]
+        polynomials.append(2.0 * t * polynomials[-1] - polynomials[-2])
+        changes.append(change)
+    return np.stack(polynomials), np.stack(changes)
 
 
 def _sum_series(table: Array, terms: Array) -> Array:
@@ -782,15 +797,16 @@ class PointBalls:
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Return the curve of a ``shape`` and Xi = ``xi``, the solution of equation (36). The relative
-    errors of force and stiffness are 1e-8 or less from f* = 1e-4 on. Results are cached.
+    """Return the curve of a ``shape`` and Xi = ``xi``, above zero and finite: the solution of
+    equation (36). The relative errors of force and stiffness are 1e-8 or less from f* = 1e-4 on.
+    Results are cached.
 
     Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium
     is valid.
     """
     if shape.openings.size >= _MANY_OPENINGS:
-        return solve_curve(shape, xi, STAGES_OF_SHORT, LAST_OF_SHORT)
-    return solve_curve(shape, xi, _STAGES, _LAST_COEFFICIENTS)
+        return solve_curve(shape, xi, STAGES_OF_SHORT, TOLERANCE_OF_SHORT)
+    return solve_curve(shape, xi, _STAGES, _COEFFICIENT_TOLERANCE)
 
 
 def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
@@ -806,13 +822,7 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     xi = curve.xi
     points, derivative, coefficients = radau(len(curve.tables[STIFFNESS]) - 1)
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
-    start = curve.series.start
-
-    def find_stiffness(step: float) -> float:
-        """Return k where the series begins, at Xi (1 + ``step``)."""
-        return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
-
-    slope = differentiate(find_stiffness, _STEP_OF_XI) / xi  # dk/dXi at the upper end
+    slope = _differentiate_series(curve)  # dk/dXi at the upper end
     force_slope = 0.0  # that of the force, at the lower end of the steps that are done
     tables = []
     first_solved = curve.steps.shape[1]  # steps from this number on are solved
@@ -827,11 +837,7 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         k = np.asarray(values[::-1], float)  # a block has its steps in descending order
         _, by_k, _ = balls.balance(k)
         by_xi = by_k * k / xi  # dG/dXi at fixed k
-        slopes = np.empty_like(k)  # dk/dXi
-        change = _solve_steps(by_k, derivative, block, -by_xi @ derivative.T, slope)
-        assert change is not None  # the same matrix has solved for k
-        slopes[:, :-1] = change
-        slopes[:, -1] = np.append(slope, slopes[:-1, 0])
+        slopes = _solve_slopes(by_k, by_xi, derivative, block, slope)
         slope = float(slopes[-1, 0])
         force_slope = float(by_k[-1, 0] * slope + by_xi[-1, 0])
         tables.append(slopes @ coefficients.T)
@@ -840,6 +846,36 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     rise = 2.0 * curve.steps[2] * curve.steps[1:]
     forces = _integrate_over_steps(stiffness, rise, force_slope)
     return _integrate_over_steps(forces, rise, 0.0), forces, stiffness
+
+
+def _differentiate_series(curve: EffectiveCurve) -> float:
+    """Return dk/dXi where the series of a ``curve`` begins."""
+    shape = curve.shape
+    xi = curve.xi
+    start = curve.series.start
+
+    def find_stiffness(step: float) -> float:
+        """Return k at Xi (1 + ``step``)."""
+        return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
+
+    return float(differentiate(find_stiffness, _STEP_OF_XI) / xi)
+
+
+def _solve_slopes(
+    by_k: Array, by_xi: Array, derivative: Array, block: Block, top_slope: float
+) -> Array:
+    """Return dk/dXi (B, s + 1) at the points of a ``block`` of B steps that are solved; it is
+    ``top_slope`` at the upper end of the block.
+
+    ``by_k`` is dG/dk and ``by_xi`` is dG/dXi at fixed k, (B, s + 1) each; ``derivative`` (s, s + 1)
+    is ``to_slopes`` of :func:`radau`.
+    """
+    slopes = np.empty_like(by_k)
+    change = _solve_steps(by_k, derivative, block, -by_xi @ derivative.T, top_slope)
+    assert change is not None  # the same matrix has solved for k
+    slopes[:, :-1] = change
+    slopes[:, -1] = np.append(top_slope, slopes[:-1, 0])
+    return slopes
 
 
 def _list_steps(curve: EffectiveCurve, numbers: slice) -> list[Step]:
@@ -902,6 +938,10 @@ class _CurveSolver:
 
     Attributes
     ----------
+    averages : sums over the pairs of listed diameters; None for a density.
+    points, derivative, coefficients : the collocation rule, as :func:`radau` returns it.
+    series : the high-pressure series, which gives ``stiffness`` and ``force`` at first.
+    first_opening : y at which the first contact closes.
     pending_steps : steps to be solved, in ascending order; the last of them is solved next.
     stiffness, force : k and f* at the upper end of the step that is solved next.
     count : number of steps to be solved at once.
@@ -935,20 +975,20 @@ class _CurveSolver:
 
         Raises :class:`~granphon.base.errors.PrecisionError` as :func:`solve_curve` does.
         """
-        goes_on = True
-        while goes_on and self.force > LEAST_SOLVED_FORCE and not self._has_vanished():
-            goes_on = self._advance()
+        can_go_on = True
+        while can_go_on and self.force > LEAST_SOLVED_FORCE and not self._has_zero_stiffness():
+            can_go_on = self._advance()
         return _make_curve(self.shape, self.xi, self.series, self.steps, self.tables, self.force)
 
-    def _has_vanished(self) -> bool:
-        """Return whether the stiffness counts as zero (:data:`_VANISHED`) at the upper end of the
+    def _has_zero_stiffness(self) -> bool:
+        """Return whether the stiffness counts as zero (:data:`_ZERO_RATIO`) at the upper end of the
         next step.
         """
         origin, _, high = self.pending_steps[-1]
         depth = origin - self.first_opening + high**2
-        return self.stiffness * depth <= _VANISHED * self.force
+        return _is_zero_stiffness(self.stiffness, depth, self.force)
 
-    def _begins_at_first_contact(self, step: Step) -> bool:
+    def _is_at_first_contact(self, step: Step) -> bool:
         """Return whether the lower end of a ``step`` is the overlap at which the first contact
         closes, where force and stiffness are both zero.
         """
@@ -959,7 +999,7 @@ class _CurveSolver:
         ends at their upper end, as they are not resolved however short they are.
         """
         # steps are halved towards the first contact, and never contain it
-        if self._begins_at_first_contact(self.pending_steps[-1]):
+        if self._is_at_first_contact(self.pending_steps[-1]):
             self.pending_steps[-1:] = _halve(self.pending_steps[-1])
             return True
         steps, block = self._take_steps()
@@ -973,7 +1013,7 @@ class _CurveSolver:
             table = k @ self.coefficients.T
             is_rough = _find_rough(table, k, np.maximum(self.tolerance, balls.noise))
         # doubles cannot tell apart the points of a step that is shorter than the shortest
-        is_shortest = block.half < _SHORTEST * block.middle
+        is_shortest = block.half < _SHORTEST_STEP * block.middle
         is_hopeless = bool(np.any(is_shortest[is_rough]))
         if len(steps) > 1 and (solution is None or is_hopeless):
             self.count = len(steps) // 2
@@ -998,7 +1038,7 @@ class _CurveSolver:
         too much.
         """
         next_steps = reversed(self.pending_steps[-self.count :])
-        steps = [step for step in next_steps if not self._begins_at_first_contact(step)]
+        steps = [step for step in next_steps if not self._is_at_first_contact(step)]
         while True:
             block = Block.of(steps, self.points)
             # steps of a density are long and few: one is solved at a time, because a step that must
@@ -1062,13 +1102,13 @@ def _divide_range(ends: list[float], longest: float) -> list[Step]:
     are the openings and the start of the series.
 
     The lowest step above an opening is halved while the next opening below is near
-    (:data:`_NEAR`). No step is longer than ``longest`` in the square root u.
+    (:data:`_OPENING_DISTANCE`). No step is longer than ``longest`` in the square root u.
     """
     steps: list[Step] = []
     next_below = -np.inf
     for origin, end in pairwise(ends):
         cuts = [math.sqrt(end - origin)]  # values of u, descending
-        while origin - next_below < _NEAR * cuts[-1] ** 2:
+        while origin - next_below < _OPENING_DISTANCE * cuts[-1] ** 2:
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
             n_pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
@@ -1139,8 +1179,8 @@ def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
     of a step stand in its place where ``is_rough`` (steps,) is true.
     """
     finer_steps = []
-    for step, must_halve in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):
-        finer_steps += _halve(step) if must_halve else [step]
+    for step, is_rough_step in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):
+        finer_steps += _halve(step) if is_rough_step else [step]
     return finer_steps
 
 
@@ -1179,7 +1219,7 @@ def _relax(
         # a large change may overshoot; the stiffness is kept above zero
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
         k[1:, -1] = k[:-1, 0]
-        if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):
+        if np.all(np.abs(change) <= _K_TOLERANCE * k[:, :-1]):
             # convergence is quadratic: no further iteration is needed
             _, _, lower_force = balls.balance(k)
             return k, lower_force

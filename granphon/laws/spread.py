@@ -46,7 +46,7 @@ from granphon.base.validation import real_array
 
 #: prefactors of the reduced energy of equal balls, (2/5) y^(5/2), and of its derivatives of order 1
 #: to 3
-_HERTZ = (0.4, 1.0, 1.5, 0.75)
+_HERTZ_FACTORS = (0.4, 1.0, 1.5, 0.75)
 #: overlap y, over the largest deviation x of a diameter, from which the series is used
 _SERIES_START = 12.0
 #: number of terms of the series
@@ -56,7 +56,7 @@ _TERMS = 16
 _LEAST_DEPTH = 1e-8
 #: number of nodes, on either side of the middle, for the fraction of closed contacts, which has a
 #: kink that the choice of nodes does not allow for
-_COUNTING = 128
+_COUNTING_NODES = 128
 #: number of loads that are averaged over balls at once, which bounds the memory
 _LOADS_AT_ONCE = 1024
 #: largest number of iterations that find the overlap of a force by the series
@@ -89,12 +89,12 @@ class Series(NamedTuple):
         """Return the derivative of ``order`` 0 to 3 of the reduced energy at each overlap ``y``
         (any shape), divided by the same derivative for equal balls.
         """
-        coefficients = self.mean * _compute_factors(order) / _HERTZ[order]
+        coefficients = self.mean * _compute_factors(order) / _HERTZ_FACTORS[order]
         return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, coefficients))
 
     def value(self, y: float, order: int) -> float:
         """Return the derivative of ``order`` 0 to 3 of the reduced energy at the overlap ``y``."""
-        return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
+        return float(_HERTZ_FACTORS[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
 
     def excess(self, y: Array) -> tuple[Array, Array]:
         """Return (F^Q - f)/f and K^Q/k, each (n_y, n_Q), of each ball at the overlaps ``y`` (n_y,).
@@ -125,7 +125,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
 
     To second order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
-    scale = max(map(abs, shape.bounds)) or 1.0
+    scale = max(map(abs, shape.bounds)) or 1.0  # one if all diameters are equal
     x, weights = shape.nodes(_SERIES_START * scale)
     balls = _expand_forces(x / scale, weights)
     mean = balls @ weights if math.isinf(xi) else _solve_orders(balls, weights, xi)
@@ -179,7 +179,7 @@ def _solve_orders(balls: Array, weights: Array, xi: float) -> Array:
 class SpreadLaw(EnergyLaw):
     """Contact law f = c W^(3/2) f*(y), y = delta/W, of balls whose diameters differ.
 
-    Methods take numbers or arrays of any shape; for a float they return a float. An ``overlap`` is
+    Methods take numbers or arrays of any shape; for a number they return a float. An ``overlap`` is
     delta in m, and a ``force`` is f in N. The energy is the integral of the force over the overlap,
     and zero if all contacts are open. A subclass gives the reduced law for y below the start of the
     series.
@@ -188,8 +188,8 @@ class SpreadLaw(EnergyLaw):
     ----------
     coefficient : c of Hertz's law of equal balls, N/m^(3/2).
     width : W, the width of the distribution of diameters, m.
-    shape : the shape of the distribution.
-    xi : the local-field factor Xi.
+    shape : the shape of the distribution, of diameters that differ.
+    xi : the local-field factor Xi, above zero.
     """
 
     coefficient: float
@@ -232,9 +232,9 @@ class SpreadLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap delta, m, at a mean contact ``force`` above zero, N.
 
-        Raises :class:`~granphon.base.errors.InputError` if a force is no real number or not above
-        zero, and :class:`~granphon.base.errors.PrecisionError` if a force is so small that the law
-        is not known there.
+        Raises :class:`~granphon.base.errors.InputError` if a force is no real number, not above
+        zero or infinite, and :class:`~granphon.base.errors.PrecisionError` if a force is so small
+        that the law is not known there.
         """
         forces = real_array("force", force)
         if not np.all(forces > 0.0):
@@ -273,6 +273,9 @@ class SpreadLaw(EnergyLaw):
         """Return Delta f / f of Section IV at each ``overlap``, m: the rms deviation, over balls Q,
         of the force F^Q - K^Q u^Q from the mean force f, divided by f. The corona of a ball has
         been displaced by u^Q. The result is zero where all contacts are open.
+
+        Raises :class:`~granphon.base.errors.InputError` for an overlap that
+        :func:`~granphon.balls.hertz.read_overlap` refuses.
         """
 
         def compute_rms(force_excess: Array, stiffness_ratio: Array, weights: Array) -> Array:
@@ -301,11 +304,14 @@ class SpreadLaw(EnergyLaw):
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of contacts that are closed (N_c of Section IV) at each ``overlap``,
         m, if the corona of each ball Q is displaced by u^Q = (F^Q - f)/(K^Q + Xi k).
+
+        Raises :class:`~granphon.base.errors.InputError` for an overlap that
+        :func:`~granphon.balls.hertz.read_overlap` refuses.
         """
 
         def find_near(y: Array) -> Array:
             """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""
-            nodes = self.shape.nodes(y, _COUNTING, whole=True)
+            nodes = self.shape.nodes(y, _COUNTING_NODES, whole=True)
             force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
             force = self._evaluate_near(y, FORCE)
             k = self._evaluate_near(y, STIFFNESS)
@@ -400,7 +406,8 @@ class SpreadLaw(EnergyLaw):
         """Return the values of ``find_far`` at those ``arguments`` for which ``is_far`` is true,
         and of ``find_near`` at the others, in the shape of the arguments; a float for a number.
 
-        A function is not called if no argument is left for it.
+        A function is not called if no argument is left for it; ``find_far`` is called if there are
+        no arguments at all.
         """
         if np.all(is_far):
             return find_far(arguments)[()]
@@ -460,7 +467,7 @@ class AveragedLaw(SpreadLaw):
         """Return the mean over pairs of the derivative of ``order`` 0 to 3 of the reduced
         energy, at each y (any shape).
         """
-        return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
+        return np.asarray(_HERTZ_FACTORS[order] * self.shape.average(y, 2.5 - order))
 
     def _find_near_overlap(self, force: Array) -> Array:
         """Return the reduced overlap y at each reduced force f*, ``force`` (any shape), below that
@@ -501,7 +508,11 @@ class AveragedLaw(SpreadLaw):
         )
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of pairs that overlap, at each ``overlap`` of mean balls, m."""
+        """Return the fraction of pairs that overlap, at each ``overlap`` of mean balls, m.
+
+        Raises :class:`~granphon.base.errors.InputError` for an overlap that
+        :func:`~granphon.balls.hertz.read_overlap` refuses.
+        """
 
         def find_near(y: Array) -> Array:
             """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""

@@ -1376,7 +1376,7 @@ class Crystal(Result):
         values, accelerations = self._read_gravity(finite_array("pressure", pressure), gravity)
         if np.any(values):
             self._require_pressable()
-        adhere = self._laws.adhere
+        adhere = self._laws.can_adhere
         if np.any(values < 0.0) and not adhere:
             problem = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(problem, NO_TENSION, "Give a pressure above zero")
@@ -1722,7 +1722,7 @@ class Crystal(Result):
             sign = f"{brief(goals.tolist())}: tensile" if is_tensile else "zero"
             why = NO_TENSION if is_tensile else NO_STIFFNESS
             mend = f"Give a {kind} above zero"
-            if self._laws.adhere:
+            if self._laws.can_adhere:
                 why = "A mean of contacts that adhere belongs to no single pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {sign}", why, mend)
@@ -1762,11 +1762,11 @@ class Crystal(Result):
         at no pressure, or :data:`MOST_MEANS` trials do not come to it.
         """
         laws = self._laws
-        balls_differ = self._assembly.differs
+        balls_differ = self._assembly.has_offsets
         has_gravity = acceleration is not None
         next_pressure = self._estimate_pressure(goal)
         search = PressureSearch(
-            goal, balls_differ=balls_differ, contacts_adhere=laws.adhere, has_gravity=has_gravity
+            goal, balls_differ=balls_differ, contacts_adhere=laws.can_adhere, has_gravity=has_gravity
         )
         start: Rest | None = None
         state: Rest | None = None
@@ -1786,7 +1786,7 @@ class Crystal(Result):
             contacts = MeanContacts.of(state, laws, balls_differ)
             contacts.require_any(goal, load.words)
             mean = contacts.find_mean(goal.kind)
-            rounding = contacts.bound_rounding(goal, balls_differ, laws.adhere)
+            rounding = contacts.bound_rounding(goal, balls_differ, laws.can_adhere)
             if search.is_reached(mean, rounding):
                 return state, load
             if has_gravity and search.is_stuck(mean, rounding):
@@ -2011,7 +2011,7 @@ class CrystalState(Result):
     def _punch(self) -> Array:
         """(..., n_c) stiffness 2 E* a of a flat punch as wide as the contact, N/m."""
         laws = self.crystal._laws
-        if not laws.know_radii:
+        if not laws.has_radii:
             return self.normal_stiffness
         stiffnesses = np.empty(self.normal_stiffness.shape)
         for index in np.ndindex(self.shape):
@@ -2192,7 +2192,7 @@ class CrystalState(Result):
             motions=crystal.named_motions.name,
             dimension=d,
             prestress=self.finite_overlap,
-            adhesive=crystal._laws.adhere,
+            adhesive=crystal._laws.can_adhere,
             contact_model=crystal.contact_model,
             on_site=self._list_springs(),
             **self._list_bodies(),
@@ -2312,7 +2312,7 @@ def find_mindlin_ratio(crystal: Crystal) -> float | None:
     if not crystal.friction:
         return 0.0
     ratios = crystal.mindlin_ratios
-    if np.any(ratios) and crystal._laws.know_radii:
+    if np.any(ratios) and crystal._laws.has_radii:
         return None
     return float(ratios[0]) if np.ptp(ratios) <= _RATIO_ROUNDING else None
 

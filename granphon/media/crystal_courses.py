@@ -140,6 +140,6 @@ def _find_counted(rest: Rest, crystal: Crystal) -> Flags:
     The n_s springs to the ground, which come last, do not.
     """
     is_counted = np.zeros(len(rest.overlap), bool)
-    contacts = MeanContacts.of(rest, crystal._laws, rest.assembly.differs)
+    contacts = MeanContacts.of(rest, crystal._laws, rest.assembly.has_offsets)
     is_counted[: crystal.n_contacts] = contacts.is_counted
     return is_counted

@@ -165,7 +165,7 @@ class MeanContacts(NamedTuple):
         overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
         force = laws.force(overlap)
         stiffness = laws.stiffness(overlap)
-        is_counted = stiffness > 0.0 if laws.adhere else force != 0.0
+        is_counted = stiffness > 0.0 if laws.can_adhere else force != 0.0
         if balls_differ:
             is_counted = np.ones(force.size, bool)
         return cls(overlap, force, stiffness, is_counted)

@@ -852,18 +852,14 @@ class HertzMindlin(ContactCalculator):
         normal_in_space = np.zeros((len(normal), 3))
         normal_in_space[:, :m] = normal
         ends = (i, j, self._spacing * normal_in_space)
-        loss = np.empty(len(normal))  # of overlap, which the functions below write
         no_strain = np.zeros((3, 3))
         if not self.finite_overlap:
+            loss = np.empty(len(normal))  # of overlap, which the loop writes
             measure_losses(*ends, normal_in_space, displacement, no_strain, loss)
             return normal, overlap - loss, distance
-        # the function below writes these, and the distance
-        vector = np.empty_like(normal_in_space)
-        turned_normal = np.empty_like(normal_in_space)
         is_flat = np.zeros(len(normal), bool)
-        places = (vector, distance, turned_normal)
-        measure_turned(*ends, is_flat, displacement, no_strain, loss, *places)
-        return turned_normal[:, :m], overlap - loss, distance
+        turned = measure_turned(*ends, is_flat, displacement, no_strain)
+        return turned.normal[:, :m], overlap - turned.loss, turned.distance
 
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls: that of two balls for the Atoms of a sample, else

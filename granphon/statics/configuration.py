@@ -19,7 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from granphon.base.arrays import Array
 from granphon.contacts.assembly import ROUNDING, Assembly
 from granphon.contacts.columns import Columns
 from granphon.contacts.deformation import (
+    TurnedContacts,
     add_forces,
     find_overlaps,
     measure_losses,
@@ -348,38 +349,12 @@ def _embed(strain: Array) -> Array:
     return embedded
 
 
-class TurnedContacts(NamedTuple):
-    """The contacts of an assembly that have turned with their balls.
-
-    Attributes
-    ----------
-    current : (n_c, 3) vectors from ball to ball, m.
-    distance : (n_c,) lengths of these vectors, m.
-    normal : (n_c, 3) unit vectors along these vectors.
-    loss : (n_c,) what contacts have lost of their overlaps since touch, m.
-    """
-
-    current: Array
-    distance: Array
-    normal: Array
-    loss: Array
-
-
 def turn_contacts(assembly: Assembly, displacement: Array, strain: Array) -> TurnedContacts:
     """Return the contacts of an ``assembly`` at the ``displacement`` (bodies, 3), m, of all bodies
     and the ``strain`` (3, 3) of the cell. Contacts with flat walls do not turn.
     """
-    count = assembly.n_contacts
-    turned = TurnedContacts(
-        current=np.empty((count, 3)),
-        distance=np.empty(count),
-        normal=np.empty((count, 3)),
-        loss=np.empty(count),
-    )
-    ends = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
-    vectors = (turned.current, turned.distance, turned.normal)
-    measure_turned(*ends, displacement, strain, turned.loss, *vectors)
-    return turned
+    contacts = (assembly.i, assembly.j, assembly.vector, assembly.is_flat)
+    return measure_turned(*contacts, displacement, strain)
 
 
 class Configuration:

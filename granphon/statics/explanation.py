@@ -137,7 +137,7 @@ def _explain_unborne(problem: Problem, options: RestOptions) -> InputError | Non
     if is_borne:
         return None
     why = "Contacts only push along the lines of their centres, and no such forces add up to it"
-    if assembly.laws.adhere:
+    if assembly.laws.can_adhere:
         why = (
             "No forces along the lines of the centres, up to the tension that contacts bear, add"
             " up to it"

@@ -69,7 +69,7 @@ def find_rest(
     numbers = options or RestOptions()
     problem = Problem(assembly, load, geometry, boundary)
     # balls that differ, and those of a grid, may be pressed by their cell, under no load
-    is_filled = assembly.differs or assembly.grid is not None
+    is_filled = assembly.has_offsets or assembly.grid is not None
     is_pressed = load.acts or load.has_strain or is_filled
     if not (is_pressed or find_typical_force(problem)):
         return _find_rest_without_load(problem)

@@ -64,7 +64,7 @@ class ListDescent(Descent[Configuration]):
         assembly = self.problem.assembly
         laws = assembly.laws
         rest = replace(Rest.of(place), steps=self.steps, iterations=self.iterations)
-        if not assembly.differs or np.any(laws.adhesion):
+        if not assembly.has_offsets or np.any(laws.adhesion):
             return rest
         force = laws.force(rest.overlap)
         is_light = np.abs(force) <= self.options.open_force * rest.residual * laws.size(force)
@@ -93,7 +93,7 @@ class LatticeWay:
         self.fall = float(start.pull @ step)
         self.longest = math.inf
         laws = start.problem.assembly.laws
-        if laws.adhere:
+        if laws.can_adhere:
             is_parting = self._loss > 0.0
             lengths_to_tear = (start.overlap - laws.least)[is_parting] / self._loss[is_parting]
             longest = options.tear_part * float(np.min(lengths_to_tear, initial=math.inf))
@@ -279,7 +279,7 @@ class LatticeDescent(ListDescent):
         """
         rest = super()._finish(place)
         laws = self.problem.assembly.laws
-        if laws.adhere and not np.any(np.isinf(laws.tension)):
+        if laws.can_adhere and not np.any(np.isinf(laws.tension)):
             return rest
         size = np.abs(rest.overlap)
         is_rounding = (size <= ROUNDING * np.max(size, initial=0.0)) & (laws.tension == 0.0)
@@ -293,7 +293,7 @@ class LatticeDescent(ListDescent):
         """
         laws = self.problem.assembly.laws
         error = explain(self.problem, self.options, residual=self.trail.least_residual)
-        if not (laws.adhere and isinstance(error, ConvergenceError)):
+        if not (laws.can_adhere and isinstance(error, ConvergenceError)):
             return error
         contact = int(np.argmin(place.overlap - laws.least))
         force = place.force[contact]

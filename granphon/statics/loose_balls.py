@@ -24,6 +24,9 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags
 from granphon.contacts.assembly import Assembly
 from granphon.contacts.clusters import (
+    Lengths,
+    Pushes,
+    Springs,
     choose_lengths,
     find_cluster_steps,
     find_largest,
@@ -169,9 +172,9 @@ class _Cages:
         assembly = self.assembly
         across = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.turned.distance)
         steps = np.empty((assembly.n_balls, assembly.dimension))
-        ends = (assembly.i, assembly.j)
-        of_contacts = (self.turned.normal, self.stiffness, across)
-        find_cluster_steps(*ends, *of_contacts, springs, moves, self.pull, steps)
+        normal = self.turned.normal
+        contacts = Springs(assembly.i, assembly.j, normal, self.stiffness, across)
+        find_cluster_steps(contacts, springs, moves, self.pull, steps)
         return steps
 
     def _go(self, steps: Array) -> _Cages:
@@ -221,7 +224,7 @@ class _Cages:
         (groups,), and those whose energy does not fall take no part of the steps. ``ahead`` are the
         cages after the whole steps.
         """
-        ends = (self.assembly.i, self.assembly.j)
+        assembly = self.assembly
         n_groups = len(stays)
 
         # the work of all forces per unit of length where the step begins
@@ -229,8 +232,7 @@ class _Cages:
         first_work = np.asarray(np.bincount(group, work_of_balls, n_groups), float)
         is_done = stays | (first_work <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
-        low = np.zeros(n_groups)
-        high = np.full(n_groups, np.inf)
+        lengths = Lengths(length, np.zeros(n_groups), np.full(n_groups, np.inf), is_done)
         work = np.empty(n_groups)
         rise = np.empty(n_groups)
         for trial in range(options.loose_slopes):
@@ -238,12 +240,19 @@ class _Cages:
             # that is to stay would move
             if trial or np.any(steps[is_done[group]]):
                 ahead = self._go(length[group, None] * steps)
-            vectors = (ahead.turned.current, ahead.turned.distance)
-            forces = (ahead.force, ahead.stiffness, self.load)
-            measure_slopes(*ends, *vectors, *forces, steps, group, work, rise)
+            turned = ahead.turned
+            contacts = Pushes(
+                assembly.i,
+                assembly.j,
+                turned.current,
+                turned.distance,
+                ahead.force,
+                ahead.stiffness,
+            )
+            measure_slopes(contacts, self.load, steps, group, work, rise)
             slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
             # the lengths, their brackets and ``is_done`` are changed in place
-            if choose_lengths(*slopes, length, low, high, is_done):
+            if choose_lengths(*slopes, lengths):
                 break
         return ahead
 

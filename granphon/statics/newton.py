@@ -27,7 +27,8 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.deformation import add_blocks, invert_blocks, multiply_blocks
-from granphon.contacts.tangent import Blocks, Tangent, fill_blocks, find_pattern
+from granphon.contacts.loops import Blocks
+from granphon.contacts.tangent import Tangent, fill_blocks, find_pattern
 from granphon.dynamics.factors import Factors
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.grid_iteration import TangentIteration
@@ -153,7 +154,7 @@ class Linearisation:
         self.level = level
         self._hold = equations.options.spring * level
         #: entries of the tangent of all bodies, N/m
-        self._data = blocks.list_entries(equations.pattern)
+        self._data = equations.pattern.list_entries(blocks)
         self.entries = self._data[equations.leading.places]
         problem = equations.problem
         n = problem.n_ball_unknowns

@@ -37,7 +37,7 @@ def factorise_stiff(
     tangent.diagonal[motions, motions] += of_soft + options.grid.spring * mean
     # made anew, and not kept: which contacts are stiff changes from step to step
     pattern = Pattern(stiff.i, stiff.j, n_balls, len(axes))
-    data = tangent.list_entries(pattern)
+    data = pattern.list_entries(tangent)
     # scaled to a diagonal of one, which single precision holds
     scale = 1.0 / np.sqrt(data[pattern.diagonal])
     matrix = pattern.make_matrix(data)

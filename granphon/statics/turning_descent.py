@@ -141,7 +141,7 @@ class TurningDescent(ListDescent):
             self._closed_part = float(np.mean(configuration.force > 0.0))
             self.tolerance *= self._closed_part
             self.required *= self._closed_part
-        if not assembly.differs:
+        if not assembly.has_offsets:
             return configuration
         n_strains = len(self.problem.unit_strains)
         if self.is_factored and n_strains not in assembly.standing:
@@ -187,7 +187,7 @@ class TurningDescent(ListDescent):
         options = self.options
         loose = self.loose
         assembly = self.problem.assembly
-        if assembly.differs:
+        if assembly.has_offsets:
             self._take_turns(place)
         if not (self._move_in_turn and np.any(loose) and place.is_sound):
             return place
@@ -228,7 +228,7 @@ class TurningDescent(ListDescent):
         since. Balls that are too many for factors count as at a minimum where iterations do not
         tell otherwise.
         """
-        if not self.problem.assembly.differs:
+        if not self.problem.assembly.has_offsets:
             return None
         if self.problem.assembly.grid and self._is_well_held(place):
             solution = self.grid_equations.probe(place, self._most_iterations)
@@ -255,7 +255,7 @@ class TurningDescent(ListDescent):
             ahead = self._advance_on_grid(place)
         else:
             ahead = self._advance_by_energy(place)
-        if self.problem.assembly.differs:
+        if self.problem.assembly.has_offsets:
             options = self.options
             left_before = options.loosening_force * place.residual * ahead.force_size
             part_of_worst = options.shaken_force * float(np.max(ahead.force_on_balls))
@@ -273,7 +273,7 @@ class TurningDescent(ListDescent):
         pull = configuration.pull
         step = self._find_step(configuration)
         ahead = configuration.move(configuration.x + step)
-        if not self.problem.assembly.differs:
+        if not self.problem.assembly.has_offsets:
             return ahead
         # steps up the energy would go round in circles, or back to a saddle: the slopes at both
         # ends tell
@@ -463,7 +463,7 @@ class TurningDescent(ListDescent):
         others, an InstabilityError.
         """
         words = self.problem.load.words
-        if self.problem.assembly.differs:
+        if self.problem.assembly.has_offsets:
             if place.force_size == 0.0:
                 what = f"balls that differ have lost all contact under {words}"
                 return ConvergenceError(what, mend=f"{_STAY}; or press the balls more")

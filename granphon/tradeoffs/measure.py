@@ -58,8 +58,8 @@ from granphon.base.validation import (
 )
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import (
-    LAST_OF_SHORT,
     STAGES_OF_SHORT,
+    TOLERANCE_OF_SHORT,
     EffectiveLaw,
     effective_curve,
     solve_curve,
@@ -460,7 +460,7 @@ class MediaStudy:
         x = np.array(shape.positions)[np.unique(even_steps.astype(int))]
         short_list = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         # solved as the curve of many openings is, at Xi = 1: the time hardly depends on Xi
-        solve = partial(solve_curve, short_list, 1.0, STAGES_OF_SHORT, LAST_OF_SHORT)
+        solve = partial(solve_curve, short_list, 1.0, STAGES_OF_SHORT, TOLERANCE_OF_SHORT)
         solve()  # warms up: the first solution of a process takes ten times longer
         start = self.stopwatch.now()
         solve()

@@ -239,9 +239,9 @@ class NonlinearWaves:
             mend = "Give a friction_coefficient, or leave coulomb out"
             raise InputError('coulomb is "total", and there is no limit of slip', why, mend)
         self.rules = Rules(
-            turns=geometry == "exact",
+            can_turn=geometry == "exact",
             mu=self.mu,
-            pulls=one_of("viscous_pull", viscous_pull, VISCOUS_PULLS) == "whole",
+            can_pull=one_of("viscous_pull", viscous_pull, VISCOUS_PULLS) == "whole",
             is_total=one_of("coulomb", coulomb, COULOMB_LIMITS) == "total",
         )
         self.gravity: Array = _read_gravity(gravity, network)
@@ -393,7 +393,7 @@ class NonlinearWaves:
         network; if the ``laws`` know no radii a of contacts, their normal stiffnesses.
         """
         network = self.network
-        if laws.know_radii:
+        if laws.has_radii:
             return laws.punch(laws.overlap(network.normal_force))
         return network.normal_stiffness
 
@@ -963,7 +963,7 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     """
     _, stiffness = normal.press(e)
     if isinstance(normal, PairLaws):
-        if normal.know_radii:
+        if normal.has_radii:
             stiffness = np.maximum(stiffness, normal.punch(e, np.empty_like(stiffness)))
         for law, contacts in normal.springs.groups:
             if isinstance(law, TabulatedLaw):
@@ -1214,13 +1214,13 @@ class _System:
         self._width_ratio = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if len(i):
             law, ratio, self._unknown_groups = waves._join_laws(i, j)
-        pairs = MetPairs(i, j, shift, ratio, self._extra_overlap if waves.rules.turns else 0.0)
+        pairs = MetPairs(i, j, shift, ratio, self._extra_overlap if waves.rules.can_turn else 0.0)
         self.contacts = MovingContacts(
             self.network, pairs, law, waves.punch, waves.losses, waves.rules
         )
         load = -self._accelerate(self.contacts.still, np.zeros(self.operator.size))
         self._steady: Array = load + self._weight
-        self._knows_law = self.contacts.knows_law and self._is_explicit and not self._unknown_groups
+        self._knows_law = self.contacts.is_hertz and self._is_explicit and not self._unknown_groups
 
     def _accelerate(self, forces: Array, steady: Array) -> Array:
         """Return the mass-weighted accelerations (size,) by ``forces`` (n, m), N, on balls, plus

@@ -35,7 +35,7 @@ from granphon.balls.lattices import (
     Lattice,
 )
 from granphon.base.errors import ConvergenceError
-from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw, Tangent
+from granphon.contacts.friction import SLIDING_RATIO, Contacts, FrictionLaw, Tangent
 from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.statics.options import LoadingOptions
 from tests.array.test_equilibrium import balls
@@ -173,12 +173,16 @@ def test_work_on_a_contact_is_stored_or_lost(mu):
                 np.sum(mean * (b.slips - a.slips))
                 + 0.4 * (b.forces * b.closed_overlaps - a.forces * a.closed_overlaps)[0]
             )
-            slid, loosened = law.lost(a, b)
+            slid, loosened = law.find_losses(a, b)
             assert slid >= 0.0
             assert loosened >= 0.0
             assert (slid > 0.0) <= (mu < math.inf)
             lost += slid + loosened
-        left.append(abs(work - lost - law.stored(states[-1]) + law.stored(states[0])))
+        left.append(
+            abs(
+                work - lost - law.find_stored_energy(states[-1]) + law.find_stored_energy(states[0])
+            )
+        )
     assert lost > 0.01
     assert left[-1] < 1e-4 * lost
     assert left[0] / left[2] > 8.0
@@ -208,11 +212,11 @@ def test_losses_of_a_step_are_the_integral_along_its_line(h0, h1, bent, slip, mu
     normal = 0.4 * float(
         (after.forces * after.closed_overlaps - before.forces * before.closed_overlaps)[0]
     )
-    losses = law.lost(before, after)
+    losses = law.find_losses(before, after)
     assert min(losses) >= -1e-15
     assert (losses[0] > 0.0) <= (0.0 < mu < math.inf)
     assert sum(losses) == pytest.approx(
-        work - (law.stored(after) - law.stored(before) - normal), abs=1e-6
+        work - (law.find_stored_energy(after) - law.find_stored_energy(before) - normal), abs=1e-6
     )
 
 
@@ -228,7 +232,7 @@ def test_forces_stay_within_coulombs_limit_and_open_contacts_forget(steps, mu):
     law, state = FrictionLaw(ETA, mu), contact(0.2, (0.0, 0.0), (0.0, 0.0))
     for h, *s in steps:
         state, _ = law.advance(state, np.array([h]), np.array(s)[:, None])
-        assert state.tangential[0] <= mu * state.forces[0] * (1.0 + 1e-14)
+        assert state.shear_sizes[0] <= mu * state.forces[0] * (1.0 + 1e-14)
         assert h > 0.0 or not np.any(state.shears)
 
 
@@ -523,7 +527,9 @@ def test_next_to_no_friction_finds_which_contacts_hold_the_balls(shape):
         changes.append(np.linalg.norm(state.contacts.forces - smooth.forces))
         closed = state.contacts.forces > 0.0
         # as many as there are rotations
-        assert np.sum(state.law.mobilise(state.contacts)[closed] < SLIDES) == math.prod(shape)
+        assert np.sum(state.law.mobilise(state.contacts)[closed] < SLIDING_RATIO) == math.prod(
+            shape
+        )
     assert changes[0] / changes[1] == pytest.approx(100.0, rel=0.02)
 
 
@@ -566,7 +572,7 @@ def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
     start = bring_to_rest(x, ReducedLoad(overlap=0.6))
     for rise in (0.04, 0.02, 0.01):
         last = run(history((6, 6), seed=2, start=start), ramp(1.1, 1.1 + rise, 1.1, steps=4))[-1]
-        left.append(np.linalg.norm(last.contacts.tangential))
+        left.append(np.linalg.norm(last.contacts.shear_sizes))
         lost.append(last.dissipated)
     assert left[0] / left[1] == pytest.approx(4.0, rel=0.1)
     assert left[1] / left[2] == pytest.approx(4.0, rel=0.1)
@@ -706,7 +712,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     assert begun.force >= 0.5 * OPTIONS.standing_force
     assert begun.residual <= OPTIONS.tolerance
     assert residual(paths, begun) < 2e-9
-    assert np.max(begun.contacts.tangential) > 1e-3 * begun.force
+    assert np.max(begun.contacts.shear_sizes) > 1e-3 * begun.force
 
 
 @pytest.mark.parametrize("ratio", [0.05, 0.2])

@@ -365,7 +365,7 @@ def sliding_at(mu: float) -> dict[str, tuple[Array, Array]]:
     borne = [
         np.array(
             [
-                np.mean(a.contacts.tangential) / np.mean(b.contacts.tangential)
+                np.mean(a.contacts.shear_sizes) / np.mean(b.contacts.shear_sizes)
                 for a, b in zip(way, other, strict=True)
             ]
         )
@@ -373,7 +373,7 @@ def sliding_at(mu: float) -> dict[str, tuple[Array, Array]]:
     ]
     return {
         SLIDING: of(lambda one: one.law.sliding_fraction(one.contacts)),
-        TANGENTIAL: of(lambda one: np.mean(one.contacts.tangential) / one.force),
+        TANGENTIAL: of(lambda one: np.mean(one.contacts.shear_sizes) / one.force),
         "tangential force over that without sliding": over_samples(borne),
         "work lost by sliding": of(lambda one: one.slid / one.work),
         "work lost by the law": of(lambda one: one.loosened / one.work),

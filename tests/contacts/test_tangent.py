@@ -257,6 +257,11 @@ def test_balls_at_one_place_have_no_direction():
     np.testing.assert_array_equal(normal, np.zeros((2, 3)))
 
 
+def test_whole_numbers_have_directions():
+    _, normal = find_overlaps(np.array([[3, 4]]), 5.0, 0.0)
+    np.testing.assert_array_equal(normal, [[0.6, 0.8]])
+
+
 @given(st.integers(0, 10_000))
 def test_overlaps_at_places_are_those_of_the_distances(seed):
     generator = np.random.default_rng(seed)

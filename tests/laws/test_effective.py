@@ -427,7 +427,7 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
 
     if curve.least_force > LEAST_SOLVED_FORCE:
         # only where the equation itself has no more: k' > 0 at k = 0
-        assert curve.stiffness_vanishes
+        assert curve.has_zero_stiffness
         assert curve.least_force < VALID_FORCE
         _, by_y, by_k = state(curve.start, 0.0)
         assert by_y < 0.0 < by_k
@@ -510,7 +510,7 @@ def test_where_rare_kinds_open_the_stiffness_may_fall_to_zero():
     # k' = (k - G_y)/G_k: at the end of the curve G_y < 0 at k = 0, so that k passes through zero,
     # with a force left
     xi, curve = XI[0.0], effective_curve(FLAT, XI[0.0])
-    assert curve.stiffness_vanishes
+    assert curve.has_zero_stiffness
     assert 1e-3 < curve.least_force < 2e-3
     with mpmath.workdps(30):
         x, w = ([mpmath.mpf(v) for v in values] for values in (FLAT.positions, FLAT.weights))
@@ -603,7 +603,7 @@ def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
     for shape in (UNIFORM, LOTS["three"]):
         curve = solved(shape)
         assert 1e-2 <= curve.least_force < 1.01e-2
-        assert not curve.stiffness_vanishes
+        assert not curve.has_zero_stiffness
         assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(
             curve.least_force, rel=1e-12
         )

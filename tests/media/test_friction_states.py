@@ -451,7 +451,7 @@ def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
         state = balls.at_overlap(0.05 * W)
         names[mu, response] = {check.name for check in gp.validity(state).checks}
         springs = state.sample.equilibrium.shear_ratios(response)[
-            state.sample.equilibrium.contacts.carried
+            state.sample.equilibrium.contacts.is_carrying
         ]
         assert balls.resists_slip == bool(np.any(springs)) == ("shear" in names[mu, response])
         record = gp.SimulatedState.of(

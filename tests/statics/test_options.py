@@ -31,15 +31,17 @@ OUTSIDE = {
     "what files and results are": """
         array.atoms.LATTICE array.atoms.FINITE array.atoms.SAMPLE array.atoms.ARRAYS
         array.atoms._TILT array.atoms._DECIMALS array.hexagon._NORMALS array.sample.STEP
-        array.sample._TOLERANCE contacts.friction.SLIDES
+        array.sample._TOLERANCE contacts.friction.SLIDING_RATIO
         """,
     "elements that a loop or a cache holds, and the columns of a loop": """
-        array.minimal_residuals._LENGTH array.stencils.CACHED contacts.grid._KEPT_CELLS
-        contacts.grid_loops._CACHED contacts.grid_loops._SMALL contacts.grid_loops._LANES
-        contacts.grid_product._CACHED contacts.grid_product._INVERTED contacts.motion._N_SLIPS
+        array.minimal_residuals._LENGTH array.stencils.CACHED contacts.grid._KEPT_BALLS
+        contacts.grid._SHARED_CELLS
+        contacts.grid_loops._CONTACTS_AT_ONCE contacts.grid_loops._CONTACTS_IN_CACHE
+        contacts.grid_loops._LANES contacts.grid_product._PLACES_AT_ONCE
+        contacts.grid_product._BALLS_AT_ONCE contacts.motion._N_SLIPS
         contacts.motion._ROWS_OF_SLIP contacts.motion_loops contacts.rolling_tangent._CHUNK
-        contacts.shift_product._CACHED contacts.shift_product._LONG
-        contacts.shift_product._ONE_THREAD contacts.tangent._KEPT_PATTERNS
+        contacts.shift_product._CACHE_BYTES contacts.shift_product._LEAST_RATIO
+        contacts.shift_product._PRODUCTS_OF_THREAD contacts.tangent._KEPT_PATTERNS
         contacts.tangent._KEPT_BALLS
         """,
     "times and memory that are estimated": """
@@ -50,8 +52,9 @@ OUTSIDE = {
     "rounding, and numbers of a formula": """
         array.load_step._LEFT_BY_LOOSE array.minimal_residuals._CANCELLED array.stencils._ROUNDED
         array.stencils._INDEPENDENT contacts.assembly.ROUNDING contacts.grid._ROUNDING
-        contacts.motion_laws._CLOSE contacts.motion_laws._GAUSS contacts.sliding._TINY
-        contacts.slips._SMALL statics.grid_problem._WIDTH_OVER_RMS
+        contacts.motion_laws._GAUSS_POINT contacts.motion_laws._GAUSS_RANGE
+        contacts.sliding._LEAST_DIVISOR
+        contacts.slips._SERIES_SQUARE statics.grid_problem._WIDTH_OVER_RMS
         """,
     "how exactly an array is at rest": """
         array.equilibrium.REST_TOLERANCE array.rest._LOAD_PART array.rest._OF_RATIO
