@@ -248,7 +248,7 @@ def test_weakly_held_balls_are_found_and_save_iterations(push):
         left = np.hypot(np.linalg.norm(back - pull), 0.0 if push is None else force - push)
         # vectors are in single precision
         assert left <= 1.1e-3 * np.hypot(np.linalg.norm(pull), push or 0.0)
-        return taken, steps._weak
+        return taken, steps._weak_balls
 
     taken, weak = solve(Patches(stencils))
     weakest = [at for at, factor in PAIRS.items() if factor <= 1e-3]
