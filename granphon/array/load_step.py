@@ -41,7 +41,7 @@ from granphon.statics.options import LoadingOptions
 #: part of the residual that a whole step of Newton's method leaves if a ball loses its last
 #: contact. The step goes two thirds of the way to the zero of the force h^(3/2) of the overlap h; a
 #: step that is longer by the factor 3/2, the exponent, goes all of the way
-_LEFT_BY_LOOSE = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
+_LOOSE_RESIDUAL = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,10 +283,10 @@ class LoadStep:
     @staticmethod
     def _is_slow(after: Trial, before: Trial) -> bool:
         """Return whether a whole step is slow: it leaves more than half of the part of the residual
-        that it leaves if a ball loses its last contact (:data:`_LEFT_BY_LOOSE`). The trials are
+        that it leaves if a ball loses its last contact (:data:`_LOOSE_RESIDUAL`). The trials are
         those ``before`` and ``after`` the step.
         """
-        return bool(after.size > 0.5 * _LEFT_BY_LOOSE * before.size)
+        return bool(after.size > 0.5 * _LOOSE_RESIDUAL * before.size)
 
     def _search_line(
         self, trial: Trial, motion: Motion, guess: Array | None, was_slow: bool

@@ -43,7 +43,7 @@ from granphon.statics.rest import Rest
 _LOAD_PART = 1e-3
 #: in the true geometry, largest force that may be left on a ball over W/d times the mean force: the
 #: forces on loose balls are of the order of W/d times the mean force
-_OF_RATIO = 1e-4
+_PART_OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 LEAST_TOLERANCE = 1e-12
 
@@ -137,7 +137,7 @@ def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions
     """
     if not ratio:
         return RestOptions(grid_tolerance=tolerance, workers=workers)
-    required = min(tolerance, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
+    required = min(tolerance, max(LEAST_TOLERANCE, _PART_OF_RATIO * ratio))
     return RestOptions(
         # the aim is a tenth below the requirement, so that the state at the end meets it
         tolerance=0.9 * required,

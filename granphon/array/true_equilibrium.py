@@ -39,7 +39,7 @@ from granphon.statics.response import ListResponse
 
 #: least force that holds a ball which a contact pushes aside, over W/d times the force of that
 #: contact. This ratio is the least distance, in W, by which such a ball lies aside
-_ASIDE = 1e-2
+_LEAST_DISTANCE = 1e-2
 
 
 @result_class
@@ -64,7 +64,7 @@ class TrueEquilibrium(Equilibrium):
         """
         least_force = CARRIED_FORCE * self.residual * self.force
         # whether the least force that holds its balls could be told from the residual
-        is_told = _ASIDE * self.ratio * self.forces > least_force
+        is_told = _LEAST_DISTANCE * self.ratio * self.forces > least_force
         signed_forces = np.where(is_told, self.forces, -self.forces)
         return np.asarray(signed_forces * (self.stiffnesses > 0.0))
 

@@ -34,7 +34,7 @@ OUTSIDE = {
         array.sample._TOLERANCE contacts.friction.SLIDES
         """,
     "elements that a loop or a cache holds, and the columns of a loop": """
-        array.minimal_residuals._LENGTH array.stencils.CACHED contacts.grid._KEPT_CELLS
+        array.minimal_residuals._LENGTH array.stencils._CACHE_ELEMENTS contacts.grid._KEPT_CELLS
         contacts.grid_loops._CACHED contacts.grid_loops._SMALL contacts.grid_loops._LANES
         contacts.grid_product._CACHED contacts.grid_product._INVERTED contacts.motion._N_SLIPS
         contacts.motion._ROWS_OF_SLIP contacts.motion_loops contacts.rolling_tangent._CHUNK
@@ -48,15 +48,15 @@ OUTSIDE = {
         array.sparse_matrices._FACTORS_BYTES array.sparse_matrices._LIBRARY_BYTES
         """,
     "rounding, and numbers of a formula": """
-        array.load_step._LEFT_BY_LOOSE array.minimal_residuals._CANCELLED array.stencils._ROUNDED
-        array.stencils._INDEPENDENT contacts.assembly.ROUNDING contacts.grid._ROUNDING
+        array.load_step._LOOSE_RESIDUAL array.minimal_residuals._CANCELLATION array.stencils._ROUNDING
+        array.stencils._LEAST_SINE contacts.assembly.ROUNDING contacts.grid._ROUNDING
         contacts.motion_laws._CLOSE contacts.motion_laws._GAUSS contacts.sliding._TINY
         contacts.slips._SMALL statics.grid_problem._WIDTH_OVER_RMS
         """,
     "how exactly an array is at rest": """
-        array.equilibrium.REST_TOLERANCE array.rest._LOAD_PART array.rest._OF_RATIO
+        array.equilibrium.REST_TOLERANCE array.rest._LOAD_PART array.rest._PART_OF_RATIO
         array.rest.LEAST_TOLERANCE array.sheared_equilibrium._MOST_PRESSURES
-        array.true_equilibrium._ASIDE
+        array.true_equilibrium._LEAST_DISTANCE
         """,
 }
 ALLOWED = {name for names in OUTSIDE.values() for name in names.split()}
