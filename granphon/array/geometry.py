@@ -53,7 +53,7 @@ def require_small(ratio: float) -> None:
     :data:`LARGEST_RATIO`.
     """
     if not 0.0 <= ratio <= LARGEST_RATIO:
-        problem = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
+        problem = f"the exact geometry is not simulated of a width of {ratio:.9g} diameters"
         why = (
             "Contacts are those of neighbours on the lattice: of balls that differ much, others"
             " touch"

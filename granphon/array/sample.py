@@ -199,8 +199,9 @@ class Sample(Result):
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
         density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is
-        no whole number from 1 to a million, or unless ``least`` and ``largest`` are finite and
-        ``largest`` is the greater.
+        no whole number from 1 to a million; unless ``least`` and ``largest`` are finite and
+        ``largest`` is the greater; or if bins would be so narrow, or so wide, that their edges or
+        densities are no numbers.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > COUNTED_FORCE * self.equilibrium.force] / self.equilibrium.force
@@ -254,23 +255,16 @@ class Sample(Result):
         i, j, shift = _number_ends(structure, self.shape)
         stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
         is_loaded = stiffness.reshape(i.shape) > 0.0
-
-        def select(values: Array) -> Array:
-            """Return the ``values`` (L1, ..., Lp, n_c, ...) of the contacts that carry load, with
-            one axis in place of the first ones.
-            """
-            return np.asarray(values.reshape(*i.shape, *values.shape[p + 1 :])[is_loaded])
-
         normal, arm_i, arm_j = (values[is_loaded] for values in self._find_frames(i.shape))
-        force = select(self.contact_forces)
-        spring = select(stiffness)
+        force = self.contact_forces.reshape(i.shape)[is_loaded]
+        spring = stiffness.reshape(i.shape)[is_loaded]
         eta = packing.mindlin_ratio if shear is None else shear
-        ratio = select(np.broadcast_to(eta, stiffness.shape))
+        ratio = np.broadcast_to(eta, stiffness.shape).reshape(i.shape)[is_loaded]
         across = None
         if tangential is not None or self.is_exact:
             across = np.zeros((len(force), 3))
         if across is not None and tangential is not None:
-            across[:, :p] = select(tangential)
+            across[:, :p] = tangential.reshape(*i.shape, p)[is_loaded]
         positions = self._find_positions()
         mass = np.full(len(positions), packing.mass)
         twist = packing.find_torsion(force, spring)
@@ -302,7 +296,9 @@ class Sample(Result):
         )
 
     def _find_positions(self) -> Array:
-        """Return the centres (balls, 3) of the balls in the compressed cell, m."""
+        """Return the centres (balls, 3) of the balls, m. The cell is compressed in the true
+        geometry; otherwise the sites are those of the lattice.
+        """
         p = self.packing.structure.periods
         sites = self.packing.diameter * self.sites @ self._deformation
         positions = np.zeros((self.equilibrium.deviations.size, 3))
@@ -310,16 +306,16 @@ class Sample(Result):
         return positions
 
     def _find_cell(self) -> Array:
-        """Return the vectors (3, 3) of the compressed cell of the array, m; the rows from p on are
-        zeros if the array has fewer than three periods.
+        """Return the vectors (3, 3) of the cell of the array, m: compressed in the true geometry,
+        and otherwise those of the lattice. The rows from p on are zeros if the array has fewer than
+        three periods.
         """
         structure = self.packing.structure
         p = structure.periods
         cell = np.zeros((3, 3))
         lengths = np.array(self.shape)[:, None]  # in cells of the lattice
-        cell[:p, :p] = self.packing.diameter * structure.vectors[:, :p] * lengths
-        if self.is_exact:
-            cell[:p, :p] = cell[:p, :p] @ self._deformation
+        vectors = self.packing.diameter * structure.vectors[:, :p] * lengths
+        cell[:p, :p] = vectors @ self._deformation
         return cell
 
     def _find_frames(self, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
@@ -447,15 +443,23 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
     bins to less than one.
 
     Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
-    million, or unless ``least`` and ``largest`` are finite and ``largest`` is the greater.
+    million; unless ``least`` and ``largest`` are finite and ``largest`` is the greater; or if bins
+    would be so narrow, or so wide, that their edges or densities are no numbers.
     """
     number = whole_number("bins", bins, 1, 1_000_000)
     low = real_number(least)
     high = real_number(largest)
+    ends = f"{brief(least)} and {brief(largest)}"
     if not -math.inf < low < high < math.inf:
+        raise InputError(f"there are no bins between {ends}", mend="Give a larger upper end")
+    with np.errstate(over="ignore", invalid="ignore"):
+        widths = np.diff(np.linspace(low, high, number + 1))
+        are_distinct = np.all(widths > 0.0) and np.all(np.isfinite(1.0 / widths))
+    if not (are_distinct and math.isfinite(high - low)):
         raise InputError(
-            f"there are no bins between {brief(least)} and {brief(largest)}",
-            mend="Give a larger upper end",
+            f"there are no {number} bins between {ends}",
+            "Double precision does not tell their edges apart, or does not hold their widths",
+            "Give other ends, or fewer bins",
         )
     counts, edges = np.histogram(values, number, (low, high))
     return edges, counts / values.size / np.diff(edges)
