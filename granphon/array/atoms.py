@@ -24,6 +24,7 @@ atom, and some of its readers store that mass.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,6 +70,12 @@ _TILT = 1e-3
 _DECIMALS = 2e-8
 #: arrays of Atoms that stand in a file as other columns
 _NO_COLUMNS = ("numbers", "positions")
+#: names of columns that stand in every file, or that readers take for one of these
+_COLUMN_NAMES = ("symbols", "species", "pos", "Z")
+#: keys that every second line of a file has
+_HEADER_KEYS = ("Lattice", "Properties", "pbc")
+#: signs that part names, quote or enclose in the second line of a file, and blanks
+_SIGNS = re.compile(r"[\s:\"'\[\]{}\\]")
 _MEND = (
     "HertzMindlin(state).adopt(atoms) gives them what is missing;"
     " adopt(atoms, like=other) takes it from the Atoms that they were before a file lost it"
@@ -294,14 +301,23 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions,
     displacements and diameters, and forces depend on differences of these. Masses stand in the
     file twice, as ``masses`` for ASE and as ``mass`` for OVITO. Constraints and results of the
-    calculator are not written. The folder is made if need be; a file of granphon is replaced.
+    calculator are not written. The folder is made if need be. A file of granphon is replaced; where
+    the Atoms have no arrays of granphon, so is a file of as many balls.
 
-    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, or if an
-    array of the Atoms cannot stand in columns: it has more than two axes, other entries than
-    real numbers, truth values or texts, a whole number of more than 32 bits, which ASE does not
-    read, or a text that is empty or has blanks. Raises
-    :class:`~granphon.base.errors.OutputError` if the file cannot be written, or a file that is not
-    granphon's is there.
+    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, or if what
+    the Atoms hold would not be read back:
+
+    - an array with more than two axes or without columns; with other entries than real numbers,
+      truth values or texts; with a whole number of more than 32 bits, which ASE does not read; or
+      with a text that is empty or has blanks;
+    - an array whose name is empty, has blanks, colons, quotes, brackets or backslashes, or is
+      "symbols", "species", "pos" or "Z";
+    - an entry of ``info`` whose key is no text, is empty, has an equals sign or one of these signs
+      other than a blank, or is "Lattice", "Properties" or "pbc";
+    - a text of ``info`` that is empty or has a line break or a backslash.
+
+    Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or another
+    kind of file is there.
     """
     with needing("A structure file"):
         from ase import Atoms
@@ -320,6 +336,9 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
         arrays["mass"] = arrays["masses"]
     for name, array in arrays.items():
         _require_columns(name, array)
+    for name in atoms.arrays:
+        _require_name(name)
+    _require_entries(atoms.info)
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for array in arrays.values() for column in np.atleast_2d(array.T)]
@@ -333,7 +352,7 @@ def _require_columns(name: str, array: NDArray[Any]) -> None:
     :func:`write_extxyz` says. The message states the ``name``.
     """
     problem = ""
-    if array.ndim > 2:
+    if array.ndim > 2 or array.shape[1:] == (0,):
         problem = f"has the shape {array.shape}"
     elif array.dtype.kind not in "fibU":
         problem = f"has entries of the type {array.dtype}"
@@ -351,4 +370,35 @@ def _require_columns(name: str, array: NDArray[Any]) -> None:
             "A row of the file has one ball, and blanks part its columns",
             "Give an array (N,) or (N, n) of real numbers, whole numbers of at most 32 bits, truth"
             " values or words, or remove the array",
+        )
+
+
+def _require_name(name: str) -> None:
+    """Raise :class:`InputError` if the ``name`` of an array cannot stand in the second line of a
+    file, as :func:`write_extxyz` says.
+    """
+    if not name or _SIGNS.search(name) or name in _COLUMN_NAMES:
+        raise InputError(
+            f"the Atoms have an array of the name {name!r}",
+            "The second line of the file names its columns, and readers would not find this name",
+            "Give the array another name, of letters, figures and underscores",
+        )
+
+
+def _require_entries(info: Mapping[Any, Any]) -> None:
+    """Raise :class:`InputError` if an entry of ``info`` cannot stand in the second line of a file,
+    as :func:`write_extxyz` says.
+    """
+    for key, value in info.items():
+        is_key = isinstance(key, str) and bool(key) and key not in _HEADER_KEYS
+        if not is_key or _SIGNS.search(key.replace(" ", "")) or "=" in key:
+            problem = f"info of the Atoms has the key {key!r}"
+        elif isinstance(value, str) and (not value or re.search(r"[\r\n\\]", value)):
+            problem = f"the entry {key} of info of the Atoms is the text {value!r}"
+        else:
+            continue
+        raise InputError(
+            problem,
+            "It would not be read back from the second line of the file",
+            "Change it, or remove it from info",
         )

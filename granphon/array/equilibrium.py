@@ -245,6 +245,8 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return the derivatives (n_c, L1, ..., Lp) of the overlaps of contacts with respect to y,
         while balls stay in balance. They are computed anew at each call.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found.
         """
         response = self._respond(1.0)
         if self.strain is None:
@@ -305,7 +307,8 @@ class Equilibrium(Result):
         They are the second and the third derivative of the energy per contact.
 
         In equilibrium the first response r of the overlaps is enough for both, by the (2n + 1)
-        theorem: the derivatives are the means <k r^2> and <k' r^3>, k' being the slope of k.
+        theorem: the derivatives are the means <k r^2> and <k' r^3> over contacts, with the
+        stiffness k of a contact and its slope k'.
         """
         response = self.response()
         stiffness = float(np.mean(self.stiffnesses * response**2))
@@ -314,13 +317,15 @@ class Equilibrium(Result):
 
     @property
     def stiffness(self) -> float:
-        """Stiffness df*/dy, a reduced number; kept among the :attr:`derivatives`."""
+        """Stiffness df*/dy, a reduced number; kept among the :attr:`derivatives`. Raises the error
+        of :meth:`response`.
+        """
         return self._take_derivative(1)
 
     @property
     def stiffness_slope(self) -> float:
         """Slope of the stiffness, d^2f*/dy^2, a reduced number; kept among the
-        :attr:`derivatives`.
+        :attr:`derivatives`. Raises the error of :meth:`response`.
         """
         return self._take_derivative(2)
 

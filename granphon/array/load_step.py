@@ -413,7 +413,7 @@ class LoadStep:
         share = min(1.0, distance * hold / limit)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, unit)
         product = trial.place.linearise(
-            tangent, trial.contacts.forces / unit, trial.contacts.shears / unit, free=is_free
+            tangent, trial.contacts.forces / unit, trial.contacts.shears / unit, is_free=is_free
         )
         push = trial.push / unit if is_free else None
         motion, iterations = self._linear.solve(
@@ -660,13 +660,13 @@ class LinearSteps:
         def apply(force: Single, motion: Single) -> None:
             """Set ``motion`` to the approximate motion under a ``force``."""
             pull = force.reshape(fields)
-            moved = motion.reshape(fields)
-            moved[:] = 0.0
-            grid_product.add_block_products(inverses, pull, moved)
-            grid_product.find_residual(product.product, pull, moved, residual)
+            motions = motion.reshape(fields)
+            motions[:] = 0.0
+            grid_product.add_block_products(inverses, pull, motions)
+            grid_product.find_residual(product.product, pull, motions, residual)
             if self._invert_patch is not None:
                 self._invert_patch(force, motion)
-                grid_product.find_residual(product.product, pull, moved, residual)
+                grid_product.find_residual(product.product, pull, motions, residual)
             # to the motion of single balls that by Green's function is added, under the forces that
             # are left. Where few balls touch, it would carry these forces too far: there it is that
             # under the whole force

@@ -63,17 +63,18 @@ def bring_to_rest(
     ----------
     deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) if a cell has n > 1
         balls.
-    load : overlap, mean contact force or pressure, reduced. In the true geometry the overlap y is
-        that by which the cell is compressed, and the force is the mean normal force over all
-        contacts. In the directions of the lattice a pressure is the same as its mean force.
+    load : overlap, mean contact force or pressure, reduced; a force or pressure is above zero. In
+        the true geometry the overlap y is that by which the cell is compressed, and the force is
+        the mean normal force over all contacts. In the directions of the lattice a pressure is the
+        same as its mean force.
     stencils : stencils of the array; by default those of the triangular lattice.
     start : equilibrium from which to begin, for example that of the same balls under a similar
         load; by default balls begin on their sites, or, in the true geometry, at the equilibrium on
         the lattice under the same load.
-    tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. In the
-        directions of the lattice it is over the rms difference of contact forces if that is less:
-        at high loads the effect of disorder is only a small part of the force. In the true geometry
-        1e-4 W/d takes the place of a tolerance that is larger.
+    tolerance : largest force left on a ball, over the mean contact force; None or zero, by default:
+        1e-10. In the directions of the lattice it is over the rms difference of contact forces if
+        that is less: at high loads the effect of disorder is only a small part of the force. In the
+        true geometry 1e-4 W/d, but at least 1e-12, takes the place of a tolerance that is larger.
     ratio : W/d, from zero to 0.2, in the true geometry, which at zero is that of the lattice. None,
         by default: contacts keep the directions of the lattice.
 

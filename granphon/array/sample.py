@@ -149,12 +149,17 @@ class Sample(Result):
 
     @property
     def normal_stiffness(self) -> float:
-        """Normal stiffness df/d(delta), N/m."""
+        """Normal stiffness df/d(delta), N/m.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the linear response is not found.
+        """
         return self._units.stiffness * self.equilibrium.stiffness
 
     @property
     def stiffness_slope(self) -> float:
-        """Slope of the normal stiffness, d^2f/d(delta)^2, N/m^2."""
+        """Slope of the normal stiffness, d^2f/d(delta)^2, N/m^2; raised is the error of
+        :attr:`normal_stiffness`.
+        """
         return self._units.stiffness_slope * self.equilibrium.stiffness_slope
 
     @property
@@ -211,6 +216,8 @@ class Sample(Result):
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: (3, 3), Pa, of a layer one diameter thick; (6, 6), Pa; (1,
         1), N, of a chain.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the linear response is not found.
         """
         return self._compute_elastic_tensor(self.equilibrium)
 
@@ -220,6 +227,7 @@ class Sample(Result):
         the mean force.
 
         This takes two more equilibria, each started from this one, and their linear responses.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if one of these is not found.
         """
         equilibrium = self.equilibrium
         loads = [ReducedLoad(force=equilibrium.force * math.exp(step)) for step in (-STEP, STEP)]

@@ -150,9 +150,9 @@ class _PressureSearch:
     ) -> Equilibrium:
         """Return the equilibrium whose ``measure``, an overlap in W, is the ``goal``.
 
-        The search begins at the pressure ``guess``, given as f*. It goes by secants: the unknown is
-        the overlap that equal balls have under the pressure, and the measure is a nearly linear
-        function of it.
+        The search begins at the pressure ``guess``, given as f* above zero. It goes by secants: the
+        unknown is the overlap that equal balls have under the pressure, and the measure is a nearly
+        linear function of it.
 
         Raises ``too_small`` where a pressure is so small that the sample carries no load, and
         :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.

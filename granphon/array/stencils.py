@@ -497,9 +497,11 @@ class Stencils:
         def apply(force: NDArray[Any]) -> NDArray[Any]:
             """Return the motion under a ``force``, both (fields, L1, ..., Lp), wave by wave."""
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
-            moved = multiply_waves(table, softness, waves)
+            motion_waves = multiply_waves(table, softness, waves)
             return np.asarray(
-                fft.irfftn(moved, self.shape, axes=axes, workers=self.workers, overwrite_x=True)
+                fft.irfftn(
+                    motion_waves, self.shape, axes=axes, workers=self.workers, overwrite_x=True
+                )
             )
 
         return apply

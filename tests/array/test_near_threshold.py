@@ -209,7 +209,7 @@ def test_a_patch_is_inverted_as_the_whole_resists(ratio):
     stiffness = draw.uniform(0.5, 1.5, shape)
     coupling = draw.uniform(-0.3, 0.3, (1, *shape))
     tangent = Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], coupling)
-    product = place.linearise(tangent, stiffness, 0.2 * stiffness[None], free=False)
+    product = place.linearise(tangent, stiffness, 0.2 * stiffness[None], is_free=False)
     balls = np.array([0, 1, 2, 7, 8, 20, 35])
     put = Patches(stencils).invert(balls, product)
     assert put is not None

@@ -400,13 +400,35 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
         np.array([""]),
         np.array([None]),
         np.array([2**31]),
+        np.zeros((1, 0)),
     ],
-    ids=["tensor", "complex", "blank", "empty", "object", "long"],
+    ids=["tensor", "complex", "blank", "empty", "object", "long", "narrow"],
 )
 def test_write_extxyz_refuses_what_no_reader_reads(tmp_path, values):
     balls = gp.atoms(at_overlap())
     balls.set_array("extra", values)
     with pytest.raises(InputError, match="extra"):
+        gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a:b", 'a"b', "a[b", "a\\b", "symbols", "pos", "Z"])
+def test_write_extxyz_refuses_names_of_arrays_that_no_reader_finds(tmp_path, name):
+    balls = gp.atoms(at_overlap())
+    balls.arrays[name] = np.ones(len(balls))
+    with pytest.raises(InputError, match="of the name"):
+        gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("", 1), (3, 1), ("pbc", "x"), ("a=b", 1), ("a\nb", 1), ("a", ""), ("a", "b\nc"), ("a", "\\")],
+)
+def test_write_extxyz_refuses_info_that_would_not_be_read_back(tmp_path, key, value):
+    balls = gp.atoms(at_overlap())
+    balls.info[key] = value
+    with pytest.raises(InputError, match="read back"):
         gp.write_extxyz(tmp_path / "balls.extxyz", balls)
     assert not list(tmp_path.iterdir())
 
