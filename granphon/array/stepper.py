@@ -467,8 +467,8 @@ class Stepper:
                 return None
             motion = settled.measure_motion(state)
             state = settled
-            moves_faster = motion > last_motion
-            if drag == last_drag and moves_faster:
+            is_faster = motion > last_motion
+            if drag == last_drag and is_faster:
                 return None
             if is_pushed:
                 is_still = drag == last_drag and motion < options.still_motion
@@ -476,8 +476,8 @@ class Stepper:
                 is_still = drag * motion < options.still_force * state.force
             if is_still:
                 at_rest = self.settle([state], load, 0.0, wants_limits=True)
-                stands = at_rest is not None and at_rest.force >= 0.5 * options.standing_force
-                return at_rest if stands else None
+                is_standing = at_rest is not None and at_rest.force >= 0.5 * options.standing_force
+                return at_rest if is_standing else None
         return None
 
 
@@ -493,8 +493,8 @@ def goes_on(loads: Sequence[float], similar: float) -> bool:
 
 
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
-    """Return the weights with which values at different ``loads`` add up to the value at a
-    ``load``, on the polynomial of Lagrange through all of them.
+    """Return the weights with which values at ``loads``, no two of which are equal, add up to the
+    value at a ``load``, on the polynomial of Lagrange through all of them.
     """
     weights = []
     for node in loads:
