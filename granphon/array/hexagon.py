@@ -22,7 +22,7 @@ from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.validation import finite_array, positive, require, whole_number
@@ -143,12 +143,6 @@ class PressedHexagon(Result):
         count = len(self.sites)
         is_loaded = self.forces > 0.0
         is_wall_loaded = self.wall_forces > 0.0
-        # distances of the walls from the centre: that of the outermost row, half of a diameter, and
-        # what the walls have moved
-        distance = d * (_find_outermost_row(self.balls_per_side) + 0.5) + self.retreats
-        positions = np.zeros((count + 6, 3))
-        positions[:count, :2] = self.positions
-        positions[count:, :2] = distance[:, None] * _NORMALS
         wall = self.wall[is_wall_loaded]
         normal = np.zeros((int(np.sum(is_loaded)) + len(wall), 3))
         normal[:, :2] = np.concatenate([self.normal[is_loaded], _NORMALS[wall]])
@@ -163,7 +157,7 @@ class PressedHexagon(Result):
         return ContactNetwork(
             cell=np.zeros((3, 3)),
             pbc=(False, False, False),
-            positions=positions,
+            positions=self._find_centres(),
             radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)),
             masses=masses,
             inertias=masses * (GYRATION * d) ** 2,
@@ -182,6 +176,19 @@ class PressedHexagon(Result):
             dimension=2,
         )
 
+    def _find_centres(self) -> Array:
+        """Return the centres (n_balls + 6, 3) of the balls, m, and then the point of each wall that
+        is nearest to the centre of the hexagon.
+        """
+        # distances of the walls from the centre: that of the outermost row, half of a diameter, and
+        # the retreat of the wall
+        at_touch = self.packing.diameter * (_find_outermost_row(self.balls_per_side) + 0.5)
+        distances = at_touch + self.retreats
+        centres = np.zeros((len(self.sites) + 6, 3))
+        centres[:-6, :2] = self.positions
+        centres[-6:, :2] = distances[:, None] * _NORMALS
+        return centres
+
 
 class Hexagon:
     """A hexagon of balls drawn from a packing, between six walls.
@@ -190,7 +197,7 @@ class Hexagon:
     ----------
     packing : of the triangular lattice, with motions in the plane.
     balls_per_side : n, at least 2.
-    seed : random seed of the diameters.
+    seed : random seed of the diameters; not read if ``diameters`` are given.
     diameters : (3n(n - 1) + 1,) diameters, m, in place of random ones, in the order of
         :attr:`sites`.
     wall_material : material of the walls; None for rigid walls.
@@ -220,7 +227,8 @@ class Hexagon:
         n = int(require("balls_per_side", balls_on_side, balls_per_side))
         if n < 2:
             raise InputError(
-                "a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more"
+                "a hexagon of one ball has no contacts between balls",
+                mend="Give balls_per_side of 2 or more",
             )
         self.balls_per_side = n
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
@@ -335,7 +343,14 @@ class Hexagon:
             strain=np.zeros((0, 0)),
             pressure_force=np.append(on_balls, np.zeros(6)),
         )
-        rest = find_rest(assembly, load)
+        try:
+            rest = find_rest(assembly, load)
+        except ConvergenceError as error:
+            raise ConvergenceError(
+                f"the hexagon has not come to rest under {load.words}",
+                "Balls that differ far more than they overlap hardly hold each other",
+                "Raise the side force, or take fewer balls",
+            ) from error
         forces = assembly.laws.force(rest.overlap)
         i, j, normal = self._pairs
         ball, wall = self._wall_contacts

@@ -27,7 +27,7 @@ import numpy as np
 from granphon.array.geometry import LOAD_TOLERANCE, find_lack
 from granphon.array.minimal_residuals import Single, solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
-from granphon.array.preconditioners import Patches, Put
+from granphon.array.preconditioners import MotionSetter, Patches
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
 from granphon.array.stencils import OPTIONS, Motion, dot
@@ -574,7 +574,7 @@ class LinearSteps:
         #: numbers of the balls of the patch
         self._weak_balls: Index = np.empty(0, np.intp)
         #: approximate inverse of the patch; None where there is no patch, or it has no inverse
-        self._invert_patch: Put | None = None
+        self._invert_patch: MotionSetter | None = None
 
     def solve(
         self,
@@ -631,7 +631,7 @@ class LinearSteps:
             product_of_solution = np.empty(right.size, np.float32)
             apply(solution.astype(np.float32), product_of_solution)
             residual = right - product_of_solution
-            worst_balls = self._patches.find_worst(residual[:size].reshape(pull.shape))
+            worst_balls = self._patches.find_worst_balls(residual[:size].reshape(pull.shape))
             balls = self._patches.join(self._weak_balls, worst_balls)
             has_grown = balls.size > self._weak_balls.size
             if has_grown or (balls.size and not is_renewed):
@@ -643,7 +643,7 @@ class LinearSteps:
                 most = options.most_iterations - iterations
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), iterations
 
-    def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
+    def invert(self, tangent: Tangent, product: PressedTangent) -> MotionSetter:
         """Return an approximate inverse of C^T D C: a function of a force and a motion, both
         (fields, L1, ..., Lp), that sets the motion.
 

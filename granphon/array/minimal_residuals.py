@@ -54,7 +54,7 @@ def solve_by_minimal_residuals(
     solution = np.zeros_like(right)
     if not right_norm:
         return solution, 0
-    residual = (right / right_norm).astype(np.float32)
+    residual: Single = (right / right_norm).astype(np.float32)
     norm = 1.0
     while norm > reduction and iterations < most_iterations:
         length = min(ResponseOptions().vectors, most_iterations - iterations)

@@ -153,14 +153,14 @@ def _explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
     """Return the error of a search that has not led to rest; ``nearest`` is the state at its end,
     and ``overlap`` its overlap y.
     """
-    turns = nearest.turned_normal is not None
-    where = " in its true geometry" if turns else ""
+    is_true = nearest.turned_normal is not None
+    where = " in its true geometry" if is_true else ""
     return ConvergenceError(
         f"the sample has not come to rest{where} after {nearest.steps} steps",
         f"At an overlap of {overlap:.6g} widths a force of {find_residual(nearest):.2g} of the"
         " mean contact force is left on a ball",
         "Raise the load, take fewer balls, or take geometry: lattice"
-        if turns
+        if is_true
         else "Raise the load, or take fewer balls",
     )
 

@@ -225,7 +225,7 @@ def test_a_patch_is_inverted_as_the_whole_resists(ratio):
 class NoPatches(Patches):
     """No balls are found."""
 
-    def find_worst(self, rest):
+    def find_worst_balls(self, rest):
         return np.empty(0, int)
 
 
