@@ -17,17 +17,18 @@ from granphon.statics.rest import Rest
 
 #: relative error at which a mean force or overlap is reached, and most states in the search for it
 MEAN_TOLERANCE = 4e-15
+#: greatest number of pressures that are tried for a mean
 MOST_MEANS = 60
 #: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
 #: force
 SAMPLE_TOLERANCE = 1e-11
 #: relative error of a mean that is put down to rounding where no better one is found
-_ROUNDED_MEAN = 1e-13
+_MEAN_ROUNDING = 1e-13
 
 
 class PressureSearch:
     """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``, to a
-    relative error of ``tolerance``.
+    relative error of ``tolerance``. The goal is not zero.
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
     found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
@@ -153,7 +154,7 @@ class MeanContacts(NamedTuple):
         ``goal``, that is put down to rounding. ``balls_differ`` says whether balls differ in
         diameter, ``contacts_adhere`` whether contacts adhere.
         """
-        rounding = _ROUNDED_MEAN
+        rounding = _MEAN_ROUNDING
         if balls_differ:
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts
