@@ -38,6 +38,7 @@ from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
 from granphon.base.text import require_path
+from granphon.base.validation import real_number
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -124,18 +125,18 @@ def take_arrays(
     balls: Atoms,
     units: Units,
     kind: Kind,
-    given: Mapping[str, Array] | None = None,
+    new_arrays: Mapping[str, Array] | None = None,
     coordinates: int = 2,
 ) -> None:
     """Set scales and arrays of the Atoms ``balls``; ``coordinates`` is from
     :func:`count_coordinates`.
 
-    Each array is that of ``given``; if that has none, the one that the Atoms have, of whatever
+    Each array is that of ``new_arrays``; if there is none, the one that the Atoms have, of whatever
     shape; if they have none either, that of balls at rest on the sites of a lattice, which are of
-    the ``kind`` and in the ``units``. A ball without a mass gets that of ``given`` or, if that has
-    none, (1 + deviation)^3, as for balls of one material; other balls keep their masses. Radii, if
-    the Atoms have none, become those of ``given`` or (1 + deviation)/2. The scales also go into
-    ``info``.
+    the ``kind`` and in the ``units``. A ball without a mass gets that of ``new_arrays`` or, if
+    there is none, (1 + deviation)^3, as for balls of one material; other balls keep their masses.
+    Radii, if the Atoms have none, become those of ``new_arrays`` or (1 + deviation)/2; otherwise
+    they stay. The scales also go into ``info``.
     """
     shapes = _shapes(coordinates)
     arrays = {name: np.zeros((len(balls), *shape)) for name, shape in shapes.items()}
@@ -144,11 +145,15 @@ def take_arrays(
         _KIND: np.full(len(balls), kind),
     }
     arrays |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
-    arrays |= given or {}
-    if not has_masses(balls):
+    arrays |= new_arrays or {}
+    if has_masses(balls):
+        arrays.pop("masses", None)
+    else:
         masses = arrays.get("masses", (1.0 + arrays["diameter_deviations"]) ** 3)
         arrays["masses"] = np.where(_find_massless(balls), masses, balls.get_masses())
-    if "radius" not in balls.arrays:
+    if "radius" in balls.arrays:
+        arrays.pop("radius", None)
+    else:
         arrays.setdefault("radius", 0.5 * (1.0 + arrays["diameter_deviations"]))
     for name, values in arrays.items():
         balls.set_array(name, None)  # drop an old array that may have another shape or type
@@ -163,21 +168,24 @@ def adopt(
     else those of balls at rest on the lattice sites. ``units``, ``kind`` and ``coordinates`` are
     those of :func:`take_arrays`.
 
-    Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if
-    the scales in ``info`` are not those of ``units``.
+    Raises :class:`~granphon.base.errors.InputError` if ``like`` is no Atoms or has another number
+    of balls, or if the scales in ``info`` are not those of ``units``.
     """
+    from ase import Atoms
+
     balls = atoms.copy()
     _require_info(balls, units)
     arrays = {}
     if like is not None:
+        if not isinstance(like, Atoms):
+            raise InputError(f"like is {brief(like)}", mend="Give an ase.Atoms, or None")
         if len(like) != len(balls):
             raise InputError(
                 f"like has {len(like)} balls, and the Atoms have {len(balls)}",
                 "Arrays are copied ball by ball",
             )
-        names = {*ARRAYS, "radius"} - balls.arrays.keys()
-        if not has_masses(balls):  # balls that have masses keep them
-            names.add("masses")
+        # masses are taken for the balls without one alone
+        names = {*ARRAYS, "radius"} - balls.arrays.keys() | {"masses"}
         arrays = {name: like.arrays[name].copy() for name in sorted(names & like.arrays.keys())}
     take_arrays(balls, units, kind, arrays, coordinates)
     return balls
@@ -187,9 +195,10 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
     """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`. Without any
     ball it is the kind of a lattice with or without ``finite_overlap``.
 
-    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing; if balls are
-    of several kinds; or if they belong to a state with other ``units``, another ``finite_overlap``
-    or another number of ``coordinates``.
+    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing; if an array
+    has another shape or is not of numbers; if balls are of several kinds, or of none of the three;
+    or if they belong to a state with other ``units``, another ``finite_overlap`` or another number
+    of ``coordinates``.
     """
     missing = [name for name in ARRAYS if not balls.has(name)]
     if not has_masses(balls):
@@ -210,6 +219,12 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         )
     kind_without_balls = FINITE if finite_overlap else LATTICE
     kind: Kind = kinds.pop() if kinds else kind_without_balls
+    if kind not in (LATTICE, FINITE, SAMPLE):
+        raise InputError(
+            f"the array {_KIND} of the Atoms has the entry {kind:g}",
+            f"Kinds of balls are {LATTICE}, {FINITE} and {SAMPLE}",
+            "Make new Atoms with gp.atoms(state)",
+        )
     if (kind == FINITE) != finite_overlap:
         ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
         raise InputError(
@@ -251,10 +266,13 @@ def _take_logarithms(units: Units) -> Array:
 
 
 def _require_shapes(balls: Atoms, coordinates: int) -> None:
-    """Raise InputError if an array has another shape than :func:`_shapes` says; ``coordinates`` is
-    from :func:`count_coordinates`.
+    """Raise InputError if an array has another shape than :func:`_shapes` says, or is not of real
+    numbers; ``coordinates`` is from :func:`count_coordinates`.
     """
     for name, shape in _shapes(coordinates).items():
+        if balls.arrays[name].dtype.kind not in "fiu":
+            problem = f"the array {name} has entries of the type {balls.arrays[name].dtype}"
+            raise InputError(problem, mend="Give real numbers")
         if balls.arrays[name].shape != (len(balls), *shape):
             axes = "x, y and z" if shape else "z only"
             why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
@@ -282,13 +300,13 @@ def _require_units(balls: Atoms, units: Units) -> None:
 
 def _require_info(balls: Atoms, units: Units) -> None:
     """Raise InputError if ``info`` of the Atoms has a scale that differs from that of the
-    ``units``.
+    ``units``, or is no number.
     """
     for key, value in units.to_info().items():
         scale = balls.info.get(key, value)
-        if not np.isclose(float(scale), value, rtol=1e-9, atol=0.0):
+        if not np.isclose(real_number(scale), value, rtol=1e-9, atol=0.0):
             raise InputError(
-                f"the Atoms have {key} = {scale}, the state {value}",
+                f"the Atoms have {key} = {brief(scale)}, the state {value}",
                 "They are in the reduced units of another state",
                 "Use the state they were made from, or gp.atoms of this one",
             )

@@ -442,8 +442,9 @@ def _find_deviations(
     if diameters is None:
         if packing.spread is None:
             return np.zeros(count)
-        drawn = packing.spread.sample(count, int(seed or 0))
-        return np.asarray(drawn - np.mean(drawn))
+        assert seed is not None  # only beside diameters there is none
+        deviations = packing.spread.sample(count, seed)
+        return np.asarray(deviations - np.mean(deviations))
     values = finite_array("diameters", diameters, "m", "above zero")
     if values.shape != (count,):
         raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")

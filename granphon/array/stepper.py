@@ -456,12 +456,12 @@ class Stepper:
         stencils = self.geometry.stencils
         n_around = 2 * stencils.n_contacts // stencils.n_balls
         ratio = self.geometry.ratio
-        is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, n_around * ratio * state.force) if is_pushed else 0.0
+        is_pushed = ratio > 0.0 and len(stencils.shape) == 3
+        least_drag = min(drag, n_around * ratio * state.force) if is_pushed else 0.0
         for _ in range(options.tries):
             last_drag = drag
             last_motion = motion
-            drag = max(options.weakening * drag, weakest)
+            drag = max(options.weakening * drag, least_drag)
             settled = self.settle([state], load, drag, wants_limits=True)
             if settled is None or settled.force < 0.5 * options.standing_force:
                 return None

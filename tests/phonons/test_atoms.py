@@ -560,3 +560,36 @@ def test_vibrations_data_from_force_constants(name):
     )
     np.testing.assert_allclose((energies / unit).real[2:], expected[2:], rtol=1e-12)
     np.testing.assert_allclose(np.abs(energies / unit)[:2], 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("like", [3, "x", [None]])
+def test_adopt_refuses_like_that_is_no_atoms(like):
+    state = at_overlap()
+    with pytest.raises(InputError, match=r"like is .* ase\.Atoms"):
+        gp.HertzMindlin(state).adopt(gp.atoms(state), like=like)
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "said"),
+    [
+        ("granphon_kind", 5, "entry 5"),
+        ("granphon_kind", 0.5, "entry 0.5"),
+        ("diameter_deviations", "a", "of the type"),
+    ],
+)
+def test_arrays_that_no_balls_have_are_refused(name, entry, said):
+    state = at_overlap()
+    balls = gp.atoms(state)
+    balls.set_array(name, None)
+    balls.set_array(name, np.array([entry]))
+    balls.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match=said):
+        balls.get_potential_energy()
+
+
+def test_scales_that_are_no_numbers_are_refused():
+    state = at_overlap()
+    balls = gp.atoms(state)
+    balls.info["granphon_length_m"] = "long"
+    with pytest.raises(InputError, match="'long'"):
+        gp.HertzMindlin(state).adopt(balls)
