@@ -244,15 +244,8 @@ class Hexagon:
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
         self.deviations = read_only(_find_deviations(packing, n_balls, diameters, self.seed))
-        modulus_ratio = 0.0  # contact modulus of the balls over that of the walls
-        if wall_material is not None:
-            modulus_ratio = packing.material.contact_modulus / wall_material.contact_modulus
-        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): that of two balls times
-        #: sqrt(2), as the reduced radius is twice as large, and times 2/(1 + modulus_ratio), as the
-        #: wall has its own modulus
-        self.wall_coefficient = (
-            packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + modulus_ratio)
-        )
+        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2)
+        self.wall_coefficient = _find_wall_coefficient(packing, wall_material)
 
     # -- contacts ----------------------------------------------------------------------------------
 
@@ -335,14 +328,7 @@ class Hexagon:
         applied = positive("side_force", side_force, "N")
         self._require_shallow(applied, force_of_frame(applied, self.balls_per_side), 0.0)
         assembly = self._assembly
-        on_balls = np.zeros(2 * assembly.n_balls)
-        load = AppliedLoad(
-            force=np.append(on_balls, np.full(6, -applied)),
-            words=f"side_force = {applied:g} N",
-            stress=None,
-            strain=np.zeros((0, 0)),
-            pressure_force=np.append(on_balls, np.zeros(6)),
-        )
+        load = self._push_walls(applied)
         try:
             rest = find_rest(assembly, load)
         except ConvergenceError as error:
@@ -374,6 +360,17 @@ class Hexagon:
             wall_forces=at_walls,
             wall_coefficient=self.wall_coefficient,
             residual=rest.residual,
+        )
+
+    def _push_walls(self, side_force: float) -> AppliedLoad:
+        """Return the load of a ``side_force``, N, that pushes each wall inwards."""
+        on_balls = np.zeros(2 * self._assembly.n_balls)
+        return AppliedLoad(
+            force=np.append(on_balls, np.full(6, -side_force)),
+            words=f"side_force = {side_force:g} N",
+            stress=None,
+            strain=np.zeros((0, 0)),
+            pressure_force=np.append(on_balls, np.zeros(6)),
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
@@ -420,6 +417,19 @@ def _require_triangular(packing: Packing) -> None:
             "The hexagon is made of the triangular lattice, in its plane",
             "Leave lattice and motions out of the Packing",
         )
+
+
+def _find_wall_coefficient(packing: Packing, wall_material: Material | None) -> float:
+    """Return the coefficient of Hertz's law, N/m^(3/2), of a ball of the ``packing`` against a flat
+    wall; without a ``wall_material`` the wall is rigid.
+
+    It is that of two balls times sqrt(2), as the reduced radius is twice as large, and times 2/(1 +
+    E_b/E_w), with the contact moduli E_b of the balls and E_w of the wall.
+    """
+    modulus_ratio = 0.0
+    if wall_material is not None:
+        modulus_ratio = packing.material.contact_modulus / wall_material.contact_modulus
+    return packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + modulus_ratio)
 
 
 def _find_outermost_row(balls_per_side: int) -> float:

@@ -631,17 +631,28 @@ class LinearSteps:
             product_of_solution = np.empty(right.size, np.float32)
             apply(solution.astype(np.float32), product_of_solution)
             residual = right - product_of_solution
-            worst_balls = self._patches.find_worst_balls(residual[:size].reshape(pull.shape))
-            balls = self._patches.join(self._weak_balls, worst_balls)
-            has_grown = balls.size > self._weak_balls.size
-            if has_grown or (balls.size and not is_renewed):
-                self._weak_balls = balls
-                self._invert_patch = self._patches.invert(balls, product)
+            if self._renew_patch(residual[:size].reshape(pull.shape), product, is_renewed):
                 is_renewed = True
             else:
                 # a new inverse would be that of the same patch: only iterations are left
                 most = options.most_iterations - iterations
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), iterations
+
+    def _renew_patch(self, residual: Array, product: PressedTangent, is_renewed: bool) -> bool:
+        """Add the balls on which the largest forces of a ``residual`` (fields, L1, ..., Lp) act to
+        the patch, and invert its matrix. Return whether the inverse is a new one.
+
+        It is not if the patch has no balls, or if it has not grown and its matrix has been inverted
+        with this ``product`` before, as ``is_renewed`` says.
+        """
+        worst_balls = self._patches.find_worst_balls(residual)
+        balls = self._patches.join(self._weak_balls, worst_balls)
+        has_grown = balls.size > self._weak_balls.size
+        if not has_grown and (is_renewed or not balls.size):
+            return False
+        self._weak_balls = balls
+        self._invert_patch = self._patches.invert(balls, product)
+        return True
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> MotionSetter:
         """Return an approximate inverse of C^T D C: a function of a force and a motion, both

@@ -104,11 +104,7 @@ def _cycle(
         vector[size:] = 0.0
         entries, height = _make_orthogonal(basis[: column + 1], vector)
         product_length = math.hypot(*entries, height)
-        for row, (c, s) in enumerate(rotations):
-            upper = entries[row]
-            lower = entries[row + 1]
-            entries[row] = c * upper + s * lower
-            entries[row + 1] = c * lower - s * upper
+        _rotate(entries, rotations)
         diagonal = math.hypot(entries[column], height)
         # the product adds nothing but rounding to the products before, or is not finite
         if not _ROUNDING * product_length < diagonal < math.inf:
@@ -125,6 +121,17 @@ def _cycle(
     count = len(triangle)
     weights = np.array(_solve_triangle(triangle, turned_right), np.float32)
     return count, abs(turned_right[count]), _combine(weights, directions[:count])[:size]
+
+
+def _rotate(entries: list[float], rotations: list[tuple[float, float]]) -> None:
+    """Turn the ``entries`` of a column, in place, by Givens rotations: each turns two entries, the
+    first rotation the first two, and is given by the cosine and the sine of its angle.
+    """
+    for row, (c, s) in enumerate(rotations):
+        upper = entries[row]
+        lower = entries[row + 1]
+        entries[row] = c * upper + s * lower
+        entries[row + 1] = c * lower - s * upper
 
 
 def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]:

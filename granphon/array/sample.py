@@ -18,7 +18,7 @@ from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import COUNTED_FORCE
 from granphon.balls.lattices import BALL, Lattice
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief, needing
 from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units, WidthUnits
@@ -268,11 +268,6 @@ class Sample(Result):
         spring = stiffness.reshape(i.shape)[is_loaded]
         eta = packing.mindlin_ratio if shear is None else shear
         ratio = np.broadcast_to(eta, stiffness.shape).reshape(i.shape)[is_loaded]
-        across = None
-        if tangential is not None or self.is_exact:
-            across = np.zeros((len(force), 3))
-        if across is not None and tangential is not None:
-            across[:, :p] = tangential.reshape(*i.shape, p)[is_loaded]
         positions = self._find_positions()
         mass = np.full(len(positions), packing.mass)
         twist = packing.find_torsion(force, spring)
@@ -299,9 +294,22 @@ class Sample(Result):
             prestress=self.is_exact,
             lattice=None if self.is_exact else structure,
             shape=None if self.is_exact else self.shape,
-            tangential_force=across,
+            tangential_force=self._list_tangential(tangential, is_loaded),
             contact_model=ContactModel.of(packing),
         )
+
+    def _list_tangential(self, tangential: Array | None, is_loaded: Flags) -> Array | None:
+        """Return the ``tangential`` forces of :meth:`_make_network` of the contacts where
+        ``is_loaded`` (cells, n_c) is true, (contacts, 3), N. Without them these are zeros in the
+        true geometry, and None otherwise.
+        """
+        if tangential is None and not self.is_exact:
+            return None
+        forces = np.zeros((np.count_nonzero(is_loaded), 3))
+        if tangential is not None:
+            p = tangential.shape[-1]
+            forces[:, :p] = tangential.reshape(*is_loaded.shape, p)[is_loaded]
+        return forces
 
     def _find_positions(self) -> Array:
         """Return the centres (balls, 3) of the balls, m. The cell is compressed in the true
