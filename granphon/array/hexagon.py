@@ -325,10 +325,10 @@ class Hexagon:
         :class:`~granphon.base.errors.ConvergenceError` if the balls do not come to rest. What
         limits the result otherwise is in its ``warnings``.
         """
-        applied = positive("side_force", side_force, "N")
-        self._require_shallow(applied, force_of_frame(applied, self.balls_per_side), 0.0)
+        force = positive("side_force", side_force, "N")
+        self._require_shallow(force, force_of_frame(force, self.balls_per_side), 0.0)
         assembly = self._assembly
-        load = self._push_walls(applied)
+        load = self._push_walls(force)
         try:
             rest = find_rest(assembly, load)
         except ConvergenceError as error:
@@ -342,11 +342,11 @@ class Hexagon:
         ball, wall = self._wall_contacts
         between_balls = forces[: len(i)]
         at_walls = forces[len(i) :]
-        self._require_shallow(applied, float(np.max(between_balls)), float(np.max(at_walls)))
+        self._require_shallow(force, float(np.max(between_balls)), float(np.max(at_walls)))
         return PressedHexagon(
             packing=self.packing,
             balls_per_side=self.balls_per_side,
-            side_force=applied,
+            side_force=force,
             sites=self.sites,
             deviations=self.deviations,
             displacements=np.insert(rest.displacement, self._middle, 0.0, axis=0),

@@ -120,8 +120,8 @@ class LoadingHistory:
         there, or balls pressed from the gas do not stand.
         """
         if self.start == GAS:
-            largest = float(np.max(self.stencils.average_pairs(self.deviations)))
-            return self.stepper.press_gas(-largest)  # from where the first two balls touch
+            largest_mean = float(np.max(self.stencils.average_pairs(self.deviations)))
+            return self.stepper.press_gas(-largest_mean)  # from where the first two balls touch
         smooth = Stencils(
             self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice
         )
@@ -303,9 +303,9 @@ class LoadingHistory:
         """Return the contacts after a step from ``start`` to the overlaps and slips that those of
         the ``states``, times their ``weights``, add up to.
         """
-        weighted = list(zip(weights, states, strict=True))
-        overlaps = np.sum([weight * state.contacts.overlaps for weight, state in weighted], axis=0)
-        slips = np.sum([weight * state.contacts.slips for weight, state in weighted], axis=0)
+        pairs = list(zip(weights, states, strict=True))
+        overlaps = np.sum([weight * state.contacts.overlaps for weight, state in pairs], axis=0)
+        slips = np.sum([weight * state.contacts.slips for weight, state in pairs], axis=0)
         contacts, _ = self._law.advance(start, overlaps, slips)
         return contacts
 
@@ -317,10 +317,10 @@ def _add_losses(
     state, ``losses`` has the energy by sliding and that by the law, which are added to its own; the
     work of the load is larger by as much.
     """
-    corrected = []
+    states_with_losses = []
     for state, (slid, loosened) in zip(states, losses, strict=True):
         work = state.work + (slid + loosened)
-        corrected.append(
+        states_with_losses.append(
             replace(state, slid=state.slid + slid, loosened=state.loosened + loosened, work=work)
         )
-    return corrected
+    return states_with_losses

@@ -107,8 +107,8 @@ class Sample(Result):
         """(L1, ..., Lp, p) displacements, m, from the sites, which follow the compressed cell.
         Balls that nothing holds are where the iteration left them.
         """
-        reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
-        return self._units.width * np.moveaxis(self._order(reduced), 0, -1)
+        in_widths = self.equilibrium.stencils.displacements(self.equilibrium.balls)
+        return self._units.width * np.moveaxis(self._order(in_widths), 0, -1)
 
     @property
     def contact_overlaps(self) -> Array:
@@ -492,9 +492,9 @@ def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Ind
     cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
     cells = cells.reshape(-1, 1, p)
     cells_of_j = cells + table.shift
-    wrapped = np.moveaxis(np.mod(cells_of_j, shape), -1, 0)
+    cells_in_array = np.moveaxis(np.mod(cells_of_j, shape), -1, 0)
     shift = np.zeros((*cells_of_j.shape[:2], 3), int)
     shift[..., :p] = np.floor_divide(cells_of_j, shape)
     i = n * np.arange(len(cells))[:, None] + table.i
-    j = n * np.ravel_multi_index(tuple(wrapped), shape) + table.j
+    j = n * np.ravel_multi_index(tuple(cells_in_array), shape) + table.j
     return i, j, shift

@@ -344,11 +344,11 @@ class Stepper:
                 break
             n_states += 1
         weights = weigh_states(loads[-n_states:], aim)
-        weighted = list(zip(weights, trail[-n_states:], strict=True))
-        balls = np.sum([weight * state.balls for weight, state in weighted], axis=0)
+        pairs = list(zip(weights, trail[-n_states:], strict=True))
+        balls = np.sum([weight * state.balls for weight, state in pairs], axis=0)
         overlap = load.overlap
         if overlap is None:
-            overlap = sum(weight * state.overlap for weight, state in weighted)
+            overlap = sum(weight * state.overlap for weight, state in pairs)
         return balls, float(overlap)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
