@@ -110,8 +110,8 @@ class Equilibrium(Result):
         return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on
-        the lattice.
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays, or the strain, do not belong
+        to balls on the lattice.
         """
         super()._check()
         shape = array_shape(self.deviations, self.lattice)
@@ -124,6 +124,12 @@ class Equilibrium(Result):
             raise InputError(
                 f"the Equilibrium has {shapes}, which is no array of the {self.lattice.name}"
                 " lattice"
+            )
+        p = self.lattice.periods
+        if self.strain is not None and self.strain.shape != (p, p):
+            raise InputError(
+                f"the Equilibrium has a strain of the shape {self.strain.shape}, and the"
+                f" {self.lattice.name} lattice {p} periods"
             )
 
     @cached_property

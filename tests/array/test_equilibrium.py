@@ -4,6 +4,7 @@ own symmetries.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -574,3 +575,16 @@ def test_memory_of_arrays_is_kept_for_the_next_ones():
         [sys.executable, "-c", program], check=True, stdout=subprocess.PIPE, text=True
     )
     assert int(done.stdout) < 1000  # of 10,240 pages
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"strain": np.zeros((3, 3))}, "strain of the shape"),
+        ({"balls": np.zeros((1, 4, 4))}, "no array of the triangular"),
+    ],
+)
+def test_arrays_that_belong_to_no_balls_on_the_lattice_are_refused(changes, said):
+    state = bring_to_rest(balls((4, 4)), ReducedLoad(overlap=0.5))
+    with pytest.raises(InputError, match=said):
+        dataclasses.replace(state, **changes)
