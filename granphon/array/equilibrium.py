@@ -110,8 +110,8 @@ class Equilibrium(Result):
         return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the arrays, or the strain, do not belong
-        to balls on the lattice.
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays, or the strain, do not
+        belong to balls on the lattice.
         """
         super()._check()
         shape = array_shape(self.deviations, self.lattice)

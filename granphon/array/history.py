@@ -162,7 +162,8 @@ class LoadingHistory:
 
         Raises the errors of :meth:`begin`, and
         :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message
-        states the load, and ``reached`` of the error is the last state before it.
+        states the load, or one on the way to it, and ``reached`` of the error is the last state
+        before it.
         """
         trail = [self.begin() if first is None else first]
         for load in loads:

@@ -586,5 +586,6 @@ def test_memory_of_arrays_is_kept_for_the_next_ones():
 )
 def test_arrays_that_belong_to_no_balls_on_the_lattice_are_refused(changes, said):
     state = bring_to_rest(balls((4, 4)), ReducedLoad(overlap=0.5))
+    data = dataclasses.replace(state, **changes).to_dict()
     with pytest.raises(InputError, match=said):
-        dataclasses.replace(state, **changes)
+        Equilibrium.from_dict(data)
