@@ -328,8 +328,8 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     - an array with more than two axes or without columns; with other entries than real numbers,
       truth values or texts; with a whole number of more than 32 bits, which ASE does not read; or
       with a text that is empty or has blanks;
-    - an array whose name is empty, has blanks, colons, quotes, brackets or backslashes, or is
-      "symbols", "species", "pos" or "Z";
+    - an array whose name is no text, is empty, has blanks, colons, quotes, brackets or backslashes,
+      or is "symbols", "species", "pos" or "Z";
     - an entry of ``info`` whose key is no text, is empty, has an equals sign or one of these signs
       other than a blank, or is "Lattice", "Properties" or "pbc";
     - a text of ``info`` that is empty or has a line break or a backslash.
@@ -391,11 +391,12 @@ def _require_columns(name: str, array: NDArray[Any]) -> None:
         )
 
 
-def _require_name(name: str) -> None:
+def _require_name(name: Any) -> None:
     """Raise :class:`InputError` if the ``name`` of an array cannot stand in the second line of a
     file, as :func:`write_extxyz` says.
     """
-    if not name or _SIGNS.search(name) or name in _COLUMN_NAMES:
+    is_text = isinstance(name, str) and bool(name)
+    if not is_text or _SIGNS.search(name) or name in _COLUMN_NAMES:
         raise InputError(
             f"the Atoms have an array of the name {name!r}",
             "The second line of the file names its columns, and readers would not find this name",

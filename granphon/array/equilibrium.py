@@ -294,8 +294,8 @@ class Equilibrium(Result):
     @cached_property
     def derivatives(self) -> dict[int, float]:
         """Derivatives of the mean force f* with respect to y that have been found so far, by their
-        order, 1 or 2: empty until :attr:`stiffness` or :attr:`stiffness_slope` is asked for. Each
-        costs a linear response or more.
+        order, 1 or 2: empty until :attr:`stiffness` or :attr:`stiffness_slope` is asked for. To
+        find them takes one linear response or more.
         """
         return {}
 

@@ -165,29 +165,29 @@ class LoadStep:
 
         A ball that is squeezed out from between others has a long way to go, on which the limits
         change little at a time. If ``is_patient`` is true, the attempts with fixed limits end at a
-        smaller residual. The law itself is then tried only each ``options.limit_rounds`` times, and
-        whenever its residual is at most half of that from which it was last tried.
+        smaller residual. The law itself is then tried only in one of ``options.limit_rounds``
+        rounds, and whenever its residual is at most half of that from which it was last tried.
         """
         options = self._options
         part = options.limit_part ** (2 if is_patient else 1)
         rounds = options.limit_rounds if is_patient else 1
-        limited = start  # the last trial with a fixed limit
+        anchor = start  # the last trial with a fixed limit
         trial = start  # the last trial with the law itself
         last_size = math.inf  # residual from which the law itself was tried last
         for count in range(1, options.tries + 1):
-            if limited.imbalance == math.inf:
+            if anchor.imbalance == math.inf:
                 break
-            guess = limited.contacts.overlaps
-            limited = limited.follow(self._make_trial(limited.balls, limited.overlap, guess))
-            limited = self._iterate(limited, options.patience, guess, part=part)
-            trial = limited.follow(self._make_trial(limited.balls, limited.overlap))
+            guess = anchor.contacts.overlaps
+            anchor = anchor.follow(self._make_trial(anchor.balls, anchor.overlap, guess))
+            anchor = self._iterate(anchor, options.patience, guess, part=part)
+            trial = anchor.follow(self._make_trial(anchor.balls, anchor.overlap))
             if trial.size > 0.5 * last_size and count % rounds:
                 continue
             last_size = trial.size
             trial = self._iterate(trial, options.steps, patience=options.patience // 3)
             if trial.is_balanced:
                 break
-            limited = trial.follow(limited)
+            anchor = trial.follow(anchor)
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:

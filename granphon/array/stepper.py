@@ -203,7 +203,8 @@ class Stepper:
         wants_limits: bool = False,
     ) -> PressedArray | None:
         """Return the state to which balls come from the last state of the ``trail`` in one step to
-        a ``load``, slowed by dashpots of stiffness ``drag``; None if no balance is found.
+        a ``load``, slowed by dashpots of stiffness ``drag``, of which zero stands for none; None if
+        no balance is found.
 
         Unlike :meth:`step`, this method takes no shorter steps. If ``wants_limits`` is true, limits
         of sliding are found anew where Newton's method does not come to a balance.
