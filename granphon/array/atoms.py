@@ -116,7 +116,7 @@ def _find_massless(balls: Atoms) -> Flags:
     return np.asarray(balls.get_masses() == atomic_masses[balls.numbers])
 
 
-def has_sample_balls(balls: Atoms) -> bool:
+def has_sampled(balls: Atoms) -> bool:
     """Return whether any ball belongs to a simulated sample; balls without a kind do not."""
     return bool(np.any(balls.arrays.get(_KIND, LATTICE) == SAMPLE))
 
@@ -236,7 +236,7 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
     return kind
 
 
-def require_layer(balls: Atoms, periods: int) -> None:
+def require_lying(balls: Atoms, periods: int) -> None:
     """Raise :class:`InputError` unless the cell of the Atoms is one of balls on a lattice with so
     many ``periods``.
 

@@ -25,8 +25,8 @@ from granphon.array.atoms import (
     count_coordinates,
     find_kind,
     has_masses,
-    has_sample_balls,
-    require_layer,
+    has_sampled,
+    require_lying,
     take_arrays,
 )
 from granphon.balls.contact_model import ContactModel
@@ -882,7 +882,7 @@ class HertzMindlin(ContactCalculator):
                 "the Atoms hold a number that is not finite, in positions, cell or an array that"
                 " granphon added"
             )
-        require_layer(balls, self._periods)
+        require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         # contacts open at an overlap below zero if the law is a mean over diameters, or if balls
@@ -904,7 +904,7 @@ class HertzMindlin(ContactCalculator):
         loaded with friction, one with its exact geometry, and one whose cell has sheared.
         """
         samples = self.state.samples
-        if not samples or not has_sample_balls(balls):
+        if not samples or not has_sampled(balls):
             return
         if len(samples) > 1:
             raise InputError(
