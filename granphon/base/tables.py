@@ -24,7 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO, StringIO, TextIOWrapper
-from itertools import groupby, islice
+from itertools import islice
 from typing import Any, Self, TextIO
 
 import numpy as np
@@ -40,6 +40,8 @@ _DECIMAL_ADVICE = "Write decimals with a point"
 _UNIT_IN_BRACKETS = re.compile(r"[(\[]((?:[^()\[\]]|\([^()\[\]]*\))*)[)\]]\Z")
 #: the most characters of a cell that a message quotes
 _MOST_QUOTED_CHARACTERS = 40
+#: number of rows that are written at a time, and in quotes if one of them needs quotes
+_WRITTEN_ROWS = 1000
 #: longest cell that csv reads, in characters
 _LONGEST_CELL = csv.field_size_limit()
 
@@ -377,16 +379,21 @@ def write_table(
     writer = csv.writer(stream, lineterminator="\n")
     quoting_writer = csv.writer(stream, lineterminator="\n", quoting=csv.QUOTE_ALL)
     titles = [str(heading) for heading in headings]
-    head_needs_quotes = _looks_like_comment(titles) or _find_separator(",".join(titles)) != ","
+    head_needs_quotes = _look_like_comments([titles]) or _find_separator(",".join(titles)) != ","
     (quoting_writer if head_needs_quotes else writer).writerow(titles)
     stream.writelines(f"# {one_line(comment)}\n" for comment in comments)
-    for needs_quotes, following_rows in groupby(rows, _looks_like_comment):
-        (quoting_writer if needs_quotes else writer).writerows(following_rows)
+    remaining_rows = iter(rows)
+    while some_rows := list(islice(remaining_rows, _WRITTEN_ROWS)):
+        needs_quotes = _look_like_comments(some_rows)
+        (quoting_writer if needs_quotes else writer).writerows(some_rows)
 
 
-def _looks_like_comment(row: Sequence[Any]) -> bool:
-    """Whether a row would be skipped by :class:`Table` if its first cell had no quotes."""
-    return bool(row) and isinstance(row[0], str) and row[0].lstrip()[:1] == "#"
+def _look_like_comments(rows: Sequence[Sequence[Any]]) -> bool:
+    """Whether some of the ``rows`` would be skipped by :class:`Table` if their first cells had no
+    quotes.
+    """
+    first_texts = [row[0].lstrip() for row in rows if row and isinstance(row[0], str)]
+    return "#" in [text[:1] for text in first_texts]
 
 
 def table_text(

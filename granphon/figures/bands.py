@@ -707,8 +707,10 @@ def _find_long_waves(
         if speed > _ROUNDING * greatest:  # a smaller one is rounding of zero
             waves[name] = speed * q
     if isinstance(velocities, ContactLattice):
-        has_optical_branch = len(velocities.motions.rotations) == velocities.n_balls == 1
-        if has_optical_branch:
+        has_one_rotation = len(velocities.motions.rotations) == velocities.n_balls == 1
+        # where contacts resist rolling or twist alone the rotational branch begins at zero
+        at_gamma = velocities.frequencies(np.zeros((1, velocities.periods)))
+        if has_one_rotation and np.any(at_gamma > 0.0):
             squared, curvature = velocities.optical_branch(direction)
             decrease = 1.0 - curvature * q**2
             # the parabola ends where it would fall below zero

@@ -497,7 +497,7 @@ class ContactState(State, Result):
 
     @property
     def exponent(self) -> Values:
-        """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see
+        """Local exponent d log v / d log P = f k'/2k^2 of all sound velocities v, see
         :func:`granphon.local_exponent`.
         """
         slope = self.law.stiffness_slope(self.overlap)
@@ -910,7 +910,10 @@ class NetworkState(State):
         return results.reshape((*self.shape, *results.shape[1:]))
 
     def __getitem__(self, index: Any) -> State:
-        """Select some of the loads, by an index as for arrays."""
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`select_loads`.
+        """
+        select_loads(self.shape, index)  # raises its errors
         return as_state(self.source[index])
 
     @property

@@ -30,7 +30,7 @@ from granphon.waves.branches import read_count, read_wavevectors
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import DensityRequest
 from granphon.waves.lowest import estimate_lowest
-from granphon.waves.modes import DENSE, estimate_modes, require_countable
+from granphon.waves.modes import MOST_DENSE_MOTIONS, estimate_modes, require_countable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import PulseSource, count_products, find_frames_memory
 from granphon.waves.response import TOLERANCE, Places, ResponseOptions, ResponseWork
@@ -154,7 +154,7 @@ class WaveEstimate:
         """Return the cost of a density of states; arguments are those of ``Waves.dos``."""
         operator = self.operator
         request = DensityRequest.read(operator, resolution, vectors, seed, moments)
-        if operator.size <= DENSE:
+        if operator.size <= MOST_DENSE_MOTIONS:
             return self._cost_dense("density of states")
         n_moments = request.kernel.moments
         n_starts = request.vectors * (2 if operator.motions.rotate else 1)
@@ -207,7 +207,7 @@ class WaveEstimate:
         words = (
             f"{counted(count, 'branch', 'branches')} at {counted(len(wavevectors), 'wave vector')}"
         )
-        if operator.size <= DENSE:
+        if operator.size <= MOST_DENSE_MOTIONS:
             return self._cost_dense(words, float(len(wavevectors)))
         block_size = size_block(count)
         products, memory = estimate_lowest(operator, block_size)

@@ -244,7 +244,7 @@ def _scatter_at_all(
             for w, *waves in zip(omega_at_once, first_waves, last_waves, strict=True):
                 returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
                 (incoming, _), _ = waves
-                running_factors = incoming.factors[: incoming.running]
+                running_factors = incoming.factors[: incoming.n_running]
                 scattered.append(_ScatteredWaves(returning, passing, running_factors))
                 step.advance()
     return scattered
@@ -959,8 +959,8 @@ def _scatter(
     first_green = _find_green(square, first_blocks.inner, beyond_first)
     last_green = _find_green(square, last_blocks.inner, beyond_last)
     # incoming waves push the outer block of the first lead, and by it the strip
-    shapes = incoming.vectors[:, : incoming.running]
-    phases = incoming.factors[: incoming.running] ** first_reach
+    shapes = incoming.vectors[:, : incoming.n_running]
+    phases = incoming.factors[: incoming.n_running] ** first_reach
     push = first_blocks.up @ shapes * phases
     drive = lower.conj().T @ (first_blocks.down @ (shapes - first_green @ push))
     stiffness = matrix + _find_self_energies(work, first_green, last_green)

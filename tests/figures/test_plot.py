@@ -189,6 +189,25 @@ def test_long_waves_start_at_gamma_with_the_sound_velocities(phonons, bands, ax,
     )
 
 
+def test_a_rotational_branch_that_begins_at_zero_has_no_asymptote(phonons, ax):
+    network = phonons.state.network
+    zeros = np.zeros(network.n_contacts)
+    rolling = replace(
+        network,
+        shear_stiffness=zeros,
+        bending_stiffness=zeros + 1.0,
+        prestress=False,
+        lattice=None,
+        shape=None,
+    )
+    plot.plot_asymptotes(
+        phonons.bands("GM", npoints=3), gp.ContactLattice.from_network(rolling), ax
+    )
+    labels = [str(line.get_gid()) for line in ax.lines]
+    assert "asymptote-transverse-0" in labels
+    assert "asymptote-optical-0" not in labels
+
+
 def test_the_optical_asymptote_agrees_with_the_branch_to_fourth_order(phonons, ax):
     near = phonons.bands([[0.0, 0.0], [0.06, 0.06]], npoints=61, labels=("G", "q"))
     plot.plot_asymptotes(near, phonons.lattice, ax, reach=1.0)
