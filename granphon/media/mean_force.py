@@ -24,7 +24,7 @@ _MEAN_TOLERANCE = 4e-15
 #: force
 _SAMPLE_TOLERANCE = 1e-11
 #: relative error of a mean that is put down to rounding where no better one is found
-_ROUNDED_MEAN = 1e-13
+_MEAN_ROUNDING = 1e-13
 
 
 class MeanGoal(NamedTuple):
@@ -211,7 +211,7 @@ class MeanContacts(NamedTuple):
         ``balls_differ`` says whether balls differ in diameter, ``contacts_adhere`` whether contacts
         adhere.
         """
-        rounding = _ROUNDED_MEAN
+        rounding = _MEAN_ROUNDING
         if balls_differ:
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts

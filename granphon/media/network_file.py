@@ -557,8 +557,10 @@ class NetworkMedium(Medium[Any]):
     def require_sound(self, pushed: bool = False) -> None:
         """Raise nothing, ``pushed`` or not: what the contacts hold is found with the state."""
 
-    def has_finite_overlap(self, asked: bool) -> bool:
-        """Return whether the files have static forces that act as prestress, ``asked`` or not."""
+    def has_finite_overlap(self, wants_terms: bool) -> bool:
+        """Return whether the files have static forces that act as prestress; what the user wants,
+        ``wants_terms``, changes nothing.
+        """
         return bool(self.packing.network.prestress)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> LoadedNetwork:

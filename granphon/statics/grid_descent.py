@@ -121,7 +121,7 @@ class GridPlace:
         push = self.common_push + self._sums[:, 0] @ problem.strained
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of
         # doubles at the common overlap and at the displacements is too coarse to meet the load
-        largest = max(float(np.max(self.common)), float(np.max(np.abs(self.balls))))
+        largest = max(float(np.max(np.abs(self.common))), float(np.max(np.abs(self.balls))))
         rounding = 8.0 * math.ulp(self.force) + math.ulp(largest) * self.level
         return np.asarray(push * (np.abs(push) * problem.weight > rounding))
 

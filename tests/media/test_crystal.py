@@ -1015,6 +1015,7 @@ def test_a_state_is_plain_data_and_back(law):
 
 SQUARE = gp.Crystal.on("square", [PLAIN])
 ERRORS = {
+    "text of bytes": (lambda: gp.Crystal(b"x", [[8e-3]], [[0.0]]), "the balls are b.x"),
     "ball": (lambda: gp.Crystal(["x"], [[8e-3]], [[0.0]]), "'x' is not a ball"),
     "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 positions"),
     "cell": (lambda: gp.Crystal([S], [[8e-3, 0.0]], [[0.0]]), "the cell has the shape"),

@@ -400,6 +400,9 @@ def test_distribution_of_forces_integrates_to_one(spread):
         {"largest": 0.0},
         {"largest": math.nan},
         {"least": 7.0},
+        {"least": 1.0, "largest": 1.0 + 3e-16},  # the edges of bins are one number
+        {"least": -1e308, "largest": 1e308},  # the width of the range is no number
+        {"largest": 1e-320},  # densities are no numbers
     ):
         with pytest.raises(InputError, match="bins"):
             sample.force_distribution(**wrong)
