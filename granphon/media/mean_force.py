@@ -31,8 +31,8 @@ class PressureSearch:
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
     found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
-    :meth:`extrapolate`, and ``last_error``, the size of its relative error, to that of
-    :meth:`choose`.
+    :meth:`extrapolate`, and ``last_excess``, the excess of its mean (:meth:`find_excess`), to that
+    of :meth:`choose`; it is infinite before the first.
     """
 
     def __init__(self, goal: float, tolerance: float) -> None:
@@ -42,7 +42,12 @@ class PressureSearch:
         self.high = math.inf
         self.last_pressure = 0.0
         self.last_mean = math.nan
-        self.last_error = math.inf
+        self.last_excess = math.inf
+
+    @property
+    def last_error(self) -> float:
+        """The size of the relative error of the last trial; infinite before the first."""
+        return abs(self.last_excess)
 
     def find_excess(self, mean: float) -> float:
         """Return how far a ``mean`` is above the goal, relative to the goal."""
@@ -57,11 +62,11 @@ class PressureSearch:
         return error <= self.tolerance or is_rounded
 
     def is_stuck(self, mean: float, rounding: float) -> bool:
-        """Return whether a ``mean`` is above the goal, and as far from the goal as the mean of the
-        trial before, to the relative error ``rounding``: less pressure changes nothing.
+        """Return whether a ``mean`` is above the goal, by as much as the mean of the trial before,
+        to the part ``rounding`` of the excess: less pressure changes nothing.
         """
         excess = self.find_excess(mean)
-        return excess > 0.0 and abs(excess - self.last_error) <= rounding * excess
+        return excess > 0.0 and abs(excess - self.last_excess) <= rounding * excess
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
         """Return the pressure at which the secant through the last two trials, of which the second
@@ -84,7 +89,7 @@ class PressureSearch:
         As long as no mean was too large, the interval is taken to end at twice the ``pressure``.
         """
         excess = self.find_excess(mean)
-        self.last_error = abs(excess)
+        self.last_excess = excess
         if excess < 0.0:
             self.low = pressure
         else:

@@ -157,7 +157,9 @@ def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | No
     """
     load = problem.load
     assembly = problem.assembly
-    if np.any(load.force) or not load.has_strain:
+    if np.any(load.force):
+        return None
+    if load.stress is not None or load.mean_force is not None:
         return load.scale(factor)
     laws = assembly.laws
     configuration = problem.start_at(find_unknowns(problem, rest))

@@ -183,9 +183,9 @@ class GridPlace:
         return self.problem.find_overlaps(self.balls, self.strains)
 
     def find_overlaps_at_rest(self) -> Array:
-        """Return the overlaps (kinds, cells) of balls at rest. A contact of balls that differ
-        counts as just open if its force may be nothing but a residual: its stiffness would hold a
-        ball that nothing holds.
+        """Return the overlaps (kinds, cells) of balls at rest. Where balls differ, that of a closed
+        contact is zero if its force may be nothing but a residual: its stiffness would hold a ball
+        that nothing holds.
         """
         overlap = self.find_overlaps()
         if self.problem.spread:

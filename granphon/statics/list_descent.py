@@ -80,9 +80,10 @@ class LatticeWay:
     Attributes
     ----------
     fall : fall of the energy per length at the start, J.
-    longest : the greatest length. It is infinite where no contact adheres. Otherwise it is the
-        part ``options.tear_part`` of the length at which the first contact would be torn, but at
-        least :data:`~granphon.contacts.assembly.ROUNDING`.
+    longest : the greatest length, infinite where no contact would be torn. Otherwise it is the part
+        ``options.tear_part`` of the length at which the first contact would be torn, but at least
+        :data:`~granphon.contacts.assembly.ROUNDING`. Contacts that bear no tension are not torn,
+        and open on the way as they may.
     """
 
     def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
@@ -94,8 +95,9 @@ class LatticeWay:
         self.longest = math.inf
         laws = start.problem.assembly.laws
         if laws.adhere:
-            is_parting = self._loss > 0.0
-            lengths_to_tear = (start.overlap - laws.least)[is_parting] / self._loss[is_parting]
+            # those that are open already cannot be torn
+            can_tear = (laws.tension > 0.0) & (start.overlap >= laws.least) & (self._loss > 0.0)
+            lengths_to_tear = (start.overlap - laws.least)[can_tear] / self._loss[can_tear]
             longest = options.tear_part * float(np.min(lengths_to_tear, initial=math.inf))
             # a contact that is about to be torn does not end the search at once
             self.longest = max(longest, ROUNDING)
@@ -141,14 +143,15 @@ class LatticeDescent(ListDescent):
     def begin(self, start: Rest | None) -> Configuration:
         """Return the configuration from which the way begins: that of ``start``, if there is one.
         Without a start, it is that of balls on their sites, if a strain is given or the balls press
-        each other there without a load, and otherwise that of linear springs at rest.
+        each other there without a load, and otherwise that of linear springs at rest, with the
+        errors of :meth:`_relax_springs`.
         """
         problem = self.problem
         if start is not None:
             return self._take_up(start)
         on_sites = problem.start_at(np.zeros(problem.size))
-        presses_on_sites = not problem.load.acts and on_sites.force_size > 0.0
-        if problem.load.has_strain or presses_on_sites:
+        is_pressed_on_sites = not problem.load.acts and on_sites.force_size > 0.0
+        if problem.load.has_strain or is_pressed_on_sites:
             return on_sites
         return self._relax_springs(on_sites)
 

@@ -13,7 +13,6 @@ motion.
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -63,14 +62,13 @@ def lead_loose_balls(
         force_at_rest=tolerance * configuration.force_size,
     )
     x = configuration.x.copy()
-    for _ in range(options.steps):
-        cages, moving = _lead_clusters(cages, sizes, options)
+    while True:
+        cages, moves = _lead_clusters(cages, sizes, options)
         x[of_loose] += cages.displacement[:-1, :d].ravel()
-        if not np.any(moving):
-            break
-        cages = cages.cut_out(moving)
-        of_loose = of_loose[np.repeat(moving, d)]
-    return configuration.move(x)
+        if not np.any(moves):
+            return configuration.move(x)
+        cages = cages.cut_out(moves)
+        of_loose = of_loose[np.repeat(moves, d)]
 
 
 class _Sizes(NamedTuple):
@@ -90,7 +88,7 @@ class _Sizes(NamedTuple):
 
 def _lead_clusters(cages: _Cages, sizes: _Sizes, options: RestOptions) -> tuple[_Cages, Flags]:
     """Return the cages in which more than three quarters of the balls have come to rest, and which
-    balls (n,) have not: the caller goes on with them, in smaller clusters. After
+    balls (n,) still move: the caller goes on with them, in smaller clusters. After
     ``options.inner_steps`` the clusters that are left are given up, and none of their balls counts
     as moving.
 
@@ -104,6 +102,8 @@ def _lead_clusters(cages: _Cages, sizes: _Sizes, options: RestOptions) -> tuple[
     for _ in range(options.inner_steps):
         largest = cages.find_largest_pulls(cluster, n_clusters)
         moves = (largest > sizes.force_at_rest)[cluster]
+        # a quarter: all assemblies that are cut out, one after the other, together have less than a
+        # third of the balls of this one, and take little time
         if 4 * int(np.count_nonzero(moves)) < n:
             return cages, moves
         relative_force = np.minimum(1.0, largest[cluster] / sizes.force)
@@ -289,7 +289,8 @@ def go_down(configuration: Configuration, way: Array, options: RestOptions) -> C
     """
     largest = float(np.max(np.abs(configuration.problem.assembly.offset)))
     way = way * (options.descent * largest / float(np.max(np.abs(way))))
-    way *= math.copysign(1.0, float(configuration.pull @ way))
+    if float(configuration.pull @ way) < 0.0:
+        way = -way
     below = configuration
     length = 1.0
     while length * options.descent < 1.0:
@@ -307,7 +308,8 @@ def has_soft_motions(equations: Equations) -> bool:
 
     Balls with no more contacts than axes along which balls move are loose anyway, and are held. If
     these are all balls, there are no such motions. Motions of the free strains of the cell count
-    too.
+    too. Turning of the whole counts as free even where a body that is held resists it: as many
+    other motions may then be missed.
     """
     options = equations.options
     problem = equations.problem

@@ -502,9 +502,9 @@ def find_strongest_push(configuration: Configuration) -> float:
 
 
 def _draw_forces(configuration: Configuration) -> Array:
-    """Return random forces (n d,) on balls, the same at each call for the same contacts: each
-    contact pushes its balls along its direction by the root of its stiffness, and along each axis
-    by the root of f/r, each times a random number between -1/2 and 1/2.
+    """Return random forces (n d,) on balls, (N/m)^(1/2), the same at each call for the same
+    contacts: each contact pushes its balls along its direction by the root of its stiffness, and
+    along each axis by the root of |f|/r, both times random numbers from -1/2 to 1/2.
     """
     problem = configuration.problem
     assembly = problem.assembly

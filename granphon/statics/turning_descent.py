@@ -208,14 +208,14 @@ class TurningDescent(ListDescent):
         rest, and is not to be compared with.
         """
         if self._move_in_turn:
-            changes = self.trail.n_stalled > self.options.patience_of_turns
-            if changes:
+            is_to_change = self.trail.n_stalled > self.options.patience_of_turns
+            if is_to_change:
                 # in turn again only nearer to rest than moves in turn have led
-                nearer = 0.5 * self.trail.least_residual
-                self._residual_of_turns = min(self._residual_of_turns, nearer)
+                nearer_residual = self.trail.nearer_residual
+                self._residual_of_turns = min(self._residual_of_turns, nearer_residual)
         else:
-            changes = place.residual <= self._residual_of_turns
-        if changes:
+            is_to_change = place.residual <= self._residual_of_turns
+        if is_to_change:
             self._move_in_turn = not self._move_in_turn
             self.trail = Trail()
 
