@@ -632,7 +632,7 @@ def motion_memory(balls: int, contacts: int, frames: int) -> float:
 
 def motion(
     measure: Callable[[], float],
-    steps: float,
+    steps: int,
     balls: int,
     contacts: int,
     frames: int,
@@ -654,7 +654,7 @@ def motion(
     products = steps * products_of_step + frames * _FRAME_PRODUCTS
     units = Units(products * balls, measure)
     memory = motion_memory(balls, contacts, frames)
-    description = f"motion of {_count(balls, 'ball')} in {_count(round(steps), 'step')}"
+    description = f"motion of {_count(balls, 'ball')} in {_count(steps, 'step')}"
     return Cost(memory, units=(units,), parts=(description,), libraries=NUMBA_BYTES)
 
 
