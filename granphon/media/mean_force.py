@@ -172,5 +172,6 @@ class MeanContacts(NamedTuple):
         if kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:
-            terms = np.abs(self.force / np.where(self.is_counted, self.stiffness, np.inf))
+            # open contacts, which have neither force nor stiffness, have no such part
+            terms = np.abs(self.force / np.where(self.stiffness != 0.0, self.stiffness, np.inf))
         return rounding * max(1.0, float(np.mean(terms[self.is_counted])) / goal)

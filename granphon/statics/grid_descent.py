@@ -152,7 +152,8 @@ class GridPlace:
         """The largest force left on a ball, over the scale to which tolerances refer: the mean
         force of contacts, or the standard deviation of their forces if that is less, but at least
         that of ``options.least_difference``. If the force left on the strains, over the mean force
-        and the tolerance of the cell, is larger, the residual is that force.
+        and the tolerance of the cell, is larger, the residual is that force. Contacts must
+        carry something.
         """
         problem = self.problem
         options = self.options
@@ -171,9 +172,12 @@ class GridPlace:
 
     @property
     def carries_nothing(self) -> bool:
-        """Whether the strain is given, some contacts are open, and the mean force of all is below
-        ``options.threshold``: then contacts carry nothing.
+        """Whether contacts carry nothing: their mean force is the rounding of the common forces, as
+        where a load that contacts cannot bear deforms the cell without end, or is zero. Or the
+        strain is given, some contacts are open, and the mean force is below ``options.threshold``.
         """
+        if self.force <= ROUNDING * float(np.max(self.common_force)):
+            return True
         if not self.problem.has_given_strain or self.force >= self.options.threshold:
             return False
         return not np.all(self.root)

@@ -198,6 +198,13 @@ def test_means_are_over_all_contacts_and_are_met(follows):
     assert_allclose(np.mean(state.overlap), 1e-6, rtol=2e-11)
 
 
+def test_a_mean_overlap_of_balls_that_adhere_is_met_where_contacts_are_open():
+    crystal = gp.Crystal.on("triangular", [BALL], law=gp.DMT(0.05)).sample((4, 4), seed=3)
+    state = crystal.at_overlap(1e-7)
+    assert np.any(state.normal_stiffness == 0.0)
+    assert_allclose(np.mean(state.overlap), 1e-7, rtol=2e-11)
+
+
 @pytest.mark.parametrize(("lattice", "shape"), [("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))])
 def test_a_mean_overlap_is_found_from_far_away(lattice, shape):
     state = gp.Crystal.on(lattice, [BALL]).sample(shape, seed=1).at_overlap(2e-7)
@@ -302,6 +309,14 @@ def cluster():
             r"drawn by crystal\.sample",
         ),
         (lambda: square(WIDTH).sample((2, 2), -1), "seed"),
+        (
+            lambda: (
+                gp.Crystal.on("honeycomb", [BALL])
+                .sample((4, 4), seed=3)
+                .at_stress(np.diag([-1e3, -1.2e3]))
+            ),
+            "cannot bear",
+        ),
         (lambda: cluster().sample((2,)), "has no period"),
         (lambda: square(WIDTH).sample((2, 2), diameters=np.full((2, 2, 2), D)), "and no shape"),
         (
