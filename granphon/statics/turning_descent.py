@@ -258,9 +258,9 @@ class TurningDescent(ListDescent):
         if self.problem.assembly.differs:
             options = self.options
             left_before = options.loosening_force * place.residual * ahead.force_size
-            part_of_worst = options.shaken_force * float(np.max(ahead.force_on_balls))
-            shaken = ahead.force_on_balls > max(left_before, part_of_worst)
-            if np.mean(shaken) <= options.shaken_part:
+            largest = float(np.max(ahead.force_on_balls, initial=0.0))
+            shaken = ahead.force_on_balls > max(left_before, options.shaken_force * largest)
+            if np.count_nonzero(shaken) <= options.shaken_part * len(shaken):
                 self.loose = self.loose | shaken
         return ahead
 

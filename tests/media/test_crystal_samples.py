@@ -205,6 +205,14 @@ def test_a_mean_overlap_of_balls_that_adhere_is_met_where_contacts_are_open():
     assert_allclose(np.mean(state.overlap), 1e-7, rtol=2e-11)
 
 
+def test_a_layer_that_is_held_as_a_whole_comes_to_rest_in_the_true_geometry():
+    """No ball moves by itself: the clamp alone moves, and the cell strains."""
+    layer = gp.Crystal.on("triangular", [BALL]).sample((4, 4), seed=3)
+    layer = layer.cut(1, 1, edges=("floor", "clamped"))
+    force = layer.at_force(2.0, finite_overlap=True).normal_force
+    assert_allclose(force, layer.at_force(2.0, finite_overlap=False).normal_force, atol=1e-2)
+
+
 @pytest.mark.parametrize(("lattice", "shape"), [("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))])
 def test_a_mean_overlap_is_found_from_far_away(lattice, shape):
     state = gp.Crystal.on(lattice, [BALL]).sample(shape, seed=1).at_overlap(2e-7)
