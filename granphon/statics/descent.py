@@ -172,7 +172,7 @@ class Descent(ABC, Generic[P]):
         """Return the place along the ``way`` of a step at which the energy hardly falls any more,
         and the length of the step, 1 for a whole step. There the slope is at most a ``part`` of
         that at the start, by default ``options.slope``, unless ``options.slopes`` lengths find no
-        such place.
+        such place or the energy still falls at the greatest length of the way.
         """
         options = self.options
         return follow(way, options.slope if part is None else part, options.slopes)

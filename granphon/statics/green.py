@@ -54,8 +54,10 @@ class GreenFunction:
         fft = load_transforms()
         axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
-        moved = multiply_waves(self._table, forces.dtype.type(scale), waves)
-        motions = fft.irfftn(moved, self._shape, axes=axes, workers=self._workers, overwrite_x=True)
+        waves_of_motions = multiply_waves(self._table, forces.dtype.type(scale), waves)
+        motions = fft.irfftn(
+            waves_of_motions, self._shape, axes=axes, workers=self._workers, overwrite_x=True
+        )
         return np.asarray(motions.reshape(forces.shape))
 
 

@@ -162,19 +162,26 @@ class GridPlace:
         variance = max(0.0, self.square / self.excess.size - mean_excess**2)
         least = self.level * options.least_difference * problem.spread
         scale = min(self.force, max(math.sqrt(variance), least))
-        # on a line displacements add up, as in a random walk, and all that is left in the end is
-        # their rounding
-        moved = float(np.max(np.abs(self.balls))) if len(problem.grid.shape) == 1 else 0.0
-        is_rounding = self.largest_pull <= options.move_rounding * math.ulp(moved) * self.level
         push = float(np.max(np.abs(self.push), initial=0.0)) * problem.weight
         of_strains = push / (problem.problem.load.cell_tolerance * self.force) if push else 0.0
-        return max(0.0 if is_rounding else self.largest_pull / scale, of_strains)
+        of_balls = 0.0 if self._has_rounded_pull else self.largest_pull / scale
+        return max(of_balls, of_strains)
+
+    @property
+    def _has_rounded_pull(self) -> bool:
+        """Whether no force is left on balls, or, on a line, none but what the rounding of
+        displacements explains: there displacements add up, as in a random walk.
+        """
+        is_line = len(self.problem.grid.shape) == 1
+        largest = float(np.max(np.abs(self.balls))) if is_line else 0.0
+        return self.largest_pull <= self.options.move_rounding * math.ulp(largest) * self.level
 
     @property
     def carries_nothing(self) -> bool:
-        """Whether contacts carry nothing: their mean force is the rounding of the common forces, as
-        where a load that contacts cannot bear deforms the cell without end, or is zero. Or the
-        strain is given, some contacts are open, and the mean force is below ``options.threshold``.
+        """Whether contacts carry nothing. Their mean force is then zero, or the rounding of the
+        common forces, as where a load that they cannot bear deforms the cell without end. Where a
+        strain is given and some contacts are open, a mean force below ``options.threshold`` is
+        nothing too.
         """
         if self.force <= ROUNDING * float(np.max(self.common_force)):
             return True

@@ -287,8 +287,8 @@ class TangentIteration(GridIteration):
         fft = load_transforms()
         axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
-        moved = multiply_waves(self._green, self._softness, waves)
-        motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
+        waves_of_motions = multiply_waves(self._green, self._softness, waves)
+        motions = fft.irfftn(waves_of_motions, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
     def lay_forces(self, forces: Array) -> Array:

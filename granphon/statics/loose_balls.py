@@ -167,10 +167,10 @@ class _Cages:
         balls.
         """
         assembly = self.assembly
-        across = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.turned.distance)
+        side_stiffness = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.turned.distance)
         steps = np.empty((assembly.n_balls, assembly.dimension))
         ends = (assembly.i, assembly.j)
-        of_contacts = (self.turned.normal, self.stiffness, across)
+        of_contacts = (self.turned.normal, self.stiffness, side_stiffness)
         find_cluster_steps(*ends, *of_contacts, springs, moves, self.pull, steps)
         return steps
 
@@ -319,19 +319,21 @@ def has_soft_motions(equations: Equations) -> bool:
     # the whole may move along axes that nothing hinders, and turn in each plane of two axes across
     # the periods
     n_still = len(assembly.free_axes) + (d - p) * (d - p - 1) // 2
-    free = np.flatnonzero(np.repeat(assembly.n_touching > d, d))  # motions that are not held
-    if not len(free):
+    # numbers of the motions of balls that are not held
+    motions = np.flatnonzero(np.repeat(assembly.n_touching > d, d))
+    if not len(motions):
         return False
     from scipy.sparse import eye_array
 
     start = problem.start_at(np.zeros(problem.size))
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
-    matrix: Any = linear.matrix[free][:, free] - options.soft_stiffness * eye_array(len(free))
+    springs = options.soft_stiffness * eye_array(len(motions))
+    matrix: Any = linear.matrix[motions][:, motions] - springs
     factors = factorise(matrix.tocsc())
     # eigenvalues below zero once the least stiffness that counts is taken away
     n_soft = factors.n_below
     if len(linear.corner):
-        border = linear.border[free]
+        border = linear.border[motions]
         corner = linear.corner - border.T @ np.reshape(factors.solve(border), border.shape)
         n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft_stiffness))
     return n_soft > n_still

@@ -148,8 +148,8 @@ class TurningDescent(ListDescent):
             if has_soft_motions(self.equations):
                 raise self._explain_mechanism()
             assembly.standing.add(n_strains)
-        heavy = configuration.force > self.options.light_force * configuration.force_size
-        self.loose = assembly.count_contacts(heavy) <= assembly.dimension
+        is_heavy = configuration.force > self.options.light_force * configuration.force_size
+        self.loose = assembly.count_contacts(is_heavy) <= assembly.dimension
         return configuration
 
     def _explain_mechanism(self) -> MechanismError:
@@ -259,9 +259,9 @@ class TurningDescent(ListDescent):
             options = self.options
             left_before = options.loosening_force * place.residual * ahead.force_size
             largest = float(np.max(ahead.force_on_balls, initial=0.0))
-            shaken = ahead.force_on_balls > max(left_before, options.shaken_force * largest)
-            if np.count_nonzero(shaken) <= options.shaken_part * len(shaken):
-                self.loose = self.loose | shaken
+            is_shaken = ahead.force_on_balls > max(left_before, options.shaken_force * largest)
+            if np.count_nonzero(is_shaken) <= options.shaken_part * len(is_shaken):
+                self.loose = self.loose | is_shaken
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
@@ -371,9 +371,9 @@ class TurningDescent(ListDescent):
         that iterations take less time, or there are too many balls for factors.
         """
         assembly = self.problem.assembly
-        closed = int(np.count_nonzero(configuration.stiffness))
-        motions = assembly.n_balls * assembly.dimension
-        return closed >= self.options.grid.rigidity * motions or not self.is_factored
+        n_closed = int(np.count_nonzero(configuration.stiffness))
+        n_motions = assembly.n_balls * assembly.dimension
+        return n_closed >= self.options.grid.rigidity * n_motions or not self.is_factored
 
     @property
     def _most_iterations(self) -> int:
