@@ -298,8 +298,9 @@ class Arrangement:
         rows.append(("contact law", law, ""))
         for _, layers, edges in self.cut:
             words = [edge if isinstance(edge, str) else edge.describe() for edge in edges]
-            cut = f"{counted(layers, 'layer')}, {' and '.join(words)}"
-            rows.append(("cut", cut, ""))
+            # the faces of a given crystal, as cuts of zero layers, do not tell how many it has
+            n_layers = f"{counted(layers, 'layer')}, " if layers else ""
+            rows.append(("cut", f"{n_layers}{' and '.join(words)}", ""))
         if self.torsion:
             rows.append(("torsion", self.torsion, "k d^2"))
         if self.bending:

@@ -510,7 +510,7 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     ``eigenvectors``, and then with the lines of a ``file`` if one is written.
 
     Memory and time of a wave vector grow as the square of the number of ``branches``, as measured
-    with 2, 3 and 9 branches; the time is that in which a number of numbers is written as text. With
+    with 2, 3 and 9 branches; the unit of time is that in which a number is written as text. With
     more than :data:`~granphon.dynamics.linalg.MANY_COLUMNS` branches the time of the eigenvalues is
     added, which grows as the cube of the number of branches: a small matrix is timed.
     """

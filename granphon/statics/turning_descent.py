@@ -304,8 +304,8 @@ class TurningDescent(ListDescent):
         ahead = self._go_on(configuration, step)
         if self._is_within_reach(ahead):
             return ahead
-        # -f/r has the other sign alone: with the true sign, a step along which there is hardly any
-        # curvature has no end
+        # with the other sign of -f/r alone: with the true sign, a step along which there is hardly
+        # any curvature has no end
         return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
 
     def _go_on(self, configuration: Configuration, step: Array) -> Configuration:
@@ -355,13 +355,14 @@ class TurningDescent(ListDescent):
         ):
             stiffness = configuration.stiffness
             linear = self.equations.linearise(configuration, stiffness)
+            # with weak springs a curvature below zero that is rounding does not count
             springs = options.curvature * find_strongest_push(configuration)
             factors = linear.factorise(springs)
             self._factored = None
             if factors.n_below:
                 return None
-            row = find_mean_row(configuration, stiffness)
-            invert = linear.invert(configuration.load_slope, row, factors)
+            mean_row = find_mean_row(configuration, stiffness)
+            invert = linear.invert(configuration.load_slope, mean_row, factors)
             factored = Factored(stiffness, residual, invert)
         self._factored = factored._replace(residual=residual)
         return self.problem.remove_drift(factored.invert(configuration.pull))
@@ -394,7 +395,8 @@ class TurningDescent(ListDescent):
         options = self.options
         residual = configuration.residual
         stiffness = configuration.stiffness
-        added = options.added_stiffness * min(1.0, residual) * float(np.mean(stiffness))
+        part = options.added_stiffness * min(1.0, residual)
+        stiffness = stiffness + part * float(np.mean(stiffness))
         load_slope = configuration.load_slope
         least = options.grid.margin * self.tolerance / residual
         # where hardly a contact opens or closes, two accurate steps take less time than three rough
@@ -404,7 +406,7 @@ class TurningDescent(ListDescent):
         for turning in turnings:
             solution = self.grid_equations.solve(
                 configuration,
-                stiffness + added,
+                stiffness,
                 configuration.pull,
                 turning,
                 reduction,
@@ -417,9 +419,7 @@ class TurningDescent(ListDescent):
             if solution.has_arrived or not self.is_factored:
                 return solution.step
             break
-        return self.equations.solve(
-            configuration, stiffness + added, configuration.pull, -1.0, load_slope
-        )
+        return self.equations.solve(configuration, stiffness, configuration.pull, -1.0, load_slope)
 
     def _find_step(self, configuration: Configuration) -> Array:
         """Return the step (size,) of Newton's method, by factors; for too many balls for factors, a
@@ -439,11 +439,11 @@ class TurningDescent(ListDescent):
         for factors, leave f/r out.
         """
         stiffness = configuration.stiffness
-        distance = min(1.0, configuration.residual)
-        added = self.options.added_stiffness * distance * float(np.mean(stiffness))
+        part = self.options.added_stiffness * min(1.0, configuration.residual)
+        stiffness = stiffness + part * float(np.mean(stiffness))
         if not self.is_factored:
-            return self._find_iterated_step(configuration, stiffness + added)
-        return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)
+            return self._find_iterated_step(configuration, stiffness)
+        return self.equations.solve(configuration, stiffness, configuration.pull, -1.0)
 
     def _find_iterated_step(self, configuration: Configuration, stiffness: Array) -> Array:
         """Return a step (size,) for contacts of a ``stiffness`` (n_c,), N/m, without -f/r, by
