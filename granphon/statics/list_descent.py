@@ -83,7 +83,8 @@ class LatticeWay:
     longest : the greatest length, infinite where no contact would be torn. Otherwise it is the part
         ``options.tear_part`` of the length at which the first contact would be torn, but at least
         :data:`~granphon.contacts.assembly.ROUNDING`. Contacts that bear no tension are not torn,
-        and open on the way as they may.
+        and may open on the way, but for those of balls that do not differ, beside springs to the
+        ground or bonds.
     """
 
     def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
@@ -96,7 +97,12 @@ class LatticeWay:
         laws = start.problem.assembly.laws
         if laws.adhere:
             # those that are open already cannot be torn
-            can_tear = (laws.tension > 0.0) & (start.overlap >= laws.least) & (self._loss > 0.0)
+            can_tear = (laws.tension > 0.0) & (start.overlap >= laws.least)
+            if np.any(np.isinf(laws.tension)) and not start.problem.assembly.differs:
+                # springs may leave a contact of equal balls a force that is next to nothing, and
+                # rounding once it has opened: no step opens a contact, and the search tells of it
+                can_tear[:] = True
+            can_tear &= self._loss > 0.0
             lengths_to_tear = (start.overlap - laws.least)[can_tear] / self._loss[can_tear]
             longest = options.tear_part * float(np.min(lengths_to_tear, initial=math.inf))
             # a contact that is about to be torn does not end the search at once
@@ -312,8 +318,8 @@ class LatticeDescent(ListDescent):
         return error
 
     def _explain_unloaded(self, place: Configuration, contact: int) -> InputError:
-        """Return the error of a ``contact``, by number, that has no force at ``place``, since
-        springs to the ground or bonds bear the load.
+        """Return the error of a ``contact``, by number, that has no force but rounding at
+        ``place``, since springs to the ground or bonds bear the load.
         """
         laws = self.problem.assembly.laws
         never_opens = np.isinf(laws.tension)
