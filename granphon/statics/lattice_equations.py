@@ -125,7 +125,7 @@ class LatticeEquations:
         preconditioned = np.empty_like(remaining)
         square = grid_loops.find_scalar_product(remaining, remaining)
         largest_square = reduction**2 * square
-        product = 0.0
+        product = 0.0  # so that the first direction is the preconditioned force
         count = 0
         while square > largest_square and count < self.options.most_iterations:
             preconditioned[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)

@@ -327,8 +327,8 @@ def has_soft_motions(equations: Equations) -> bool:
 
     start = problem.start_at(np.zeros(problem.size))
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
-    springs = options.soft_stiffness * eye_array(len(motions))
-    matrix: Any = linear.matrix[motions][:, motions] - springs
+    shift = options.soft_stiffness * eye_array(len(motions))
+    matrix: Any = linear.matrix[motions][:, motions] - shift
     factors = factorise(matrix.tocsc())
     # eigenvalues below zero once the least stiffness that counts is taken away
     n_soft = factors.n_below
