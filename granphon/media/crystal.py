@@ -1766,7 +1766,10 @@ class Crystal(Result):
         has_gravity = acceleration is not None
         next_pressure = self._estimate_pressure(goal)
         search = PressureSearch(
-            goal, balls_differ=balls_differ, contacts_adhere=laws.can_adhere, has_gravity=has_gravity
+            goal,
+            balls_differ=balls_differ,
+            contacts_adhere=laws.can_adhere,
+            has_gravity=has_gravity,
         )
         start: Rest | None = None
         state: Rest | None = None

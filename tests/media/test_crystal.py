@@ -24,6 +24,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
 from granphon.media import crystal as crystal_module
+from granphon.media.mean_force import MeanGoal, PressureSearch
 from granphon.media.state import as_state
 
 G = 9.81
@@ -753,6 +754,16 @@ def test_exact_statics_tend_to_those_of_small_overlap():
 
 
 # -- edges, gravity --------------------------------------------------------------------------------
+
+
+def test_a_search_that_steps_over_its_goal_is_not_stuck():
+    goal = MeanGoal("force", 1.0)
+    search = PressureSearch(goal, balls_differ=False, contacts_adhere=False, has_gravity=True)
+    search.choose(1.0, 0.9, 2.0)
+    assert not search.is_stuck(1.1, 1e-9)
+    search.choose(2.0, 1.1, 1.5)
+    assert search.is_stuck(1.1, 1e-9)
+    assert search.last_error == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("follows", [False, True])
