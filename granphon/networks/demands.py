@@ -85,29 +85,15 @@ def _list_demands_on_ends(network: Any) -> Iterator[_Demand]:
 
 def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     """Yield the demands that normals have the length one, that forces and stiffnesses are in their
-    ranges, that tangential forces are across the normals, and that torques and arms are finite.
+    ranges, that tangential forces are across the normals, and that these, torques and arms are
+    finite and below ``LARGEST_NUMBER``.
     """
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
-    yield (
-        "normal",
-        np.abs(length - 1.0) <= UNIT_TOLERANCE,
-        "has a normal whose length is not one",
-        "",
-    )
+    is_unit = np.abs(length - 1.0) <= UNIT_TOLERANCE
+    yield "normal", is_unit, "has a normal whose length is not one", ""
     for name, lower_limit in _SPRINGS.items():
-        values = getattr(network, name)
-        fault = f"has a {name} that is not {lower_limit}"
-        is_in_range = np.isfinite(values)
-        if name == "normal_force" and network.adhesive:
-            fault = f"has a {name} that is not finite"
-        elif lower_limit == "above zero":
-            is_in_range &= values > 0.0
-        else:
-            is_in_range &= values >= 0.0
-        if name == "normal_force" and not network.adhesive:
-            fault += "; forces that pull are not of elastic balls"
-        yield name, is_in_range, fault, ""
+        yield _make_demand_on_springs(network, name, lower_limit)
     tangential = network.tangential_force
     if tangential is not None:
         name = "tangential_force"
@@ -124,6 +110,22 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     for name in ("arm_i", "arm_j"):
         is_finite = np.abs(getattr(network, name)) < LARGEST_NUMBER
         yield name, is_finite, f"has an {name} {_SIZE_FAULT} m", ""
+
+
+def _make_demand_on_springs(network: Any, name: str, lower_limit: str) -> _Demand:
+    """Return the demand that the forces or stiffnesses in the field ``name`` are finite, and "above
+    zero" or "zero or above", whichever is the ``lower_limit``; adhesive forces have no limit.
+    """
+    values = getattr(network, name)
+    is_finite = np.isfinite(values)
+    is_force = name == "normal_force"
+    if is_force and network.adhesive:
+        return name, is_finite, f"has a {name} that is not finite", ""
+    is_in_range = values > 0.0 if lower_limit == "above zero" else values >= 0.0
+    fault = f"has a {name} that is not {lower_limit}"
+    if is_force:
+        fault += "; forces that pull are not of elastic balls"
+    return name, is_finite & is_in_range, fault, ""
 
 
 def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
