@@ -88,9 +88,13 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
             remark = f"The first {n_panels} of {len(names)} quantities"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
     if tell is not None and n_panels < len(names):
-        left_out = names[n_panels:]
-        words = f"from {left_out[0]!r} to {left_out[-1]!r}" if left_out[1:] else left_out[0]
-        tell(f"{counted(len(left_out), 'quantity', 'quantities')} left out, {words}")
+        names_left_out = names[n_panels:]
+        words = (
+            f"from {names_left_out[0]!r} to {names_left_out[-1]!r}"
+            if names_left_out[1:]
+            else names_left_out[0]
+        )
+        tell(f"{counted(len(names_left_out), 'quantity', 'quantities')} left out, {words}")
     return figure
 
 
