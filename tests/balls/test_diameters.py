@@ -416,6 +416,13 @@ def test_medium_average_by_adaptive_quadrature():
 # -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("spread", SPREADS.values(), ids=SPREADS)
+def test_averages_at_a_place_that_is_no_number_are_no_numbers(spread):
+    for power in (-0.5, 0.0, 1.5):
+        assert math.isnan(spread.shape.average(math.nan, power))
+        assert math.isnan(spread.shape.average(0.1, power, math.nan))
+
+
 @pytest.mark.claim("places-of-a-lot")
 @pytest.mark.parametrize(
     ("kind", "count"),
