@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import one_direction
 from granphon.balls.loads import Load
@@ -31,7 +30,7 @@ from granphon.media.state import NetworkState
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import find_warnings
 from granphon.page.lattice_data import describe_lattice, describe_network
-from granphon.page.medium_tables import tabulate_medium
+from granphon.page.medium_tables import choose_spread, tabulate_medium
 from granphon.phonons.paths import BandPath
 from granphon.waves.settings import BandsSettings
 
@@ -284,9 +283,9 @@ def describe_page(
     Raises
     ------
     InputError : a ``direction`` that is not p finite numbers, or has no length; the balls cannot
-        carry a load; an automatic medium cannot be chosen; a medium has no solution at any load of
-        the page (PrecisionError), or no stiffness on the lattice of balls that differ
-        (MechanismError).
+        carry a load; an automatic medium cannot be chosen; a medium that is registered; a medium
+        has no solution at any load of the page (PrecisionError), or no stiffness on the lattice of
+        balls that differ (MechanismError).
     """
     structure = packing.structure
     law = packing.law
@@ -338,8 +337,7 @@ def describe_page(
 
 def _describe_balls(packing: Packing) -> dict[str, Any]:
     """Return the numbers of the balls of a packing, SI, by name, with "spread", the word for the
-    shape of the distribution of diameters that the slider of the width changes: that of the
-    packing, or a uniform one for equal balls.
+    shape of the distribution of diameters that the slider of the width changes.
     """
     material = packing.material
     return {
@@ -350,7 +348,7 @@ def _describe_balls(packing: Packing) -> dict[str, Any]:
         "shear_modulus": material.shear_modulus,
         "density": packing.effective_density,
         "mindlin_ratio": material.mindlin_ratio,
-        "spread": (packing.spread or Uniform(1.0)).kind,
+        "spread": choose_spread(packing).kind,
     }
 
 
@@ -439,7 +437,7 @@ def _tabulate_media(
     of the sliders.
 
     Raises :class:`MechanismError` if a medium has no table because the lattice is a mechanism, and
-    the balls of the packing differ.
+    the balls of the packing differ; and what :func:`tabulate_medium` raises.
     """
     # f* is least at the largest width
     least_reduced = limits.least_force / float(packing.law.force(limits.width))
