@@ -765,9 +765,9 @@ def test_equal_balls_without_the_friction_that_holds_their_lattice_have_a_page()
     equal_balls = replace(BALLS, lattice="square", friction=False)
     data = describe_page(equal_balls, [MediumChoice("ema")], FORCE)
     assert data["start"]["eta"] == 0.0 < data["media"][0]["table"]["roots"][0]
+    balls_that_differ = replace(equal_balls, spread=gp.Uniform(2e-6))
     with pytest.raises(MechanismError):
-        balls = replace(equal_balls, spread=gp.Uniform(2e-6))
-        describe_page(balls, [MediumChoice("ema")], FORCE)
+        describe_page(balls_that_differ, [MediumChoice("ema")], FORCE)
 
 
 def test_a_page_refuses_a_registered_medium():
