@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.balls.diameters import Spread, Uniform
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
@@ -148,7 +148,7 @@ def tabulate_medium(
     return description | table | {"valid": valid, "note": note}
 
 
-def choose_spread(packing: Packing) -> Spread:
+def choose_spread(packing: Packing) -> Uniform | Normal | Discrete | Measured:
     """Return the spread whose shape has the distribution that the slider of the width scales: that
     of the packing. It is a uniform one where the packing has none, or lists diameters that are all
     the same.
