@@ -134,8 +134,8 @@ def write_of_scene(
 
     Raises :class:`~granphon.base.errors.InputError` if ``out`` is empty or has none of the
     ``endings``, if the scene cannot be read or has a mistake, and if the scene has several states
-    and ``why_single`` is given. Raises FileExistsInRunError if ``out`` is there and ``force`` may
-    not replace it.
+    and ``why_single`` is given. Raises OutputError if the folder of ``out`` cannot hold the file,
+    and its subclass FileExistsInRunError if ``out`` is there and ``force`` may not replace it.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene

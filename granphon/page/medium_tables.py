@@ -46,7 +46,7 @@ _LEAST_FRICTION = 0.05
 #: relative change of k from which a note gives the size of the change
 _NOTED_CHANGE = 1e-4
 #: number of loads of a simulation
-_N_SIMULATED = 17
+_N_LOADS = 17
 #: f* at which the table of a simulation begins at the lowest, and y at which the table ends
 _LEAST_SIMULATED_FORCE = 1e-2
 _MOST_SIMULATED_OVERLAP = 30.0
@@ -56,7 +56,7 @@ _SIMULATED_WIDTH = 1e-3
 _SEARCH_STEP = 0.25
 _SEARCH_END = 5.0
 #: the media whose law a table takes from a formula
-_TABULATED = ("afa", "ema")
+_MEDIA_OF_FORMULAS = ("afa", "ema")
 #: a curve: y, ln k* and d ln k* / d ln f* at values of ln f*
 _Curve = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -112,11 +112,11 @@ def tabulate_medium(
         return description
     if name == "ala":
         return description | {"note": _AVERAGED_NOTE}
-    if name not in (*_TABULATED, "simulation"):
+    if name not in (*_MEDIA_OF_FORMULAS, "simulation"):
         raise InputError(
             f"a page has no table of the medium {choice.label}",
             "The law of a registered medium need not be one curve for all widths",
-            f"Give a medium among ala, {', '.join(_TABULATED)}, simulation",
+            f"Give a medium among ala, {', '.join(_MEDIA_OF_FORMULAS)}, simulation",
         )
     try:
         if name == "simulation":
@@ -423,7 +423,7 @@ def _simulate(
     """Return the curve of a simulation, the lower and the upper end of ln f*, and the relative
     error of k on the curve; ``least`` is the least f* of the page.
 
-    The curve is a spline through :data:`_N_SIMULATED` loads. The error is that of a spline through
+    The curve is a spline through :data:`_N_LOADS` loads. The error is that of a spline through
     half of the loads, at the other half.
     """
     from scipy.interpolate import CubicSpline
@@ -443,7 +443,7 @@ def _simulate(
     if medium.friction_history:  # the samples carry no load below that of their start
         start = _find_start(find_state, low, InputError)
         low = low if start is None else start
-    loads = np.linspace(low, high, _N_SIMULATED)  # ln f*
+    loads = np.linspace(low, high, _N_LOADS)  # ln f*
     state = find_state(loads)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)

@@ -414,7 +414,8 @@ def test_a_page_of_a_network_finds_the_q_factors_of_all_losses(losses, ground):
 
 def test_a_page_without_losses_has_no_q_factor():
     crystal = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)]).at_pressure(10.0)
-    for losses in (None, BandsSettings(), BandsSettings(drag=(0.0, 0.0))):
+    no_losses = (BandsSettings(), BandsSettings(drag=(0.0, 0.0)), BandsSettings(restitution=1.0))
+    for losses in (None, *no_losses):
         assert describe_network_page(crystal, losses=losses)["losses"] is None
 
 
