@@ -226,28 +226,40 @@ class _Density(Shape):
         # the x from which on a ball touches some others, and that from which on it touches all
         first_x_touching = np.clip(-2.0 * overlap - edge, -edge, edge)
         first_x_touching_all = np.clip(edge - 2.0 * overlap, -edge, edge)
-        if whole:
-            fractions, shares = _make_gauss_rule(node_count)
-            positions = [(first_x_touching + edge) * fractions - edge]
-            weights = [(first_x_touching + edge) * shares * self._compute_density(positions[0])]
-        else:
-            positions = [0.5 * (first_x_touching - edge)]
-            weights = [self._compute_fraction_below(first_x_touching)]
-        # each of the two parts above begins at an x where s = y + x/2 is ``start`` above the
-        # singularity, and is ``length`` long in s
+        # each of the two upper parts begins at an s = y + x/2 that is as far above the singularity
+        # as the first number, and is as long in s as the second
         some_start = np.maximum(overlap, 0.0)
         some_length = np.maximum(edge - np.abs(overlap), 0.0)
         all_start = np.maximum(overlap - edge, 0.0)
         all_length = np.clip(overlap, 0.0, edge)
-        for first_x, start, length in (
-            (first_x_touching, some_start, some_length),
-            (first_x_touching_all, all_start, all_length),
-        ):
-            root, rise, _, weight = _make_root_nodes(start, length, node_count)
-            x = first_x + 2.0 * rise
-            positions.append(x)
-            weights.append(4.0 * root * weight * self._compute_density(x))
+        parts = [
+            self._make_nodes_below(first_x_touching, node_count if whole else 1),
+            self._make_nodes_above(first_x_touching, some_start, some_length, node_count),
+            self._make_nodes_above(first_x_touching_all, all_start, all_length, node_count),
+        ]
+        positions, weights = zip(*parts, strict=True)
         return Nodes(np.concatenate(positions, axis=-1), np.concatenate(weights, axis=-1))
+
+    def _make_nodes_below(self, end: Array, node_count: int) -> Nodes:
+        """Return the nodes from x = -b to each ``end`` (..., 1), (..., ``node_count``): Gauss's or,
+        if there is but one, the middle.
+        """
+        if node_count == 1:
+            return Nodes(0.5 * (end - self._edge), self._compute_fraction_below(end))
+        fractions, shares = _make_gauss_rule(node_count)
+        positions = (end + self._edge) * fractions - self._edge
+        return Nodes(positions, (end + self._edge) * shares * self._compute_density(positions))
+
+    def _make_nodes_above(
+        self, first_x: Array, start: Array, length: Array, node_count: int
+    ) -> Nodes:
+        """Return the Gauss nodes (..., ``node_count``) of the part of the range that begins at
+        ``first_x`` (..., 1), in the square root of the distance of s = y + x/2 to the singularity.
+        In s the part begins ``start`` above the singularity and is ``length`` long.
+        """
+        root, rise, _, weight = _make_root_nodes(start, length, node_count)
+        positions = first_x + 2.0 * rise
+        return Nodes(positions, 4.0 * root * weight * self._compute_density(positions))
 
 
 @dataclass(frozen=True)
@@ -608,12 +620,12 @@ def cut_rms(cutoff: float) -> float:
 
 #: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's
 #: deviation that the laws lose their digits
-_RAREST = 1e-12
+_LEAST_FRACTION = 1e-12
 #: largest number of balls in one sample, far beyond what a machine holds
 _MOST_NUMBERS = 2**48
 #: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of
 #: fractions against 1
-_ROUNDED = 1e-9
+_RELATIVE_TOLERANCE = 1e-9
 
 
 def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
@@ -716,7 +728,7 @@ class Spread(ABC):
         deviations are taken from the distribution's own mean.
         """
         least_diameter = positive("diameter", diameter, "m") + self.smallest
-        if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
+        if self.mean is not None and abs(self.mean - diameter) > _RELATIVE_TOLERANCE * diameter:
             problem = (
                 f"the mean of the diameters is {self.mean:.12g} m, the given diameter is"
                 f" {diameter:.12g} m"
@@ -947,15 +959,15 @@ class Discrete(_Listed):
             )
             raise InputError(problem, mend="Give one fraction for each diameter")
         least_fraction = min((fraction for fraction in self.fractions if fraction), default=1.0)
-        if least_fraction < _RAREST:
+        if least_fraction < _LEAST_FRACTION:
             mend = "Leave it out, or give the fraction 0"
             raise InputError(
                 f"a fraction is {least_fraction:g}",
-                f"A kind rarer than {_RAREST:g} is not resolved",
+                f"A kind rarer than {_LEAST_FRACTION:g} is not resolved",
                 mend,
             )
         excess = math.fsum(self.fractions) - 1.0
-        if abs(excess) > _ROUNDED:
+        if abs(excess) > _RELATIVE_TOLERANCE:
             side = "above" if excess > 0.0 else "below"
             problem = f"the fractions sum to {1.0 + excess:.12g}, {abs(excess):.3g} {side} 1"
             raise InputError(problem, "They are parts of a whole", "Divide them by their sum")

@@ -481,7 +481,7 @@ LOSS_PARAMETERS: Mapping[str, str] = {
     **{second: name for name, second in SECOND_LOSSES.items()},
 }
 #: the parameters of a sweep that are not those of a kind of ball or a wall, and their SI units
-SWEPT: Mapping[str, str | None] = {
+SWEEP_PARAMETERS: Mapping[str, str | None] = {
     **PARAMETERS,
     **SPRING_PARAMETERS,
     **{name: LOSSES[loss] or "1" for name, loss in LOSS_PARAMETERS.items()},
@@ -493,8 +493,8 @@ def find_unit(name: str) -> str | None:
     losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number. Raises
     KeyError for any other name.
     """
-    if name in SWEPT:
-        return SWEPT[name]
+    if name in SWEEP_PARAMETERS:
+        return SWEEP_PARAMETERS[name]
     return KIND_PARAMETERS[name.rpartition(".")[2]]
 
 
@@ -611,7 +611,7 @@ def _require_parameter(name: str) -> None:
     ground, of losses, or, as "A.diameter", of a kind of ball or a wall. Whether there is such a
     kind or wall is not checked.
     """
-    if name in SWEPT:
+    if name in SWEEP_PARAMETERS:
         return
     kind, _, _ = name.rpartition(".")
     if kind == ON_SITE:

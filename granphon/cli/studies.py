@@ -136,14 +136,7 @@ def fit_measurements(
     parameters = _read_parameters(parameter)
     columns = _read_columns(column)
     table = Table.read(data)
-    # whether the table has velocities, or what they are found from
-    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
-    has_crystal = bool(scene.packing.kind_names)  # velocities are fitted to a packing only
-    quantity = ""  # of the response that the scene expects in the table; empty if it expects none
-    if not has_sound and scene.response is not None:
-        quantity = scene.response.quantity
-    elif not has_sound and has_crystal:
-        quantity = "displacement"
+    quantity = _expect_response(scene, table, columns)
     if has_transfer(table, columns, quantity):
         options_of_velocities = {
             "--frequency": frequency,
@@ -154,33 +147,52 @@ def fit_measurements(
             "--no-width": None if width else "",
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
-
-        def find_response_fit(varied_scene: Scene, _distance: str | None) -> DampingFit:
-            """Return the fit to the transfer function for the values that a scene has.
-            :func:`_fit_with_errors` calls this with the given scene and with shifted scenes; a
-            response has no distance.
-            """
-            return _fit_response(scene_file, varied_scene, data, columns, parameters)
-
-        response_fit, rows_of_inputs = _fit_with_errors(find_response_fit, scene)
-        rows = [*describe_response_fit(response_fit), *rows_of_inputs]
+        response_fit, rows = _fit_transfer(scene_file, scene, data, columns, parameters)
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
     if quantity:
         # the table lacks a column of the transfer function: this raises the error that names it
         TransferFunction.read(data, columns, quantity)
+    branch_name = "longitudinal" if branch is None else branch
     options = _VelocityOptions(
-        parameters,
-        width,
-        "longitudinal" if branch is None else branch,
-        frequency,
-        distance,
-        sigma,
-        direction,
+        parameters, width, branch_name, frequency, distance, sigma, direction
     )
     fit, notes, rows_of_inputs = _fit_velocities(scene_file, scene, data, table, columns, options)
     rows = [*describe_fit(fit), *rows_of_inputs]
     _finish_fit(out, files, fit, (*notes, *fit.warnings), rows)
+
+
+def _expect_response(scene: Scene, table: Table, columns: Mapping[str, str]) -> str:
+    """Return the quantity of the response that a ``scene`` expects in a ``table``, such as
+    "displacement"; empty if it expects velocities. ``columns`` are those of
+    :func:`_read_velocities`.
+    """
+    # whether the table has velocities, or what they are found from
+    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
+    if has_sound:
+        return ""
+    if scene.response is not None:
+        return scene.response.quantity
+    has_crystal = bool(scene.packing.kind_names)  # velocities are fitted to a packing only
+    return "displacement" if has_crystal else ""
+
+
+def _fit_transfer(
+    scene_file: str, scene: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
+) -> tuple[DampingFit, list[tuple[str, str]]]:
+    """Return the fit to a transfer function, and the rows of its table; the arguments are those of
+    :func:`_fit_response`, whose errors are raised.
+    """
+
+    def find_response_fit(varied_scene: Scene, _distance: str | None) -> DampingFit:
+        """Return the fit to the transfer function for the values that a scene has.
+        :func:`_fit_with_errors` calls this with the given scene and with shifted scenes; a response
+        has no distance.
+        """
+        return _fit_response(scene_file, varied_scene, data, columns, names)
+
+    fit, rows_of_inputs = _fit_with_errors(find_response_fit, scene)
+    return fit, [*describe_response_fit(fit), *rows_of_inputs]
 
 
 class _VelocityOptions(NamedTuple):

@@ -222,5 +222,5 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
             "mechanism": lattice.mechanism,
         }
     # waves are named on a lattice that resists all deformations
-    stiff = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=motions)
-    return _describe_axes(stiff, motions) | {"statements": statements}
+    stiff_lattice = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=motions)
+    return _describe_axes(stiff_lattice, motions) | {"statements": statements}

@@ -88,14 +88,14 @@ def tabulate_medium(
     "error", the largest relative error of k from interpolation at the packing's eta, and
     "friction_error", the largest one at any other eta, both found between the nodes; "valid", the
     f* from which the medium is valid; "note", a sentence on what the table leaves out; "refusal",
-    the reason why the medium has no table: the lattice is a mechanism at every eta of the page.
+    the reason why the medium has no table: the lattice is a mechanism at every eta of the page, or
+    at that of the packing if its balls differ.
 
     Raises
     ------
     InputError : the medium is not one of granphon's own.
-    PrecisionError : the medium has no solution at any load of the page.
-    MechanismError : the balls of the packing differ, and the lattice is a mechanism at their eta
-        though not at larger ones.
+    PrecisionError : the medium has no solution at any load of the page, or Xi is beyond double
+        precision.
     """
     name = choice.name
     description: dict[str, Any] = {
@@ -121,12 +121,29 @@ def tabulate_medium(
     try:
         if name == "simulation":
             return description | _tabulate_simulation(packing, choice, least_force)
-        roots = _choose_roots(packing, choice, most_friction)
-        laws = [_make_law(packing, choice, root**2) for root in roots]
+        return description | _tabulate_formulas(
+            packing, choice, least_force, most_friction, most_rolling
+        )
     except MechanismError as error:
         return description | {"refusal": str(error)}
+
+
+def _tabulate_formulas(
+    packing: Packing,
+    choice: MediumChoice,
+    least_force: float,
+    most_friction: float,
+    most_rolling: float,
+) -> dict[str, Any]:
+    """Return "table", "error", "friction_error", "valid" and "note" of the averaged force or the
+    effective medium, with the arguments of :func:`tabulate_medium`; empty where the medium has the
+    law of equal balls. Raises MechanismError for a lattice that is a mechanism, and PrecisionError
+    if the medium has no solution at any load of the page.
+    """
+    roots = _choose_roots(packing, choice, most_friction)
+    laws = [_make_law(packing, choice, root**2) for root in roots]
     if laws[0] is None:  # the load alone fixes the force of every contact
-        return description
+        return {}
     curves = [_make_curve(law) for law in laws if law is not None]
 
     def require_values(log_force: float) -> None:
@@ -139,13 +156,13 @@ def tabulate_medium(
         raise PrecisionError("the medium has no solution at any load of the page")
     valid = float(force_of(high_pressure_overlap(1.0)))
     note = ""
-    if name == "ema":
+    if choice.name == "ema":
         valid = VALID_FORCE
         change = _find_effect_of_rolling(packing, choice, most_rolling, start)
         note = _write_note_on_rolling(packing, change)
     checks = _make_checks(packing, choice, roots)
     table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL_BALLS_OVERLAP), checks)
-    return description | table | {"valid": valid, "note": note}
+    return table | {"valid": valid, "note": note}
 
 
 def choose_spread(packing: Packing) -> Uniform | Normal | Discrete | Measured:
@@ -373,9 +390,9 @@ def _tabulate(
     overlap, log_stiffness, slope = np.array(values).swapaxes(0, 1)  # (roots, nodes) each
     error_between_roots = 0.0
     for root, curve in checks or []:
-        interpolated = barycentric_interpolate(roots, log_stiffness, root)
-        _, exact, _ = curve(log_force)
-        difference = interpolated - exact
+        interpolated_values = barycentric_interpolate(roots, log_stiffness, root)
+        _, exact_values, _ = curve(log_force)
+        difference = interpolated_values - exact_values
         error_between_roots = max(error_between_roots, float(np.max(np.abs(np.expm1(difference)))))
     table = {
         "log_force": log_force.tolist(),
