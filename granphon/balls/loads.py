@@ -234,7 +234,7 @@ def _require_memory(loads: Any, bytes_of_load: float) -> None:
 
 def require_of_packing(load: Load) -> None:
     """Raise :class:`InputError` for a ``load`` that crystals alone bear: a stress or a strain, or a
-    load with gravity.
+    load with a gravity that is not zero.
     """
     problem = ""
     if load.tensor is not None:

@@ -194,7 +194,7 @@ def _join_path(folder: str, name: str) -> str:
 
 def _mark(text: str) -> str:
     """Return a text of Markdown on one line, in which the letters that mark emphasis, code, links,
-    headings, cells and letters by their names stand for themselves.
+    headings and cells, and names of letters such as "&lt;", stand for themselves.
     """
     return _ENTITY.sub(r"\\&", " ".join(text.split()).translate(_ESCAPES))
 

@@ -257,8 +257,9 @@ def _find_effect_of_rolling(
     equal balls, and where balls are equal on a lattice that is a mechanism at their eta.
 
     Pairs of torsion and bending with which the lattice is a mechanism, or the medium is beyond
-    double precision, do not count. Raises MechanismError for balls that differ on a lattice that is
-    a mechanism at their eta: the medium of the packing itself has no stiffness.
+    double precision or has no solution at ``low``, do not count. Raises MechanismError for balls
+    that differ on a lattice that is a mechanism at their eta: the medium of the packing itself has
+    no stiffness.
     """
     if dict(choice.options).get("local_field") == "paper":
         return 0.0  # the factor that the paper prints depends on eta alone
@@ -273,7 +274,7 @@ def _find_effect_of_rolling(
         return 0.0
     log_force = np.linspace(low, EXPONENT * np.log(_EQUAL_BALLS_OVERLAP), _NODES)
     _, log_stiffness, _ = _make_curve(law_of_packing)(log_force)
-    # in a plane balls turn about its normal alone, which twists no contact
+    # in a plane the balls of the medium turn about its normal alone, which twists no contact
     torsions = (packing.torsion, most) if packing.structure.periods == 3 else (packing.torsion,)
     pairs = {*itertools.product(torsions, (packing.bending, most)), (0.0, 0.0)}
     change = 0.0
@@ -281,12 +282,13 @@ def _find_effect_of_rolling(
         changed_packing = replace(packing, torsion=torsion, bending=bending)
         try:
             law = _make_law(changed_packing, choice, eta)
+            if law is None:
+                continue
+            _, changed_log_stiffness, _ = _make_curve(law)(log_force)
         except (MechanismError, PrecisionError):
             continue
-        if law is not None:
-            _, changed_log_stiffness, _ = _make_curve(law)(log_force)
-            difference = changed_log_stiffness - log_stiffness
-            change = max(change, float(np.max(np.abs(np.expm1(difference)))))
+        difference = changed_log_stiffness - log_stiffness
+        change = max(change, float(np.max(np.abs(np.expm1(difference)))))
     return change
 
 
