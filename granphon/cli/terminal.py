@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
 from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
@@ -172,7 +172,8 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 
 def write_range(value: Any, unit: str, digits: int = 5) -> str:
     """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and this number of
-    ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N".
+    ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N"; if
+    these are equal, one is written.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
@@ -448,7 +449,7 @@ def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) ->
         texts.append(text)
     text = ", ".join(texts) or "none"
     if len(gaps) > len(widest):
-        text += f", and {len(gaps) - len(widest)} narrower ones"
+        text += f", and {counted(len(gaps) - len(widest), 'narrower one')}"
     return text
 
 
@@ -456,7 +457,7 @@ def write_direction(direction: Any) -> str:
     """Return the text of a direction, "(1, 0)", from its components; of several directions, (n,
     components), return their number, "3 directions".
     """
-    if isinstance(direction[0], float | int):
+    if not isinstance(direction[0], Sized):  # a component
         return f"({', '.join(f'{x:g}' for x in direction)})"
     return counted(len(direction), "direction")
 
