@@ -126,7 +126,9 @@ class Hertz:
     """
 
     def between(self, ball: Body, other: Body) -> HertzLaw:
-        """Return the law of the contact of two bodies, ``ball`` and ``other``."""
+        """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
+        :class:`InputError` for bodies that make no elastic contact or one beyond double precision.
+        """
         constants = ContactConstants.of(ball, other)
         return HertzLaw(4.0 / 3.0 * constants.modulus * math.sqrt(constants.radius))
 

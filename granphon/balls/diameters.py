@@ -698,7 +698,9 @@ class Spread(ABC):
 
     @property
     def kind(self) -> str:
-        """Name of the distribution in scenes: "uniform", "normal", "discrete" or "measured"."""
+        """Name of the distribution in scenes, that of its class in small letters: "uniform",
+        "normal", "discrete" or "measured".
+        """
         return type(self).__name__.lower()
 
     def with_width(self, width: float) -> Self:

@@ -480,7 +480,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     if fit.errors_are_known:
         # of equal ends one is written
         ends = dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma)))
-        source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
+        source = "given" if fit.sigma_given else f"from the scatter, {_count_freedom(fit)}"
         words = f"each +/- {' to '.join(ends)} m/s ({source})"
     rows.append(("velocities", f"{fit.force.size}, {words}"))
     if not fit.is_isotropic:
@@ -505,11 +505,16 @@ def _write_valued(value: float, error: float, unit: str) -> str:
 
 def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
     """Return the row with chi^2 of a fit, the degrees of freedom, and the probability p that errors
-    of the given sizes make a larger chi^2.
+    of the given sizes make a larger chi^2. A fit without degrees of freedom has none.
     """
     if not fit.dof:
         return "chi^2", "none: as many are fitted as were measured"
-    return "chi^2", f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
+    return "chi^2", f"{fit.chi2:.4g} for {_count_freedom(fit)}, p = {fit.p:.2g}"
+
+
+def _count_freedom(fit: WidthFit | DampingFit) -> str:
+    """Return the number of degrees of freedom of a fit in words."""
+    return counted(fit.dof, "degree of freedom", "degrees of freedom")
 
 
 def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
@@ -533,7 +538,7 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
     data = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
     source = "sigma given"
     if not fit.sigma_given:
-        source = f"sigma from the scatter, {fit.dof} degrees of freedom"
+        source = f"sigma from the scatter, {_count_freedom(fit)}"
     rows.append(("data", f"{len(fit.magnitude)} {data}, {source}"))
     if fit.sigma_given:
         # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction

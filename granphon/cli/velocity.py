@@ -205,8 +205,6 @@ def _describe(traces: Traces, velocity: TraceVelocity) -> list[tuple[str, str]]:
         place = write_quantity(distance, "m")
         rows.append((f"sensor {name} at {place}", write_uncertain(arrival, error, "s")))
     if velocity.dof:
-        freedom = counted(velocity.dof, "degree")
-        rows.append(
-            ("chi^2", f"{velocity.chi2:.4g} for {freedom} of freedom, p = {velocity.p:.2g}")
-        )
+        freedom = counted(velocity.dof, "degree of freedom", "degrees of freedom")
+        rows.append(("chi^2", f"{velocity.chi2:.4g} for {freedom}, p = {velocity.p:.2g}"))
     return rows
