@@ -36,6 +36,7 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
+from granphon.base.text import counted
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
 
 #: an analytic piece of a distribution of t: its start and its end, and the density as a function of
@@ -956,9 +957,9 @@ class Discrete(_Listed):
         object.__setattr__(self, "diameters", diameters)
         object.__setattr__(self, "fractions", fractions)
         if len(self.fractions) != len(self.diameters):
-            problem = (
-                f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
-            )
+            diameters_in_words = counted(len(self.diameters), "diameter")
+            fractions_in_words = counted(len(self.fractions), "fraction")
+            problem = f"{diameters_in_words} and {fractions_in_words} are given"
             raise InputError(problem, mend="Give one fraction for each diameter")
         least_fraction = min((fraction for fraction in self.fractions if fraction), default=1.0)
         if least_fraction < _LEAST_FRACTION:

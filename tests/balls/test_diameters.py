@@ -584,7 +584,7 @@ def test_quantiles_invert_the_distribution():
     ("diameters", "fractions", "words"),
     [
         ([], [], "diameters"),
-        ([8e-3, 9e-3], [1.0], "2 diameters and 1 fractions"),
+        ([8e-3, 9e-3], [1.0], "2 diameters and 1 fraction "),
         ([8e-3, 9e-3], [0.5, 0.4], "sum to 0.9, 0.1 below 1"),
         ([8e-3, 9e-3], [1.5, -0.5], "fractions: .*-0.5"),
         ([8e-3, -1e-3], [0.5, 0.5], "above zero"),
