@@ -38,5 +38,7 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the names of the module with all public names, also those not imported yet."""
-    return sorted([*globals(), *_HOME])
+    """Return the names of the module with all public names, also those not imported yet; each
+    once.
+    """
+    return sorted({*globals(), *_HOME})

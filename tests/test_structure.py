@@ -95,6 +95,8 @@ def test_public_names_exist_and_are_documented():
         value = getattr(granphon, name)
         assert name == "__version__" or value.__doc__, f"{name} has no docstring"
     assert set(granphon.__all__) <= set(dir(granphon))
+    assert granphon.Material  # an imported name is listed once all the same
+    assert len(dir(granphon)) == len(set(dir(granphon)))
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = granphon.nonsense
 

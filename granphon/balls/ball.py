@@ -19,7 +19,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.validation import is_one_of, label, positive, require
 
 #: name of a wall that has none
-_WALL = "wall"
+_WALL_NAME = "wall"
 #: reason given when a property of a ball is outside its limit
 WRONG_UNIT = "the unit is probably wrong, SI units are expected"
 #: conditions on balls, by name: the attribute of a ball or packing, the quantity in words, its SI
@@ -65,7 +65,7 @@ class Body(Protocol):
         ...
 
 
-class _Elastic:
+class _ElasticBody:
     """The compliances at a contact of a body of an elastic ``material``."""
 
     material: Material | str
@@ -95,7 +95,7 @@ class _Elastic:
 
 
 @dataclass(frozen=True)
-class Ball(_Elastic):
+class Ball(_ElasticBody):
     """A ball of a crystal.
 
     Parameters
@@ -168,7 +168,7 @@ class Ball(_Elastic):
 
 
 @dataclass(frozen=True)
-class Wall(_Elastic):
+class Wall(_ElasticBody):
     """A flat elastic wall, thick and wide against the contacts of balls that touch it.
 
     A ball touches it by the laws of Hertz and Mindlin, as it touches a ball of infinite radius. A
@@ -245,9 +245,8 @@ def name_walls(
     wall, or of the wall at an earlier edge, is that wall, unless it has another name.
 
     ``kinds`` are the balls by the names of their kinds, and ``known_walls`` the walls of earlier
-    cuts.
-    Raises :class:`InputError` for the material of a kind that there is not, and for a name that a
-    kind, the floor, or a wall of another material has.
+    cuts. Raises :class:`InputError` for the material of a kind that there is not, and for a name
+    that a kind, the floor, or a wall of another material has.
     """
     walls = list(known_walls)
     named_edges: list[str | Wall] = []
@@ -301,7 +300,9 @@ def _name_wall(wall: Wall, kinds: Mapping[str, Ball], walls: Sequence[Wall]) -> 
         if other.material == wall.material and wall.name in ("", other.name):
             return other
     if not wall.name:
-        names = (_WALL if number == 1 else f"{_WALL}_{number}" for number in itertools.count(1))
+        names = (
+            _WALL_NAME if number == 1 else f"{_WALL_NAME}_{number}" for number in itertools.count(1)
+        )
         return replace(wall, name=next(name for name in names if name not in used_names))
     if wall.name in used_names:
         problem = f"a wall is called {wall.name!r}, as another kind or wall"

@@ -50,14 +50,16 @@ from granphon.base.validation import (
     one_of,
     positive,
     real_array,
+    real_number,
     require,
 )
 
 #: overlaps, over the radius R of two bodies, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
-#: step of these comparisons, over the overlap, and the relative error that is allowed
+#: step of these comparisons, over the overlap
 _STEP = 1e-4
-_ALLOWED = 1e-5
+#: relative error up to which two numbers of a user's law agree
+_TOLERANCE = 1e-5
 #: the five methods of the law of a pair
 _METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
 #: four of these, each the derivative of the one before
@@ -69,7 +71,7 @@ _PLACES = 16
 #: most steps of Newton's method, where a law is inverted
 _STEPS = 60
 #: an overlap, m, at which balls are apart
-_APART = np.array([-1e-9])
+_OPEN_OVERLAP = np.array([-1e-9])
 #: root u of u^4 - u = D at which the contact of a JKR law is pulled apart, and D there
 _JKR_ROOT = 0.75 ** (1.0 / 3.0)
 _JKR_LEAST = -0.25 * _JKR_ROOT
@@ -124,7 +126,9 @@ class Hertz:
     """
 
     def between(self, ball: Body, other: Body) -> HertzLaw:
-        """Return the law of the contact of two bodies, ``ball`` and ``other``."""
+        """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
+        :class:`InputError` for bodies that make no elastic contact or one beyond double precision.
+        """
         constants = ContactConstants.of(ball, other)
         return HertzLaw(4.0 / 3.0 * constants.modulus * math.sqrt(constants.radius))
 
@@ -140,7 +144,8 @@ class PowerLaw(EnergyLaw):
     coefficient : c, N/m^a.
 
     Its methods take scalars or arrays, and return floats for floats. The energy is c
-    delta^(a+1)/(a+1), the stiffness a c delta^(a-1), and its slope a (a-1) c delta^(a-2).
+    delta^(a+1)/(a+1), the stiffness a c delta^(a-1), and its slope a (a-1) c delta^(a-2). All are
+    zero where delta is zero or below.
 
     Raises
     ------
@@ -263,11 +268,11 @@ class DMTLaw(EnergyLaw):
         pull = np.where(delta >= 0.0, self.tension, 0.0)
         if order == FORCE:
             return (elastic - pull)[()]
-        return (elastic - pull * delta)[()]
+        return (elastic - pull * np.maximum(delta, 0.0))[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
-        contact does not bear.
+        contact does not bear, for nan, and for an overlap that is not finite.
         """
         forces = np.asarray(real_array("force", force))
         require_pushing(forces, -self.tension)
@@ -351,8 +356,8 @@ class JKRLaw(EnergyLaw):
         return 0.0
 
     def contact_radius(self, overlap: ArrayLike) -> Any:
-        """Return the radius of the contact at an ``overlap``, m; zero where the bodies are
-        apart.
+        """Return the radius of the contact at an ``overlap``, m; zero where the bodies are apart.
+        Raises :class:`InputError` for nan, and for a radius that is not finite.
         """
         delta = real_array("overlap", overlap)
         u, is_unbroken = self._solve(delta)
@@ -406,7 +411,7 @@ class JKRLaw(EnergyLaw):
 
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap, m, at a ``force``, N; :class:`InputError` for a tension that the
-        contact does not bear.
+        contact does not bear, for nan, and for an overlap that is not finite.
         """
         forces = np.asarray(real_array("force", force))
         require_pushing(forces, self.least_force)
@@ -595,8 +600,8 @@ class TabulatedLaw(EnergyLaw):
         return np.where(x < knots[0], energy_of_power, energy)
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Return the overlap, m, under a ``force``, N; :class:`InputError` if a force is
-        negative.
+        """Return the overlap, m, under a ``force``, N; :class:`InputError` if a force is negative
+        or nan, or if an overlap is not finite.
         """
         forces = np.asarray(real_array("force", force))
         require_pushing(forces)
@@ -679,7 +684,7 @@ def opening_overlap(law: PairLaw) -> float:
     if least_overlap is not None:
         return float(least_overlap)
     # only a bond has a force between balls that are apart
-    is_bond = bool(np.any(law.force(_APART)))
+    is_bond = bool(np.any(law.force(_OPEN_OVERLAP)))
     return -math.inf if is_bond else 0.0
 
 
@@ -736,7 +741,7 @@ def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
     find_radius = getattr(law, "contact_radius", None)
     if not callable(find_radius):
         return
-    radii = np.asarray(find_radius(overlaps))
+    radii = _call_method(law, name, "contact_radius", overlaps)
     is_array = radii.shape == overlaps.shape and radii.dtype.kind == "f"
     if not is_array or not np.all((radii > 0.0) & np.isfinite(radii)):
         problem = (
@@ -756,8 +761,8 @@ def check_law(law: PairLaw, radius: float) -> None:
     They do not agree if a method is not the derivative of the method before it (in the order
     energy, force, stiffness, stiffness_slope), or if the overlap of a force is not the overlap that
     has this force. Refused too are methods that do not take arrays or do not return finite numbers,
-    a force that does not rise with the overlap, a force below ``least_overlap``, and a
-    ``contact_radius`` that does not return finite radii above zero.
+    a force that does not rise with the overlap, a ``least_overlap`` that is no number, a force
+    below it, and a ``contact_radius`` that does not return finite radii above zero.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
@@ -779,7 +784,7 @@ def check_law(law: PairLaw, radius: float) -> None:
         problem = f"the force of the contact law {name} does not rise"
         raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
     overlaps_of_forces = _call_for_numbers(law, name, "overlap", numbers["force"][:, 0])
-    is_off = np.abs(overlaps_of_forces - overlaps) > _ALLOWED * np.abs(overlaps)
+    is_off = np.abs(overlaps_of_forces - overlaps) > _TOLERANCE * np.abs(overlaps)
     if np.any(is_off):
         index = int(np.argmax(is_off))
         found_overlap = f"{overlaps_of_forces[index]:.6g} m"
@@ -791,17 +796,22 @@ def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
     """Return whether a law, called ``name``, is that of a bond, which pulls at any distance.
 
     The forces are compared at ``overlaps`` (n,), m, above zero, subtracted from the least overlap.
-    Raises InputError for forces that are not finite, and for forces below the ``least_overlap`` of
-    the law.
+    Raises InputError for a ``least_overlap`` of the law that is no number, for forces that are not
+    finite, and for forces below the ``least_overlap``.
     """
     given_least = getattr(law, "least_overlap", None)
+    if given_least is not None and math.isnan(real_number(given_least)):
+        raise InputError(
+            f"least_overlap of the contact law {name} is {brief(given_least)}",
+            mend="Give a number, m; -inf for a bond",
+        )
     if given_least == -math.inf:  # the law itself says that it is a bond
         given_least = None
     least_overlap = 0.0 if given_least is None else given_least
     forces = _call_method(law, name, "force", least_overlap - overlaps)
-    if not np.all(np.isfinite(forces)):
+    if forces.dtype.kind not in "fiu" or not np.all(np.isfinite(forces)):
         raise InputError(
-            f"force of the contact law {name} is not finite below an overlap of"
+            f"force of the contact law {name} is no finite number below an overlap of"
             f" {least_overlap:g} m",
             "Balls may be apart",
             "Return zero there, with np.maximum(overlap, 0.0)",
@@ -848,7 +858,7 @@ def _call_for_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> 
             f"{method} of the contact law {name} returns {brief(numbers)} for an array of"
             f" {'forces' if method == 'overlap' else 'overlaps'}"
         )
-        raise InputError(problem, mend="Return an array of numbers of the same shape")
+        raise InputError(problem, mend="Return an array of finite floats of the same shape")
     return numbers
 
 
@@ -862,7 +872,7 @@ def _compare_derivative(
     slopes = (numbers[:, 1] - numbers[:, 2]) / (2.0 * _STEP * overlaps)
     # beside a slope that is nearly zero, the number over the overlap is the measure of an error
     size = np.maximum(np.abs(derivatives), np.abs(numbers[:, 0] / overlaps))
-    is_off = np.abs(slopes - derivatives) > _ALLOWED * size
+    is_off = np.abs(slopes - derivatives) > _TOLERANCE * size
     if np.any(is_off):
         index = int(np.argmax(is_off))
         problem = (

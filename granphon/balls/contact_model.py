@@ -118,7 +118,9 @@ class ContactModel:
 
     def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
         """Return for a contact of the bodies called ``name`` and ``other`` the contact law, the
-        ratio 4 G*/E* of the shear to the normal stiffness (0 without friction), and E*, Pa.
+        ratio 4 G*/E* of the shear to the normal stiffness (0 without friction), and E*, Pa. Raises
+        :class:`InputError` for a name of no body, for two bodies that make no elastic contact, and
+        for a pair without a law.
         """
         body = self.body(name)
         other_body = self.body(other)
@@ -167,7 +169,8 @@ class ContactModel:
         Returns (m,) ``overlap``, m, ``arm``, the radius with which the contact is reckoned, m, and
         ``normal_stiffness``, ``shear_stiffness``, N/m, ``torsion_stiffness``,
         ``bending_stiffness``, N m. Raises :class:`~granphon.base.errors.InputError` for a force
-        that the law does not bear, and for kinds without a law.
+        that the law does not bear, for a name of no kind, for kinds without a law, and for a law
+        that :func:`~granphon.balls.contact_laws.check_law` refuses.
         """
         kind_of_ball = np.zeros(len(radii), int)
         if len(names):

@@ -32,10 +32,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import EXPONENT
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
+from granphon.base.text import counted
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
 
 #: an analytic piece of a distribution of t: its start and its end, and the density as a function of
@@ -46,8 +47,8 @@ Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
 GRAIN = 2.0**-40
 #: most points of a shape; more different diameters are condensed to this many or fewer
 MOST_POINTS = 192
-#: what the fraction of the balls counts beside the fraction of the range, where cells of condensed
-#: diameters end
+#: the part of the fraction of the balls in the coordinate along which cells of condensed diameters
+#: are evenly spaced; the rest is that of the fraction of the range
 _SHARE_OF_BALLS = 0.3
 #: most numbers in an array while averages are computed; larger arrays are worked through in blocks
 _NUMBERS_AT_ONCE = 2**20
@@ -89,8 +90,8 @@ class Shape(ABC):
     @property
     @abstractmethod
     def openings(self) -> Array:
-        """(n,) values of y, ascending; between each and the next, averages are smooth functions of
-        y.
+        """(n,) values of y, ascending; between each and the next, averages over both balls are
+        smooth functions of y.
         """
 
     @abstractmethod
@@ -109,7 +110,8 @@ class Shape(ABC):
         exponential. With ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for
         functions of x_Q itself.
 
-        For listed diameters every point is a node, and the result is exact at any ``order``.
+        For listed diameters every point is a node, and the result is exact; ``order`` and ``whole``
+        change nothing.
         """
 
     @abstractmethod
@@ -125,7 +127,8 @@ class Shape(ABC):
         """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0.
 
         If the deviation ``x`` of the central ball is given, the average is over the deviation x' of
-        the other ball; if not, it is over both. ``y`` and ``x``, over W, broadcast.
+        the other ball; if not, it is over both. ``y`` and ``x``, over W, broadcast. Where one of
+        them is nan, so is the average.
 
         Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3.
         """
@@ -159,6 +162,7 @@ class Shape(ABC):
 class _Density(Shape):
     """A density on [-b, b]: symmetric, analytic inside, cut at the ends."""
 
+    #: b
     _edge: float
     #: factor from the order to the number of Gauss nodes
     _nodes_per_order: int = 1
@@ -210,7 +214,9 @@ class _Density(Shape):
 
     @property
     def openings(self) -> Array:
-        """(3,) values of y, -b, 0, b: at each an average has a term with a half-integer power."""
+        """(3,) values of y, -b, 0, b: at each an average over both balls has a term that begins
+        there, as a power of the distance.
+        """
         return np.array([-self._edge, 0.0, self._edge])
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
@@ -221,28 +227,40 @@ class _Density(Shape):
         # the x from which on a ball touches some others, and that from which on it touches all
         first_x_touching = np.clip(-2.0 * overlap - edge, -edge, edge)
         first_x_touching_all = np.clip(edge - 2.0 * overlap, -edge, edge)
-        if whole:
-            fractions, shares = _make_gauss_rule(node_count)
-            positions = [(first_x_touching + edge) * fractions - edge]
-            weights = [(first_x_touching + edge) * shares * self._compute_density(positions[0])]
-        else:
-            positions = [0.5 * (first_x_touching - edge)]
-            weights = [self._compute_fraction_below(first_x_touching)]
-        # each of the two parts above begins at an x where s = y + x/2 is ``start`` above the
-        # singularity, and is ``length`` long in s
+        # each of the two upper parts begins at an s = y + x/2 that is as far above the singularity
+        # as the first number, and is as long in s as the second
         some_start = np.maximum(overlap, 0.0)
         some_length = np.maximum(edge - np.abs(overlap), 0.0)
         all_start = np.maximum(overlap - edge, 0.0)
         all_length = np.clip(overlap, 0.0, edge)
-        for first_x, start, length in (
-            (first_x_touching, some_start, some_length),
-            (first_x_touching_all, all_start, all_length),
-        ):
-            root, rise, _, weight = _make_root_nodes(start, length, node_count)
-            x = first_x + 2.0 * rise
-            positions.append(x)
-            weights.append(4.0 * root * weight * self._compute_density(x))
+        parts = [
+            self._make_nodes_below(first_x_touching, node_count if whole else 1),
+            self._make_nodes_above(first_x_touching, some_start, some_length, node_count),
+            self._make_nodes_above(first_x_touching_all, all_start, all_length, node_count),
+        ]
+        positions, weights = zip(*parts, strict=True)
         return Nodes(np.concatenate(positions, axis=-1), np.concatenate(weights, axis=-1))
+
+    def _make_nodes_below(self, end: Array, node_count: int) -> Nodes:
+        """Return the nodes from x = -b to each ``end`` (..., 1), (..., ``node_count``): Gauss's or,
+        if there is but one, the middle.
+        """
+        if node_count == 1:
+            return Nodes(0.5 * (end - self._edge), self._compute_fraction_below(end))
+        fractions, shares = _make_gauss_rule(node_count)
+        positions = (end + self._edge) * fractions - self._edge
+        return Nodes(positions, (end + self._edge) * shares * self._compute_density(positions))
+
+    def _make_nodes_above(
+        self, first_x: Array, start: Array, length: Array, node_count: int
+    ) -> Nodes:
+        """Return the Gauss nodes (..., ``node_count``) of the part of the range that begins at
+        ``first_x`` (..., 1), in the square root of the distance of s = y + x/2 to the singularity.
+        In s the part begins ``start`` above the singularity and is ``length`` long.
+        """
+        root, rise, _, weight = _make_root_nodes(start, length, node_count)
+        positions = first_x + 2.0 * rise
+        return Nodes(positions, 4.0 * root * weight * self._compute_density(positions))
 
 
 @dataclass(frozen=True)
@@ -423,14 +441,13 @@ class PointShape(Shape):
         def evaluate(y: Array) -> Array:
             """Return the sums (n,) at y (n,)."""
             overlaps = y[:, None] + t
-            is_closed = overlaps > 0.0
             if power:
                 # an overlap of an open contact is replaced by a number whose power is zero
                 open_overlap = np.inf if power < 0.0 else 0.0
-                root = np.sqrt(np.where(is_closed, overlaps, open_overlap))
+                root = np.sqrt(np.where(overlaps <= 0.0, open_overlap, overlaps))
                 terms = _raise_to_power(root, round(2.0 * power))
             else:
-                terms = np.asarray(is_closed, float)
+                terms = np.heaviside(overlaps, 0.0)  # an overlap of zero does not count
             # a product by @ would round each row differently beside other rows
             return np.asarray(np.sum(terms * weights, axis=-1))
 
@@ -494,7 +511,7 @@ def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
 
 
 def subtract_mean(values: Array) -> Array:
-    """Return the ``values``, of any shape, less their mean.
+    """Return the ``values``, one or more in an array of any shape, less their mean.
 
     The mean is subtracted twice, so that what remains of it is zero to the rounding of the
     differences, not of the values, which may be far larger.
@@ -512,53 +529,71 @@ def merge(places: Array, weights: Array) -> tuple[Array, Array]:
     return different_places, np.bincount(index, weights[has_weight]).astype(float)
 
 
-def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return at most ``most_points`` places that stand for many ``places`` (ascending), and their
-    weights: the first, the last, and two in each of the cells between; a cell of one or two places
-    keeps these. Places that are ``most_points`` or fewer are returned as they are.
+def condense(places: Array, weights: Array) -> tuple[Array, Array]:
+    """Return at most :data:`MOST_POINTS` places, and their weights, that stand for ``places`` (n,),
+    different and ascending, with ``weights`` (n,) above zero.
 
-    The two places are a Gauss quadrature: each cell keeps its weight and its first three moments,
-    so that only pairs near the kink are in error. Cells are narrower where there are many balls:
-    the edges are evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the
-    fraction of the range below. As the widths of cells differ, their pairs open at different
-    places, and the errors do not add up.
+    No more places than that are returned as they are. Of more, the first and the last remain, and
+    those between are divided into cells. A cell of more than two places is replaced by the two
+    nodes of a Gauss quadrature: the cell keeps its weight and its first three moments, so that only
+    pairs near the kink are in error. Cells are narrower where there are many balls: the edges are
+    evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the fraction of the
+    range below. As the widths of cells differ, their pairs open at different places, and the errors
+    do not add up.
 
-    Errors were measured with 192 places against all pairs of 2500 to 1e4 balls (uniform, normal,
-    log-normal, of two kinds). The relative errors of F_ave and K_ave are 4e-6 and 4e-4 from f* =
-    1e-3 on, 2e-7 and 5e-5 from f* = 0.08 on, and 1e-12 with all contacts closed. Sampling noise is
-    1e-3 or more.
+    Errors were measured against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two
+    kinds). The relative errors of F_ave and K_ave are 4e-6 and 4e-4 from f* = 1e-3 on, 2e-7 and
+    5e-5 from f* = 0.08 on, and 1e-12 with all contacts closed. Sampling noise is 1e-3 or more.
     """
-    if places.size <= most_points:
+    if places.size <= MOST_POINTS:
         return places, weights
-    cell, count = _number_cells(places, weights, most_points // 2 - 1)
-    # moments of each cell, (cells,)
-    mass = np.bincount(cell, weights)
-    mean = np.bincount(cell, weights * places) / mass
+    # two places for each cell, and two for the first and the last place
+    cell, count = _number_cells(places, weights, MOST_POINTS // 2 - 1)
+    is_in_large_cell = count[cell] > 2
+    _, large_cell = np.unique(cell[is_in_large_cell], return_inverse=True)
+    nodes, weights_of_nodes = _replace_by_nodes(
+        large_cell, places[is_in_large_cell], weights[is_in_large_cell]
+    )
+    return merge(
+        np.concatenate([places[~is_in_large_cell], nodes]),
+        np.concatenate([weights[~is_in_large_cell], weights_of_nodes]),
+    )
+
+
+def _replace_by_nodes(cell: Index, places: Array, weights: Array) -> tuple[Array, Array]:
+    """Return the two nodes of a Gauss quadrature for each of m cells, and their weights, (2 m,)
+    each: the lower nodes of all cells, then the upper ones. They have the sum of the weights of a
+    cell and its first three moments.
+
+    ``cell`` (n,) is the number, from 0 to m - 1, of the cell of each of the ``places`` (n,), whose
+    ``weights`` (n,) are above zero; each cell has two different places or more.
+    """
+    weight = np.bincount(cell, weights)
+    mean = np.bincount(cell, weights * places) / weight
     deviation = places - mean[cell]
-    std = np.sqrt(np.bincount(cell, weights * deviation**2) / mass)
-    is_condensed = count > 2
-    third_moment = np.bincount(cell, weights * deviation**3)
-    half_skewness = 0.5 * third_moment / (mass * np.where(is_condensed, std, 1.0) ** 3)
-    # the two nodes of the Gauss quadrature of each cell, and their weights
+    std = np.sqrt(np.bincount(cell, weights * deviation**2) / weight)
+    third_moment = np.bincount(cell, weights * deviation**3)  # times the weight
+    # the nodes are where z^2 - 2 h z - 1 = 0, with z = (node - mean)/std and half the skewness h
+    half_skewness = 0.5 * third_moment / (weight * std**3)
     half_distance = np.hypot(1.0, half_skewness)  # in standard deviations
-    lower_node = mean + std * (half_skewness - half_distance)
-    upper_node = mean + std * (half_skewness + half_distance)
-    weight_of_lower = 0.5 * mass * (1.0 + half_skewness / half_distance)
-    weight_of_upper = 0.5 * mass * (1.0 - half_skewness / half_distance)
-    # cells of one or two places keep these
-    is_kept = count[cell] <= 2
-    new_places = [places[is_kept], lower_node[is_condensed], upper_node[is_condensed]]
-    new_weights = [weights[is_kept], weight_of_lower[is_condensed], weight_of_upper[is_condensed]]
-    return merge(np.concatenate(new_places), np.concatenate(new_weights))
+    nodes = [
+        mean + std * (half_skewness - half_distance),
+        mean + std * (half_skewness + half_distance),
+    ]
+    weights_of_nodes = [
+        0.5 * weight * (1.0 + half_skewness / half_distance),
+        0.5 * weight * (1.0 - half_skewness / half_distance),
+    ]
+    return np.concatenate(nodes), np.concatenate(weights_of_nodes)
 
 
 def _number_cells(places: Array, weights: Array, n_cells: int) -> tuple[Any, Any]:
     """Return the number (n,) of the cell of each of the ``places`` (n,), ascending, and the number
-    of places in each cell.
+    of places in each cell that has any.
 
     The first and the last place have cells of their own. The other places are in ``n_cells`` cells,
-    whose edges :func:`condense` describes; a cell without places gets no number. ``weights`` (n,)
-    are those of the places.
+    whose edges :func:`condense` describes; cells are numbered from 0, and a cell without places
+    gets no number. ``weights`` (n,) are those of the places.
     """
     fraction_below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
     range_below = (places - places[0]) / (places[-1] - places[0])
@@ -586,12 +621,12 @@ def cut_rms(cutoff: float) -> float:
 
 #: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's
 #: deviation that the laws lose their digits
-_RAREST = 1e-12
+_LEAST_FRACTION = 1e-12
 #: largest number of balls in one sample, far beyond what a machine holds
 _MOST_NUMBERS = 2**48
 #: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of
 #: fractions against 1
-_ROUNDED = 1e-9
+_RELATIVE_TOLERANCE = 1e-9
 
 
 def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
@@ -600,13 +635,13 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
 
     Integer arithmetic makes them the same on every machine. A site keeps its number when the array
     grows along any axis, so that a longer sample begins with a shorter one. Raises
-    :class:`InputError` for lengths that are not whole numbers >= 0, for more than 2^48 sites, or
-    for a seed that is not a whole number from 0 to 2^64 - 1.
+    :class:`InputError` for lengths that are not whole numbers >= 0, for an empty list of lengths,
+    for more than 2^48 sites, or for a seed that is not a whole number from 0 to 2^64 - 1.
     """
     given_shape: Any = shape
     if isinstance(given_shape, np.ndarray):
         given_shape = given_shape.tolist()
-    is_list = isinstance(given_shape, Sequence) and not isinstance(given_shape, bytes)
+    is_list = isinstance(given_shape, Sequence) and not isinstance(given_shape, str | bytes)
     given_lengths = tuple(given_shape) if is_list else (given_shape,)
     lengths = tuple(whole_number("shape", length, 0) for length in given_lengths)
     if not lengths or math.prod(lengths) > _MOST_NUMBERS:
@@ -664,7 +699,9 @@ class Spread(ABC):
 
     @property
     def kind(self) -> str:
-        """Name of the distribution in scenes: "uniform", "normal", "discrete" or "measured"."""
+        """Name of the distribution in scenes, that of its class in small letters: "uniform",
+        "normal", "discrete" or "measured".
+        """
         return type(self).__name__.lower()
 
     def with_width(self, width: float) -> Self:
@@ -680,18 +717,21 @@ class Spread(ABC):
         )
 
     def with_mean(self, diameter: float) -> Self:
-        """Return the distribution of the same deviations about a mean ``diameter``, m."""
+        """Return the distribution of the same deviations about a mean ``diameter``, m: itself, if
+        it is one of deviations only.
+        """
         return self
 
     def check_diameter(self, diameter: float) -> None:
-        """Raise :class:`InputError` if the mean diameter of the balls cannot be ``diameter`` (m).
+        """Raise :class:`InputError` if the mean diameter of the balls cannot be ``diameter``, m.
 
-        That is so if the distribution has a mean of its own that differs by more than 1e-9 of the
-        ``diameter``, or if the smallest ball would have a size at or below zero. A smaller
-        difference has no effect, as deviations are taken from the distribution's own mean.
+        That is so if the ``diameter`` is not a finite number above zero, if the distribution has a
+        mean of its own that differs by more than 1e-9 of the ``diameter``, or if the smallest ball
+        would have a size at or below zero. A smaller difference of the means has no effect, as
+        deviations are taken from the distribution's own mean.
         """
         least_diameter = positive("diameter", diameter, "m") + self.smallest
-        if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
+        if self.mean is not None and abs(self.mean - diameter) > _RELATIVE_TOLERANCE * diameter:
             problem = (
                 f"the mean of the diameters is {self.mean:.12g} m, the given diameter is"
                 f" {diameter:.12g} m"
@@ -811,7 +851,8 @@ class _Listed(Spread):
 
     def with_width(self, width: float) -> Self:
         """Return the diameters whose deviations from their mean are scaled, so that their width is
-        ``width``, m; InputError if they do not deviate, or if one would be zero or below.
+        ``width``, m; InputError if that is negative or not finite, if the diameters do not deviate,
+        or if one would be zero or below.
         """
         new_width = not_negative("width", width, "m")
         if not self.width:
@@ -836,10 +877,10 @@ class _Listed(Spread):
         return scaled_spread
 
     def with_mean(self, diameter: float) -> Self:
-        """Return the diameters shifted so that their mean is ``diameter``, m; InputError if one
-        would be zero or below.
+        """Return the diameters shifted so that their mean is ``diameter``, m; InputError if that is
+        not a finite number above zero, or if one of them would be zero or below.
         """
-        shift = diameter - self.mean
+        shift = positive("diameter", diameter, "m") - self.mean
         shifted_diameters = tuple(old_diameter + shift for old_diameter in self.diameters)
         return replace(self, diameters=shifted_diameters)
 
@@ -902,9 +943,9 @@ class Discrete(_Listed):
 
     Raises
     ------
-    InputError : a diameter that is not finite and above zero, a fraction that is negative or
-        between zero and 1e-12, fractions with another sum, or unequal numbers of diameters and
-        fractions.
+    InputError : no diameters, a diameter that is not a finite number above zero, a fraction that is
+        no number, negative or between zero and 1e-12, fractions with another sum, or unequal
+        numbers of diameters and fractions.
     """
 
     fractions: tuple[float, ...]
@@ -916,20 +957,20 @@ class Discrete(_Listed):
         object.__setattr__(self, "diameters", diameters)
         object.__setattr__(self, "fractions", fractions)
         if len(self.fractions) != len(self.diameters):
-            problem = (
-                f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
-            )
+            diameters_in_words = counted(len(self.diameters), "diameter")
+            fractions_in_words = counted(len(self.fractions), "fraction")
+            problem = f"{diameters_in_words} and {fractions_in_words} are given"
             raise InputError(problem, mend="Give one fraction for each diameter")
         least_fraction = min((fraction for fraction in self.fractions if fraction), default=1.0)
-        if least_fraction < _RAREST:
+        if least_fraction < _LEAST_FRACTION:
             mend = "Leave it out, or give the fraction 0"
             raise InputError(
                 f"a fraction is {least_fraction:g}",
-                f"A kind rarer than {_RAREST:g} is not resolved",
+                f"A kind rarer than {_LEAST_FRACTION:g} is not resolved",
                 mend,
             )
         excess = math.fsum(self.fractions) - 1.0
-        if abs(excess) > _ROUNDED:
+        if abs(excess) > _RELATIVE_TOLERANCE:
             side = "above" if excess > 0.0 else "below"
             problem = f"the fractions sum to {1.0 + excess:.12g}, {abs(excess):.3g} {side} 1"
             raise InputError(problem, "They are parts of a whole", "Divide them by their sum")
@@ -949,7 +990,7 @@ class Measured(_Listed):
 
     Raises
     ------
-    InputError : there are none, or one is not finite and above zero.
+    InputError : there are none, or one is not a finite number above zero.
     """
 
     def __post_init__(self) -> None:
@@ -963,13 +1004,16 @@ class Measured(_Listed):
         """Read diameters from a column of the table (CSV) at ``path``, headed as in
         ``ball,diameter (mm)``.
 
-        ``column`` is the name of the column, whose unit the first line must give; by default it is
-        "diameter", or the only column of the table. ``quoted`` says whether errors may quote the
-        table, as in :meth:`~granphon.base.tables.Table.read`. :class:`InputError` names the line
-        that cannot be read.
+        ``column`` is the name of the column, by default "diameter" or the only column of the table.
+        The first line gives its unit, unless ``column`` does, as in "d (mm)". ``quoted`` says
+        whether errors may quote the table, as in :meth:`~granphon.base.tables.Table.read`.
+
+        Raises :class:`InputError` for a file that cannot be read as a table, for a table without
+        the column or without rows, for a column without a unit of length, and, with the number of
+        the line, for what is not a finite number above zero.
         """
         table = Table.read(path, quoted)
-        name = column or "diameter"
+        name = "diameter" if column is None else column
         if column is None and len(table.headings) == 1:
             heading = table.headings[0]
             # an error about another unit would quote the heading

@@ -32,7 +32,7 @@ QUANTITIES = ("energy", "force", "stiffness", "slope of the stiffness")
 FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more;
 #: half a decade is what "much larger" is taken to mean
-MUCH_LARGER = math.sqrt(10.0)
+HIGH_PRESSURE_RATIO = math.sqrt(10.0)
 #: largest radius of a contact, over that of the balls, up to which it is the small spot that
 #: Hertz's law assumes
 MOST_CONTACT_RADIUS = 0.1
@@ -121,33 +121,40 @@ def read_broadcast(**arguments: ArrayLike) -> list[Array]:
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """Return the harmonic mean diameter d*, m, of two balls of the diameters ``first`` and
-    ``second``, m: 1/d* = (1/d_i + 1/d_j)/2 (equation 3). The diameters broadcast.
+    ``second``, m, above zero: 1/d* = (1/d_i + 1/d_j)/2 (equation 3). The diameters broadcast; the
+    result is nan where their sum is beyond double precision.
+
+    Raises :class:`InputError` for what is no number, and for shapes that do not broadcast.
     """
-    first_diameter = real_array("diameter", first)
-    second_diameter = real_array("diameter", second)
+    first_diameter, second_diameter = read_broadcast(diameter=first, other_diameter=second)
     with np.errstate(over="ignore", invalid="ignore"):
         return (2.0 * first_diameter / (first_diameter + second_diameter) * second_diameter)[()]
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
     """Return the radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for
-    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m, zero or above. Both broadcast.
+    equal balls of ``diameter`` d, m, above zero, with an ``overlap`` delta, m, zero or above. Both
+    broadcast. Raises :class:`InputError` for what is no number, and for shapes that do not
+    broadcast.
     """
-    return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
+    delta, d = read_broadcast(overlap=overlap, diameter=diameter)
+    return np.sqrt(delta / d)[()]
 
 
 def high_pressure_overlap(width: float) -> float:
     """Return the overlap, m, from which on the pressure is high (Section III), for balls whose
     diameters have the ``width`` W, m.
     """
-    return MUCH_LARGER * width / math.sqrt(12.0)
+    return HIGH_PRESSURE_RATIO * width / math.sqrt(12.0)
 
 
 class EnergyLaw(ABC):
     """A contact law that is known by its energy and the derivatives of the energy with respect to
     the overlap.
 
-    Methods take scalars or arrays of any shape, and return floats for floats.
+    Methods take scalars or arrays of any shape, and return floats for floats. They raise
+    :class:`InputError` for what is no real number, for nan, and where the result is no finite
+    number; an overlap of minus infinity is that of balls far apart.
     """
 
     @property
@@ -248,7 +255,8 @@ class HertzLaw(EnergyLaw):
     ----------
     coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
 
-    All methods take scalars or arrays, and return floats for floats. The energy of a contact is
+    All methods take scalars or arrays, and return floats for floats; what they raise is said in
+    :class:`EnergyLaw`. The energy of a contact is
     (2/5) c delta_+^(5/2), the force c delta_+^(3/2) (equation 22, the inverse of 1), the normal
     stiffness (3/2) c delta_+^(1/2) (equation 2), and its derivative by the overlap (3/4) c
     delta^(-1/2), zero where the balls are apart.
@@ -270,7 +278,8 @@ class HertzLaw(EnergyLaw):
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """Return the law of two balls of one material with the diameters ``first`` and ``second``,
         m; of equal balls if only one is given. Raises :class:`InputError` for an argument that is
-        no material, a diameter that is not above zero, and balls beyond double precision.
+        no material, a diameter that is not a finite number above zero, and balls beyond double
+        precision.
         """
         if not isinstance(material, Material):
             problem = f"the material of a contact is {brief(material)}"  # type: ignore[unreachable]
@@ -332,13 +341,13 @@ class HertzLaw(EnergyLaw):
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
-        ``overlap`` of equal balls.
+        ``overlap`` of equal balls. Raises :class:`InputError` for nan.
         """
         return np.zeros_like(read_overlap(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of the contacts that carry load, at each ``overlap``, m: 1 above
-        zero, else 0.
+        zero, else 0. Raises :class:`InputError` for nan.
         """
         return np.asarray(read_overlap(overlap) > 0.0, float)[()]
 

@@ -30,7 +30,7 @@ BALL = "Fe"
 #: has no digits
 _LEAST_MEASURE = 0.1
 #: greatest number of a cell or a site
-_LARGEST = 1e6
+_MOST_NUMBER = 1e6
 #: what a direction is on a line, in the plane and in space, and how it is given
 _DIRECTIONS = (
     ("one finite number, x, not zero", "(1,) or (-1,)"),
@@ -66,10 +66,11 @@ class Lattice:
     ------
     InputError : the name is not a text, is empty, has letters that cannot be seen, begins with a
         sign that makes it a formula to a spreadsheet (=, +, -, @), or is that of a known lattice
-        with another cell or other sites; the cell is not one of p <= d <= 3 vectors or has almost
-        no extent, balls overlap, a ball touches no other, balls miss each other by less than a
-        thousandth of the spacing, contacts do not join all balls, or equal contact forces leave a
-        ball out of balance.
+        with another cell or other sites; the cell is not one of p <= d <= 3 vectors, does not lie
+        along x or in the xy plane, has almost no extent or is too oblique; the sites have another
+        shape; a number is not finite or above 1e6; balls overlap, a ball touches no other, balls
+        miss each other by less than a thousandth of the spacing, contacts do not join all balls, or
+        equal contact forces leave a ball out of balance.
     """
 
     name: str
@@ -87,12 +88,12 @@ class Lattice:
                 f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers"
             )
         largest_number = max(np.max(np.abs(cell)), np.max(np.abs(sites)))
-        if largest_number > _LARGEST:
+        if largest_number > _MOST_NUMBER:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
                 f"lattice {self.name!r} has a number of size {largest_number:g}",
                 why,
-                f"Give numbers up to {_LARGEST:g}",
+                f"Give numbers up to {_MOST_NUMBER:g}",
             )
         periods = len(cell)
         if np.any(cell[:, periods:]):
@@ -276,7 +277,7 @@ class Lattice:
 
     def units_of(self, names: Iterable[str]) -> dict[str, str]:
         """Return the SI unit of each of the ``names`` of quantities of an array of balls:
-        "pressure", "effective_density", "modulus".
+        "pressure", "effective_density", "modulus". Raises KeyError for another name.
         """
         return {name: _UNITS[name][self.periods - 1] for name in names}
 
@@ -328,13 +329,17 @@ DIAMOND = _make_cubic(
 for _lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
     LATTICES.own(_lattice.name, _lattice)
 #: edge of a cube with balls at its corners and its centre, in spacings
-_CUBE = 2.0 / math.sqrt(3.0)
+_CUBE_EDGE = 2.0 / math.sqrt(3.0)
 #: sites of two balls, one in the middle between others of the other kind
-_CENTRED = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
+_SITES_OF_PAIR = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
 #: structures of two kinds of balls by name, beside the lattices that have a name
 STRUCTURES = {
-    "NaCl": Lattice("NaCl", _FACES, _CENTRED),
-    "CsCl": Lattice("CsCl", ((_CUBE, 0.0, 0.0), (0.0, _CUBE, 0.0), (0.0, 0.0, _CUBE)), _CENTRED),
+    "NaCl": Lattice("NaCl", _FACES, _SITES_OF_PAIR),
+    "CsCl": Lattice(
+        "CsCl",
+        ((_CUBE_EDGE, 0.0, 0.0), (0.0, _CUBE_EDGE, 0.0), (0.0, 0.0, _CUBE_EDGE)),
+        _SITES_OF_PAIR,
+    ),
     "zincblende": Lattice("zincblende", DIAMOND.cell, DIAMOND.sites),
 }
 
@@ -400,7 +405,7 @@ def find_structure(name: str | Lattice) -> Lattice:
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     """Return ``direction`` as a Cartesian unit vector (d,), or as (n, d) unit vectors for (n, d)
-    directions, d the ``dimension``.
+    directions, one or more; d is the ``dimension``.
 
     Raises :class:`InputError` for another shape, a number that is not finite, or a direction of
     length zero.

@@ -21,9 +21,9 @@ from granphon.base.validation import choice, each, is_one_of, is_whole, whole
 #: how an edge may be held
 EDGES = ("free", "clamped", "floor")
 #: part of a period across the line or plane in which it lies, but for rounding
-_LEVEL = 1e-12
+_TILT_ROUNDING = 1e-12
 #: part of a layer by which sites at one height may differ
-_SITE = 1e-9
+_HEIGHT_ROUNDING = 1e-9
 #: largest Miller index, of either sign
 _MOST_INDEX = 100
 #: largest number of rounds in which two vectors are shortened; rounding may let two of one length
@@ -73,7 +73,7 @@ class Layers:
             # each column of q gets the sign of the component of its vector
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
 
-        is_tilted = np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
+        is_tilted = np.any(np.abs(vectors[:-1, p - 1 :]) > _TILT_ROUNDING * np.max(np.abs(vectors)))
         leads_down = vectors[-1, p - 1] < 0.0
         if is_tilted or leads_down:
             turn_upright()
@@ -106,7 +106,7 @@ class Layers:
         height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]  # in layers
         is_wall = np.broadcast_to(walls, height.shape)
         lowest = np.min(height, where=~is_wall, initial=np.inf)
-        layers_down = np.where(is_wall, 0.0, np.floor(height - lowest + _SITE))
+        layers_down = np.where(is_wall, 0.0, np.floor(height - lowest + _HEIGHT_ROUNDING))
         if not np.any(layers_down):
             return positions, shift
         moved_positions = positions - layers_down[:, None] * (self.stack @ self.turn)
@@ -221,7 +221,7 @@ def find_outer(heights: Array) -> Flags:
     """
     low = float(heights.min())
     high = float(heights.max())
-    quarter = 0.25 * (1.0 + _SITE) * (high - low)
+    quarter = 0.25 * (1.0 + _HEIGHT_ROUNDING) * (high - low)
     return np.stack([heights <= low + quarter, heights >= high - quarter])
 
 
@@ -334,13 +334,14 @@ def _shorten(basis: Index, cell: Array) -> Index:
 
 
 def find_axes(periods: Array) -> Array:
-    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d).
+    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), one or
+    more.
 
     They are x, y, z where the periods lie along x, or in the xy plane, already; else the first is
     along the first period.
     """
     p, d = periods.shape
-    is_tilted = np.any(np.abs(periods[:, p:]) > _LEVEL * np.max(np.abs(periods)))
+    is_tilted = np.any(np.abs(periods[:, p:]) > _TILT_ROUNDING * np.max(np.abs(periods)))
     if not is_tilted:
         return np.eye(d)
     first_axis = periods[0] / np.linalg.norm(periods[0])

@@ -73,8 +73,9 @@ class Load:
     ------
     InputError : another kind; a value that is not a finite number, or not above zero where it must
         be; more values than memory holds; a side force without ``balls_per_side``, a stress or
-        strain without ``tensor``, or another kind of load with either; a tensor that has not 1, 3
-        or 6 finite components, and a gravity that is not a finite number.
+        strain without ``tensor``, or another kind of load with either; a ``balls_per_side`` that is
+        no whole number from 1 to 1e6, a tensor that has not 1, 3 or 6 finite components, and a
+        gravity that is not a finite number.
     """
 
     kind: str
@@ -242,7 +243,7 @@ def given_load(load: Any) -> Load:
 
 def require_of_packing(load: Load) -> None:
     """Raise :class:`InputError` for something that is no :class:`Load`, and for a ``load`` that
-    crystals alone bear: a stress or a strain, or a load with gravity.
+    crystals alone bear: a stress or a strain, or a load with a gravity that is not zero.
     """
     problem = ""
     if given_load(load).tensor is not None:

@@ -27,7 +27,7 @@ LEAST_DENSITY = 20.0
 ONSET_OF_YIELD = 1.07
 #: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x
 #: j_2'(x) = j_2(x)
-_TORSIONAL = 2.501132620409395
+_TORSIONAL_FREQUENCY = 2.501132620409395
 #: number of terms of the series of the breathing mode: the last is far below rounding
 _BREATHING_TERMS = 20
 
@@ -96,8 +96,8 @@ class Material(Block):
 
     def ball_mass(self, diameter: float) -> float:
         """Return the mass of a ball of a ``diameter`` d, m, pi rho d^3 / 6, kg (equation 7); it is
-        zero below the floating range. Raises InputError for a diameter that is not a finite number
-        above zero.
+        zero below the floating range and infinite above. Raises InputError for a diameter that is
+        not a finite number above zero.
         """
         d = positive("diameter", diameter, "m")
         return math.pi / 6.0 * self.density * d * d * d
@@ -136,9 +136,11 @@ class Material(Block):
         # materials, where the breathing mode falls to zero with the bulk modulus; the spheroidal
         # mode of order two lies between
         if sigma >= 0.0:
-            return _TORSIONAL * frequency_unit
+            return _TORSIONAL_FREQUENCY * frequency_unit
         breathing_frequency = _find_breathing_mode(sigma)
-        reduced_frequency = _TORSIONAL if breathing_frequency is None else breathing_frequency
+        reduced_frequency = (
+            _TORSIONAL_FREQUENCY if breathing_frequency is None else breathing_frequency
+        )
         return reduced_frequency * frequency_unit
 
 
@@ -172,7 +174,7 @@ def _find_breathing_mode(sigma: float) -> float | None:
     lower_bound = 0.5 * uniform_frequency
     # the factor is above 1 because near sigma = -1 the root equals ``uniform_frequency`` to
     # rounding
-    upper_bound = min(1.1 * uniform_frequency, _TORSIONAL)
+    upper_bound = min(1.1 * uniform_frequency, _TORSIONAL_FREQUENCY)
     if residual(lower_bound) * residual(upper_bound) > 0.0:
         return None
     return float(brentq(residual, lower_bound, upper_bound, xtol=1e-16 * uniform_frequency))

@@ -28,12 +28,12 @@ TOUCH = 1e-6
 NEAR = 1e-2
 #: a gap above TOUCH that is no larger than this is refused: it would close under load, as balls
 #: overlap by as much
-_CLOSING = 1e-3
+_CLOSING_GAP = 1e-3
 #: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites
 #: far from each other
 _MOST_CELLS = 5_000_000
 #: most balls of a cell whose contacts are sought among all pairs; more are searched by a tree
-_FEW = 40
+_MOST_COMPARED = 40
 #: units in which lengths are often given instead of m, and by what factor numbers are then too
 #: large
 _UNITS = {"cm": 1e2, "mm": 1e3, "um": 1e6}
@@ -42,17 +42,17 @@ _UNITS = {"cm": 1e2, "mm": 1e3, "um": 1e6}
 _UNIT_TOLERANCE = 2.0
 #: distance of two balls, over that at which they touch, below which diameters look like mm or a
 #: finer unit: half of 1/100, so that cm are not taken for mm
-_LOOKS_LIKE_MM = 1.0 / 200.0
+_RATIO_OF_MM = 1.0 / 200.0
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made
 #: from x instead
-_UPRIGHT = 0.9
+_MOST_Z = 0.9
 #: what a piece that extends along none, one, two or three periods is called
 _PIECES = ("clusters", "rows", "layers", "networks")
 #: least square of the component of a vector along an axis, in distances of touching balls, from
 #: which coordinates along the axis are scaled
 _LEAST_SQUARE = 1e-2
 #: distance, over that of touching balls, up to which pairs are listed
-_NEAR_TOUCH = 1.0 + NEAR + 1e-9
+_SEARCH_RATIO = 1.0 + NEAR + 1e-9
 #: a number of whole cells along each period
 _Cells = tuple[int, ...]
 #: for each ball the balls that it touches, with the whole cells by which they are displaced
@@ -137,7 +137,7 @@ def contact_frames(normal: Array) -> list[list[Array]]:
         x = normal[:, 0]
         y = normal[:, 1] if dimension == 2 else zero
         return [[x, y, zero], [-y, x, zero], [zero, zero, np.ones(count)]]
-    is_upright = np.abs(normal[:, 2]) > _UPRIGHT
+    is_upright = np.abs(normal[:, 2]) > _MOST_Z
     axis = np.where(is_upright[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     tangent = np.cross(axis, normal)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -151,9 +151,9 @@ def repeat_contacts(
     """Repeat the contacts of a cell: balls ``i``, ``j`` (n_c,), whole cells ``shift`` (n_c, p).
 
     Returns the m cells (m, p) of a supercell of ``counts`` (p,) cells of ``n`` balls each along the
-    periods, and i, j (m n_c,) and shift (m n_c, p), in whole supercells, of its contacts. Balls
-    come in the order of cells, ball by ball of each cell, with the last period fastest; contacts
-    come cell by cell.
+    p periods, one or more, and i, j (m n_c,) and shift (m n_c, p), in whole supercells, of its
+    contacts. Balls come in the order of cells, ball by ball of each cell, with the last period
+    fastest; contacts come cell by cell.
     """
     p = len(counts)
     grid = np.meshgrid(*map(np.arange, counts), indexing="ij")
@@ -222,8 +222,9 @@ def find_contacts(
 ) -> ContactTable:
     """Find the contacts of one cell of balls, each once, in the unit of the positions.
 
-    Balls touch where their distance is the sum of their ``radii`` (n,); without these they are the
-    equal balls of a lattice, which touch at distance one.
+    ``cell`` (p, d) has the vectors of the p periods, and ``positions`` (n, d) are those of one ball
+    or more, all finite. Balls touch where their distance is the sum of their ``radii`` (n,);
+    without these they are the equal balls of a lattice, which touch at distance one.
 
     Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls
     overlap, a ball touches no other, balls nearly touch, contacts do not join all balls, or too
@@ -233,7 +234,7 @@ def find_contacts(
     gap = pairs.describe_gap(cell)
     pairs.require_apart(gap)
     pairs.require_contacts(cell, positions, gap)
-    if gap is not None and gap.ratio - 1.0 <= _CLOSING:
+    if gap is not None and gap.ratio - 1.0 <= _CLOSING_GAP:
         raise _explain_closing(pairs, gap)
     ends = np.flatnonzero(pairs.deviation <= TOUCH)  # each contact twice, once from each end
     is_counted = select_once(pairs.i[ends], pairs.j[ends], pairs.shift[ends])
@@ -264,7 +265,7 @@ class _Gap:
 
 @dataclass(frozen=True, eq=False)
 class _NearPairs:
-    """Pairs of balls no farther apart than :data:`_NEAR_TOUCH` times the distance of touching
+    """Pairs of balls no farther apart than :data:`_SEARCH_RATIO` times the distance of touching
     balls, each from both of its ends.
 
     Attributes
@@ -375,7 +376,7 @@ class _NearPairs:
                 "Give each site of the cell once; places that differ by vectors of the cell are"
                 " one site"
             )
-        if self.has_radii and self.ratio[pair] < _LOOKS_LIKE_MM:
+        if self.has_radii and self.ratio[pair] < _RATIO_OF_MM:
             return "Compare the units: diameters, cell and positions are in m"
         if gap is not None and is_slight:
             return gap.mend
@@ -432,7 +433,7 @@ def _explain_closing(pairs: _NearPairs, gap: _Gap) -> InputError:
     load.
     """
     gap_in_words = f"A gap of {gap.ratio - 1.0:.2g}"
-    least_in_words = f"{_CLOSING:g}"
+    least_in_words = f"{_CLOSING_GAP:g}"
     if pairs.has_radii:  # without radii the distance is 1
         gap_in_words += " of that"
         least_in_words += " of their distance"
@@ -447,19 +448,20 @@ def _find_near(
     cell: Array, positions: Array, radii: Array, subject: str
 ) -> tuple[Any, Any, Any, Array]:
     """Return the pairs of balls at ``positions`` (n, d) with ``radii`` (n,) that are no farther
-    apart than :data:`_NEAR_TOUCH` times the distance of touching balls, each from both of its ends.
+    apart than :data:`_SEARCH_RATIO` times the distance of touching balls, each from both of its
+    ends.
 
     They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors
     (pairs, d) from i to j, in the order of i, j, and these cells. Raises InputError, which calls
     the lattice or crystal ``subject``, if too many cells would have to be searched.
     """
     n = len(positions)
-    if n <= _FEW:
+    if n <= _MOST_COMPARED:
         return _find_near_among_all(cell, positions, radii, subject)
-    cutoff = 2.0 * _NEAR_TOUCH * float(radii.max())
-    _require_few_cells(_find_most_steps(cell, cutoff) + 1.0, n / _FEW, subject)
+    cutoff = 2.0 * _SEARCH_RATIO * float(radii.max())
+    _require_few_cells(_find_most_steps(cell, cutoff) + 1.0, n / _MOST_COMPARED, subject)
     i, j, shift, vector = find_pairs(positions, cell, cutoff)
-    is_near = np.linalg.norm(vector, axis=-1) <= _NEAR_TOUCH * (radii[i] + radii[j])
+    is_near = np.linalg.norm(vector, axis=-1) <= _SEARCH_RATIO * (radii[i] + radii[j])
     i = i[is_near]
     j = j[is_near]
     shift = shift[is_near]
@@ -481,13 +483,13 @@ def _find_near_among_all(
     """
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
     largest_distance = float(np.linalg.norm(within_cell, axis=-1).max())
-    radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + largest_distance
+    radius = 2.0 * _SEARCH_RATIO * float(radii.max()) + largest_distance
     most_steps = _find_most_steps(cell, radius)
     _require_few_cells(most_steps, 1.0, subject)
     steps = _list_steps(cell, radius, most_steps)
     vectors = within_cell[:, :, None] + (steps @ cell)[None, None]  # (n, n, steps, d)
     touch = radii[:, None] + radii  # (n, n)
-    is_near = np.linalg.norm(vectors, axis=-1) <= _NEAR_TOUCH * touch[:, :, None]
+    is_near = np.linalg.norm(vectors, axis=-1) <= _SEARCH_RATIO * touch[:, :, None]
     is_same_ball = np.eye(len(positions), dtype=bool)[:, :, None]
     is_itself = is_same_ball & np.all(steps == 0, axis=1)
     i, j, step = np.nonzero(is_near & ~is_itself)
@@ -505,8 +507,8 @@ def _require_few_cells(most_steps: Array, cell_weight: float, subject: str) -> N
 
 
 def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, Any, Any, Array]:
-    """Find the pairs of places, ``positions`` (n, d), not farther apart than ``cutoff``, each once,
-    also of images along ``periods`` (p, d).
+    """Find the pairs of places, ``positions`` (n, d), not farther apart than ``cutoff``, zero or
+    above, each once, also of images along ``periods`` (p, d).
 
     Returns the indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is
     shifted, and the vectors (pairs, d) from i to this image. Pairs are sorted by i, then by j, and
@@ -581,8 +583,8 @@ def require_joined(
     mend: str = "",
     held: Any = None,
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all
-    their images.
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, one or
+    more, and all their images.
 
     ``i``, ``j`` are (n_c,), ``shift`` is (n_c, periods) cells. Balls that are ``held`` (n,) are one
     body, along all periods. The message calls the crystal or network ``subject``, and says ``why``
@@ -764,11 +766,12 @@ def _scale_axis(near_vectors: Array, touching_vectors: Array, axis: int) -> floa
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
-    """Return whether any two balls of a supercell of ``dim`` (p,) cells, or a ball and its own
-    image, touch in at most one way.
+    """Return whether all periods of a supercell of ``dim`` (p,) cells, of the lattice ``cell`` (p,
+    d), are longer than twice the length ``contact`` of a contact.
 
-    That is so if all periods are longer than twice the length ``contact`` of a contact: the vectors
-    to two images of a ball differ by a period, so that they cannot both be as short as a contact.
+    Any two balls, or a ball and its own image, then touch in at most one way: the vectors to two
+    images of a ball differ by a period, so that they cannot both be as short as a contact. Where a
+    period is shorter they may touch in several ways.
     """
     supercell = cell * np.array(dim)[:, None]
     short_periods = steps_within(supercell, 2.0 * (1.0 + TOUCH) * contact)

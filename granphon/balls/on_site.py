@@ -22,10 +22,11 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import Quantity
 from granphon.base.results import read_only
+from granphon.base.text import counted
 from granphon.base.validation import block, require, zero_or_above
 
 #: greatest stiffness, N/m or N m, far above any: products of several are within the range of floats
-_MOST = 1e30
+_MOST_STIFFNESS = 1e30
 #: name under which one stiffness of all rotations is given, N m
 ROTATION = "rotation"
 #: names of the stiffnesses against displacements along x, y and z, N/m, and against rotations about
@@ -35,7 +36,7 @@ ROTATIONS = tuple(f"{ROTATION}_{axis}" for axis in DISPLACEMENTS)
 #: name of the stiffnesses of springs to the ground
 ON_SITE = "on_site"
 #: part of a stiffness that couples two motions, over the largest, that is put down to rounding
-_COUPLED = 1e-9
+_COUPLING_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ def read_on_site(value: Any, motions: Motions, n: int) -> Array | None:
     elif len(entries) == n:
         springs = np.array([_read_springs(entry, motions) for entry in entries])
     else:
-        problem = f"on_site has {len(entries)} entries, and there are {n} balls"
+        entries_in_words = counted(len(entries), "entry", "entries")
+        problem = f"on_site has {entries_in_words}, and the number of balls is {n}"
         raise InputError(problem, mend="Give one for each ball, or one stiffness for all")
     return read_only(springs) if np.any(springs) else None
 
@@ -125,8 +127,8 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
 def _read_stiffness(value: Any, unit: str) -> float:
     """Return a stiffness, zero or above, in an SI ``unit``; refuse one above the greatest."""
     stiffness = zero_or_above(value, unit)
-    if stiffness > _MOST:
-        raise Refused(f"{stiffness:g}", f"a stiffness up to {_MOST:g} {unit}")
+    if stiffness > _MOST_STIFFNESS:
+        raise Refused(f"{stiffness:g}", f"a stiffness up to {_MOST_STIFFNESS:g} {unit}")
     return stiffness
 
 
@@ -219,7 +221,7 @@ def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array 
         tensors = np.einsum("ab,nb,cb->nac", axes, springs, axes)
         diagonal = np.diagonal(tensors, axis1=1, axis2=2)  # (n, 3)
         couplings = np.abs(tensors - diagonal[:, :, None] * np.eye(3))
-        if np.max(couplings, initial=0.0) > _COUPLED * np.max(springs, initial=0.0):
+        if np.max(couplings, initial=0.0) > _COUPLING_ROUNDING * np.max(springs, initial=0.0):
             raise InputError(
                 "springs to the ground differ along axes that are turned",
                 "Each spring lies along an axis of the balls, and would lie across two",

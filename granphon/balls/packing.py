@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform, given_spread
 from granphon.balls.hertz import HertzLaw, contact_radius_ratio, read_broadcast
-from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, find_motions, select_motions
 from granphon.balls.on_site import ON_SITE, SPRING_PARAMETERS
@@ -80,8 +80,9 @@ class Packing:
     ------
     InputError : something else than a :class:`~granphon.Material`, a diameter that is not a finite
         number above zero, an unknown lattice, motions that the lattice does not have, a friction
-        that is no truth value, a torsion or bending that is negative or above 1e6, either of them
-        where the motions have no rotation that it resists, something else than a spread, a spread
+        that is no truth value, a torsion or bending that is no number, negative or above 1e6,
+        either of them where the motions have no rotation that it resists, something else than a
+        spread, a spread
         with another mean than the diameter or with a ball of size zero or below, or scales beyond
         double precision.
     """
@@ -215,8 +216,8 @@ class Packing:
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - sigma)/3 times the overlap over
         the diameter, with the Poisson ratio sigma. The result is zero where k is zero. Raises
-        :class:`InputError` for what is no number, for shapes that do not broadcast, and for a
-        negative force if the torsion depends on the load.
+        :class:`InputError` for what is no number, for shapes that do not broadcast, and, if the
+        torsion depends on the load, for a force that is negative or not finite.
         """
         f, k = read_broadcast(force=force, stiffness=stiffness)
         if self.torsion != MINDLIN:
@@ -226,7 +227,7 @@ class Packing:
         radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
         # (8/3) G r^3 over d^2, N/m
         twist_over_square = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
-        return np.asarray(np.divide(twist_over_square, k, out=np.zeros(f.shape), where=k > 0.0))
+        return np.asarray(np.divide(twist_over_square, k, out=np.zeros(f.shape), where=k != 0.0))
 
     @cached_property
     def mass(self) -> float:
@@ -427,7 +428,7 @@ _MATERIAL = {
     if declaration.default == NEEDED
 }
 #: the constants of a material on which a contact depends
-_ELASTIC = ("young_modulus", "poisson_ratio")
+_ELASTIC_CONSTANTS = ("young_modulus", "poisson_ratio")
 #: where a lattice of one, two or three periods extends
 _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers
@@ -451,7 +452,7 @@ KIND_PARAMETERS: Mapping[str, str] = {
 }
 #: the parameters of each wall of a crystal and their SI units; a sweep calls them by the name of
 #: the wall, "wall.young_modulus"
-WALL_PARAMETERS: Mapping[str, str] = {name: _MATERIAL[name] for name in _ELASTIC}
+WALL_PARAMETERS: Mapping[str, str] = {name: _MATERIAL[name] for name in _ELASTIC_CONSTANTS}
 #: the losses of contacts and balls by the names of arguments and settings, each with its quantity;
 #: None for pure numbers
 LOSS_QUANTITIES: Mapping[str, Quantity | None] = {
@@ -480,7 +481,7 @@ LOSS_PARAMETERS: Mapping[str, str] = {
     **{second: name for name, second in SECOND_LOSSES.items()},
 }
 #: the parameters of a sweep that are not those of a kind of ball or a wall, and their SI units
-SWEPT: Mapping[str, str | None] = {
+SWEEP_PARAMETERS: Mapping[str, str | None] = {
     **PARAMETERS,
     **SPRING_PARAMETERS,
     **{name: LOSSES[loss] or "1" for name, loss in LOSS_PARAMETERS.items()},
@@ -492,8 +493,8 @@ def find_unit(name: str) -> str | None:
     losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number. Raises
     KeyError for any other name.
     """
-    if name in SWEPT:
-        return SWEPT[name]
+    if name in SWEEP_PARAMETERS:
+        return SWEEP_PARAMETERS[name]
     return KIND_PARAMETERS[name.rpartition(".")[2]]
 
 
@@ -510,8 +511,9 @@ class Axis:
         values.
 
         Raises :class:`InputError` for an unknown name, an empty list, an entry that is no number
-        where numbers are needed, a value that stands twice, and lattices of different dimension or
-        of one name. Other wrong values are refused where packings are made of them.
+        where numbers are needed, a value that stands twice, unknown lattices, and lattices of
+        different dimension or of one name. Other wrong values are refused where packings are made
+        of them.
         """
         _require_parameter(name)
         entries = argument if isinstance(argument, list | tuple) else (argument,)
@@ -536,15 +538,10 @@ class Axis:
         return axis
 
     def _require_comparable_lattices(self) -> None:
-        """Raise :class:`InputError` for lattices with different numbers of periods, or of the same
-        name.
+        """Raise :class:`InputError` for unknown lattices, and for lattices with different numbers
+        of periods or of the same name.
         """
-        # unknown names of lattices are refused later
-        lattices = [
-            find_lattice(value)
-            for value in self.values
-            if isinstance(value, Lattice) or is_one_of(value, LATTICES)
-        ]
+        lattices = [find_lattice(value) for value in self.values]
         examples: dict[int, str] = {}  # the name of the first lattice of each number of periods
         for lattice in lattices:
             examples.setdefault(lattice.periods, lattice.name)
@@ -611,9 +608,10 @@ class Axis:
 
 def _require_parameter(name: str) -> None:
     """Raise :class:`InputError` unless ``name`` is a parameter of packings, of springs to the
-    ground, of losses, or, as "A.diameter", of a kind of ball.
+    ground, of losses, or, as "A.diameter", of a kind of ball or a wall. Whether there is such a
+    kind or wall is not checked.
     """
-    if name in SWEPT:
+    if name in SWEEP_PARAMETERS:
         return
     kind, _, _ = name.rpartition(".")
     if kind == ON_SITE:
@@ -679,7 +677,7 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
 
     A ``width`` scales the spread (:meth:`Spread.with_width
     <granphon.balls.diameters.Spread.with_width>`); a ``diameter`` leaves the spread as it is.
-    Raises :class:`InputError` if such a packing is not possible.
+    Raises :class:`InputError` for an unknown name, and if such a packing is not possible.
     """
     if not isinstance(packing, Packing):
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]

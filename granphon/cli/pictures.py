@@ -46,7 +46,7 @@ Cells = Annotated[
         help="Cells to draw along each lattice vector; by default 8, 4 4, or a cube.",
     ),
 ]
-Along = Annotated[
+Approach = Annotated[
     str | None,
     typer.Option(
         "--direction",
@@ -71,7 +71,7 @@ def draw_mode(
     out: Annotated[str, _make_out("its ending is the format (.png, .pdf, .svg)")],
     branch: Branch = 0,
     cells: Cells = None,
-    direction: Along = None,
+    direction: Approach = None,
     force: Force = False,
 ) -> None:
     """Draw how the balls of a scene move and rotate in one mode.
@@ -106,7 +106,7 @@ def animate_scene(
     out: Annotated[str, _make_out("its name ends in .gif")],
     branch: Branch = 0,
     cells: Cells = None,
-    direction: Along = None,
+    direction: Approach = None,
     frames: Annotated[
         int,
         typer.Option(
@@ -228,11 +228,10 @@ def make_scene_page(
     density of states, the balls as they move in a mode, sound velocities and moduli. The browser
     computes all of this, except for the stiffness of contacts of balls that differ. That stiffness
     is computed when the page is made, and interpolated; the page names the error of the
-    interpolation. The page of a crystal made of kinds of balls, or of a network, shows the
-    first state, and has sliders of the mode only.
-    A scene of several loads or media makes one page, which begins at the first. From a block
-    'sweep' the page takes the first value of each parameter. With an effective medium in space this
-    command takes up to half a minute.
+    interpolation. The page of a crystal made of kinds of balls, or of a network, shows the first
+    state, and has sliders of the mode only. A scene of several loads or media makes one page, which
+    begins at the first. From a block 'sweep' the page takes the first value of each parameter. With
+    an effective medium in space this command takes up to half a minute.
 
     \b
     Examples:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import typer
 
@@ -37,10 +37,13 @@ if TYPE_CHECKING:
     from granphon.fits.measurements import Measurements
     from granphon.fits.traces import TraceVelocity
     from granphon.fits.transfer import DampingFit
+    from granphon.media.choice import MediumChoice
     from granphon.scene.scene import Scene
 
 #: a fit of velocities, or of a response
 FitT = TypeVar("FitT", "WidthFit", "DampingFit")
+#: the inputs of a fit that are varied: the scene, and the text of the option --distance
+_Inputs: TypeAlias = "tuple[Scene, str | None]"
 
 
 @command("fit", rich_help_panel=COMPARISONS)
@@ -133,14 +136,7 @@ def fit_measurements(
     parameters = _read_parameters(parameter)
     columns = _read_columns(column)
     table = Table.read(data)
-    # whether the table has velocities, or what they are found from
-    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
-    has_crystal = bool(scene.packing.kind_names)  # velocities are fitted to a packing only
-    quantity = ""  # of the response that the scene expects in the table; empty if it expects none
-    if not has_sound and scene.response is not None:
-        quantity = scene.response.quantity
-    elif not has_sound and has_crystal:
-        quantity = "displacement"
+    quantity = _expect_response(scene, table, columns)
     if has_transfer(table, columns, quantity):
         options_of_velocities = {
             "--frequency": frequency,
@@ -151,27 +147,52 @@ def fit_measurements(
             "--no-width": None if width else "",
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
-
-        def find_response_fit(varied_scene: Scene, _distance: str | None) -> DampingFit:
-            """Return the fit to the transfer function for the values that a scene has.
-            :func:`_fit_with_errors` calls this with the given scene and with shifted scenes; a
-            response has no distance.
-            """
-            return _fit_response(scene_file, varied_scene, data, columns, parameters)
-
-        response_fit, rows_of_inputs = _fit_with_errors(find_response_fit, scene)
-        rows = [*describe_response_fit(response_fit), *rows_of_inputs]
+        response_fit, rows = _fit_transfer(scene_file, scene, data, columns, parameters)
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
     if quantity:
         # the table lacks a column of the transfer function: this raises the error that names it
         TransferFunction.read(data, columns, quantity)
+    branch_name = "longitudinal" if branch is None else branch
     options = _VelocityOptions(
-        parameters, width, branch or "longitudinal", frequency, distance, sigma, direction
+        parameters, width, branch_name, frequency, distance, sigma, direction
     )
     fit, notes, rows_of_inputs = _fit_velocities(scene_file, scene, data, table, columns, options)
     rows = [*describe_fit(fit), *rows_of_inputs]
     _finish_fit(out, files, fit, (*notes, *fit.warnings), rows)
+
+
+def _expect_response(scene: Scene, table: Table, columns: Mapping[str, str]) -> str:
+    """Return the quantity of the response that a ``scene`` expects in a ``table``, such as
+    "displacement"; empty if it expects velocities. ``columns`` are those of
+    :func:`_read_velocities`.
+    """
+    # whether the table has velocities, or what they are found from
+    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
+    if has_sound:
+        return ""
+    if scene.response is not None:
+        return scene.response.quantity
+    has_crystal = bool(scene.packing.kind_names)  # velocities are fitted to a packing only
+    return "displacement" if has_crystal else ""
+
+
+def _fit_transfer(
+    scene_file: str, scene: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
+) -> tuple[DampingFit, list[tuple[str, str]]]:
+    """Return the fit to a transfer function, and the rows of its table; the arguments are those of
+    :func:`_fit_response`, whose errors are raised.
+    """
+
+    def find_response_fit(varied_scene: Scene, _distance: str | None) -> DampingFit:
+        """Return the fit to the transfer function for the values that a scene has.
+        :func:`_fit_with_errors` calls this with the given scene and with shifted scenes; a response
+        has no distance.
+        """
+        return _fit_response(scene_file, varied_scene, data, columns, names)
+
+    fit, rows_of_inputs = _fit_with_errors(find_response_fit, scene)
+    return fit, [*describe_response_fit(fit), *rows_of_inputs]
 
 
 class _VelocityOptions(NamedTuple):
@@ -189,6 +210,24 @@ class _VelocityOptions(NamedTuple):
     direction: str | None
 
 
+class _FittedCase(NamedTuple):
+    """Balls whose velocities are fitted, and the sound in them.
+
+    They are the ``packing`` of a ``scene``, read from the file ``scene_file``, in the ``medium``.
+    ``parameters`` names what is fitted of the packing beside the width. Sound is of the ``branch``
+    and along the ``direction`` (p,), a component for each of p periods; None for the direction that
+    the fit takes by default.
+    """
+
+    scene_file: str
+    scene: Scene
+    packing: Packing
+    medium: MediumChoice
+    parameters: tuple[str, ...]
+    branch: str
+    direction: Sequence[float] | None
+
+
 def _fit_velocities(
     scene_file: str,
     scene: Scene,
@@ -202,35 +241,22 @@ def _fit_velocities(
     :func:`_fit_with_errors`.
 
     ``data`` is the file of the table, and ``columns`` are its headings as in
-    :func:`_read_velocities`. Warnings on traces are printed before the fit. InputError for what a
-    fit of velocities cannot use: several media, packings, directions, or nothing to fit.
-    """
-    from granphon.fits.fit import fit_width
-    from granphon.fits.trace_files import has_traces
-    from granphon.fits.traces import Traces
+    :func:`_read_velocities`. Warnings on traces are printed before the fit.
 
-    _require_one_packing("A fit", scene_file, scene)
-    sound_direction = _choose_direction(scene_file, scene, options.direction)
-    if len(scene.media) > 1:
-        raise InputError(f"{scene_file} has several media", mend="Keep only the one to fit with")
-    parameters = options.parameters
-    _require_fitted(options.width, parameters)
-    # "ala" is the default for equal balls, so that a scene with this medium does not say how
-    # balls of the fitted width are to be averaged
-    takes_ema = options.width and scene.media[0].name == "ala" and not scene.balls_differ
-    medium: Any = "ema" if takes_ema else scene.media[0]
-    traced = None  # the velocity that traces show, if the table has traces in place of velocities
-    if has_traces(table):
-        given_columns = ", ".join(columns) or None
-        options_of_tables = {
-            "--distance": options.distance,
-            "--sigma": options.sigma,
-            "--column": given_columns,
-        }
-        _refuse_options(options_of_tables, data, "traces")
-        traced = Traces.read(data).velocity()
-        warn(traced.warnings)
-    fitted_names = ("width", *parameters) if options.width else parameters
+    InputError for a scene of several packings, media or directions, or of a crystal, for nothing to
+    fit, for options that are no numbers or do not fit the table, and for what the fit refuses.
+    """
+    _require_fitted(options.width, options.parameters)
+    case = _FittedCase(
+        scene_file,
+        scene,
+        _require_one_packing("A fit", scene_file, scene),
+        _choose_medium(scene_file, scene, fits_width=options.width),
+        options.parameters,
+        options.branch,
+        _choose_direction(scene_file, scene, options.direction),
+    )
+    traced = _find_traced(data, table, columns, options)
 
     def find_velocity_fit(varied_scene: Scene, varied_distance: str | None) -> WidthFit:
         """Return the fit to the velocities for the values that a scene and the option --distance
@@ -238,64 +264,97 @@ def _fit_velocities(
         of them moved by its error.
         """
         packing = _require_one_packing("A fit", scene_file, varied_scene)
+        varied_case = case._replace(scene=varied_scene, packing=packing)
         if traced is not None:
-            measured = _place_traced(
-                scene_file, data, traced, varied_scene, packing, medium, parameters
-            )
+            measured = _place_traced(data, traced, varied_case)
         else:
-            measured = _read_velocities(
-                data,
-                columns,
-                varied_distance,
-                varied_scene,
-                packing,
-                medium,
-                parameters,
-                branch=options.branch,
-                direction=sound_direction,
-            )
-        velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(
-            measured, options.sigma, options.frequency
-        )
-        return fit_width(
-            packing,
-            measured.force,
-            measured.velocity,
-            velocity_sigma,
-            pulse_frequency,
-            medium=medium,
-            parameters=tuple(dict.fromkeys(fitted_names)),  # each name once, in order
-            branch=options.branch,
-            direction=sound_direction,
-            finite_overlap=varied_scene.finite_overlap,
-        )
+            measured = _read_velocities(data, columns, varied_distance, varied_case)
+        return _fit_case(varied_case, measured, options)
 
     fit, rows_of_inputs = _fit_with_errors(find_velocity_fit, scene, options.distance)
+    return fit, _list_notes(case, data, fit), rows_of_inputs
+
+
+def _choose_medium(scene_file: str, scene: Scene, *, fits_width: bool) -> MediumChoice:
+    """Return the one medium of the ``scene``, or the effective medium in place of the averaged
+    lattice where the width of equal balls is fitted. InputError if the scene, of the file
+    ``scene_file``, has several media.
+    """
+    from granphon.media.choice import MediumChoice
+
+    if len(scene.media) > 1:
+        raise InputError(f"{scene_file} has several media", mend="Keep only the one to fit with")
+    # "ala" is the default for equal balls, so that a scene with this medium does not say how
+    # balls of the fitted width are to be averaged
+    takes_ema = fits_width and scene.media[0].name == "ala" and not scene.balls_differ
+    return MediumChoice("ema") if takes_ema else scene.media[0]
+
+
+def _find_traced(
+    data: str, table: Table, columns: Mapping[str, str], options: _VelocityOptions
+) -> TraceVelocity | None:
+    """Return the velocity that the traces in a ``table``, of the file ``data``, show, and print its
+    warnings; None if the table has no traces. InputError for options of a table of velocities
+    beside traces, of which ``columns`` are those of --column.
+    """
+    from granphon.fits.trace_files import has_traces
+    from granphon.fits.traces import Traces
+
+    if not has_traces(table):
+        return None
+    options_of_tables = {
+        "--distance": options.distance,
+        "--sigma": options.sigma,
+        "--column": ", ".join(columns) or None,
+    }
+    _refuse_options(options_of_tables, data, "traces")
+    traced = Traces.read(data).velocity()
+    warn(traced.warnings)
+    return traced
+
+
+def _fit_case(case: _FittedCase, measured: Measurements, options: _VelocityOptions) -> WidthFit:
+    """Return the fit of a ``case`` to the ``measured`` velocities. A standard error and a frequency
+    among the ``options`` replace the measured ones.
+    """
+    from granphon.fits.fit import fit_width
+
+    velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(
+        measured, options.sigma, options.frequency
+    )
+    fitted_names = ("width", *case.parameters) if options.width else case.parameters
+    return fit_width(
+        case.packing,
+        measured.force,
+        measured.velocity,
+        velocity_sigma,
+        pulse_frequency,
+        medium=case.medium,
+        parameters=tuple(dict.fromkeys(fitted_names)),  # "width" may be named among them too
+        branch=case.branch,
+        direction=case.direction,
+        finite_overlap=case.scene.finite_overlap,
+    )
+
+
+def _list_notes(case: _FittedCase, data: str, fit: WidthFit) -> list[str]:
+    """Return notes on the ``fit`` of a ``case`` to the table ``data``: that it takes the effective
+    medium in place of the averaged lattice, that it does not use the loads of a scene with several,
+    and which direction it takes if sound depends on its direction and none is given.
+    """
+    scene_file = case.scene_file
     notes = list[str]()
-    if takes_ema:
+    if case.medium != case.scene.media[0]:
         notes.append(
             f"{scene_file} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
         )
-    names_direction = options.direction is not None or scene.direction is not None
-    notes += _list_notes(scene_file, scene, data, fit, names_direction=names_direction)
-    return fit, notes, rows_of_inputs
-
-
-def _list_notes(
-    scene_file: str, scene: Scene, data: str, fit: WidthFit, *, names_direction: bool
-) -> list[str]:
-    """Return a note if the ``scene`` has several loads, because a fit takes those of the table
-    ``data``; and a note if sound depends on its direction and none was given. ``names_direction``
-    says whether the scene or an option gives one.
-    """
-    notes = list[str]()
-    n_loads = len(scene.load.values)
+    n_loads = len(case.scene.load.values)
     if n_loads > 1:
         notes.append(
             f"the {n_loads} loads of {scene_file} are not used: a fit takes the loads of {data}"
         )
-    if not names_direction and not fit.is_isotropic:
+    if case.direction is None and not fit.is_isotropic:
         notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
@@ -316,55 +375,92 @@ def _fit_with_errors(
     these inputs smaller and larger by its error. The rows say for each fitted parameter how large
     the part is and which input gives most of it; there are none if no input has an error.
 
-    InputError if the error of the distance is as large as the distance.
+    InputError if the distance is no length, or its error is as large as the distance or larger; and
+    what ``find`` raises.
     """
-    import numpy as np
-
-    from granphon.base.quantities import LENGTH, read_with_error
-    from granphon.base.scales import write_quantity
-    from granphon.base.text import spell
-    from granphon.base.validation import require
     from granphon.scene.uncertainty import make_matrix
-    from granphon.scene.written_errors import name_keys
 
-    distance_alone = distance  # text without the error
-    distance_error = 0.0  # m
-    if distance is not None:
-        read = partial(read_with_error, quantity=LENGTH)
-        distance_value, distance_error = require("--distance", read, distance)
-        distance_alone = f"{distance_value!r} m"
-    # names of the inputs with an error; the arguments of ``find`` with each of them smaller, larger
-    inputs = [name_keys(keys) for keys, _ in scene.errors]
-    pairs_of_arguments: list[tuple[tuple[Scene, str | None], tuple[Scene, str | None]]] = [
-        ((lower_scene, distance_alone), (upper_scene, distance_alone))
-        for lower_scene, upper_scene in scene.shifted
-    ]
-    if distance_error:
-        if distance_error >= distance_value:
-            problem = f"--distance is {distance}, whose error is as large as the distance"
-            raise InputError(problem, mend="Give a distance that is known better")
-        shorter = f"{distance_value - distance_error!r} m"
-        longer = f"{distance_value + distance_error!r} m"
-        inputs.append("--distance")
-        pairs_of_arguments.append(((scene, shorter), (scene, longer)))
+    distance_alone, shifted_distances = _shift_distance(distance)
+    shifted_inputs = _list_shifted_inputs(scene, distance_alone, shifted_distances)
     fit = find(scene, distance_alone)
-    if not inputs:
+    if not shifted_inputs:
         return fit, []
     # (inputs, parameters): change of each fitted value by the error of each input
     changes = [
-        0.5 * (find(*upper).values - find(*lower).values) for lower, upper in pairs_of_arguments
+        0.5 * (find(*larger).values - find(*smaller).values)
+        for _, smaller, larger in shifted_inputs
     ]
-    correlation = make_matrix(inputs, scene.correlations)
+    names = [name for name, _, _ in shifted_inputs]
+    correlation = make_matrix(names, scene.correlations)
+    rows = _describe_input_errors(fit, names, changes, correlation)
+    return fit.with_input_errors(changes, correlation), rows
+
+
+def _shift_distance(distance: str | None) -> tuple[str | None, tuple[str, ...]]:
+    """Return the ``distance``, a text perhaps with a standard error, without its error, and two
+    texts with the distance smaller and larger by the error; () if it has none. None stays None.
+
+    InputError for a text that is no length, and for an error that is as large as the distance or
+    larger.
+    """
+    from granphon.base.quantities import LENGTH, read_with_error
+    from granphon.base.validation import require
+
+    if distance is None:
+        return None, ()
+    value, error = require("--distance", partial(read_with_error, quantity=LENGTH), distance)
+    if error >= value:
+        problem = f"--distance is {distance}, whose error is as large as the distance or larger"
+        raise InputError(problem, mend="Give a distance that is known better")
+    if not error:
+        return f"{value!r} m", ()
+    return f"{value!r} m", (f"{value - error!r} m", f"{value + error!r} m")
+
+
+def _list_shifted_inputs(
+    scene: Scene, distance: str | None, shifted_distances: tuple[str, ...]
+) -> list[tuple[str, _Inputs, _Inputs]]:
+    """Return for each input of a fit that has a standard error its name and the inputs of the fit
+    with this one smaller and larger by its error: the keys of the ``scene`` that have one, and the
+    ``distance`` if there are ``shifted_distances``.
+    """
+    from granphon.scene.written_errors import name_keys
+
+    shifted_inputs: list[tuple[str, _Inputs, _Inputs]] = [
+        (name_keys(keys), (lower_scene, distance), (upper_scene, distance))
+        for (keys, _), (lower_scene, upper_scene) in zip(scene.errors, scene.shifted, strict=True)
+    ]
+    if shifted_distances:
+        shorter, longer = shifted_distances
+        shifted_inputs.append(("--distance", (scene, shorter), (scene, longer)))
+    return shifted_inputs
+
+
+def _describe_input_errors(
+    fit: WidthFit | DampingFit, names: Sequence[str], changes: Sequence[Any], correlation: Any
+) -> list[tuple[str, str]]:
+    """Return a row (name, text) for each of the m parameters of a ``fit``: the part of its standard
+    error that follows from those of the n inputs with these ``names``, and the input that gives
+    most of it.
+
+    ``changes``, n arrays (m,), are those of the fitted values by the error of each input, and
+    ``correlation`` (n, n) is that of the errors.
+    """
+    import numpy as np
+
+    from granphon.base.scales import write_quantity
+    from granphon.base.text import spell
+
     rows = []
     for number, (name, unit) in enumerate(zip(fit.parameters, fit.units_of_values, strict=True)):
         changes_of_value = np.array([change[number] for change in changes])
         # the part of each input in the variance, whose sum rounding may leave below zero
         contributions = changes_of_value * (correlation @ changes_of_value)
         error = float(np.sqrt(max(np.sum(contributions), 0.0)))
-        main_input = inputs[int(np.argmax(contributions))]
+        main_input = names[int(np.argmax(contributions))]
         size = write_quantity(error, "" if unit == "1" else unit)
         rows.append((f"{spell(name)}, of inputs", f"+/- {size}, most from {main_input}"))
-    return fit.with_input_errors(changes, correlation), rows
+    return rows
 
 
 def _prepare_files(
@@ -439,25 +535,18 @@ def _require_fitted(width: bool, parameters: Sequence[str]) -> None:
 
 
 def _read_velocities(
-    data: str,
-    columns: Mapping[str, str],
-    distance: str | None,
-    scene: Scene,
-    packing: Packing,
-    medium: Any,
-    parameters: tuple[str, ...],
-    *,
-    branch: str,
-    direction: Sequence[float] | None,
+    data: str, columns: Mapping[str, str], distance: str | None, case: _FittedCase
 ) -> Measurements:
     """Return the measured velocities in the table ``data``, m/s, with the contact forces of their
     loads, N.
 
     ``columns`` has the headings of columns whose names are not the usual ones, by what the columns
-    hold, and ``distance`` is the text of the option --distance. Side forces are converted for the
-    frame of the ``scene``. Pressures and cutoff frequencies are converted for the ``packing`` in
-    the ``medium``; ``parameters`` names what is fitted of the packing. ``branch`` and ``direction``
-    (p,), one component for each of p periods, are those of the sound.
+    hold, and ``distance`` is the text of the option --distance without an error, None without the
+    option. Side forces, pressures and cutoff frequencies are converted for the packing of the
+    ``case``, and side forces for the frame of its scene.
+
+    InputError for a text that is no length, for a table that
+    :meth:`~granphon.fits.measurements.Measurements.read` refuses, and for what cannot be converted.
     """
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import LENGTH
@@ -468,36 +557,32 @@ def _read_velocities(
     distance_of_pulses = None  # m
     if distance is not None:
         distance_of_pulses = require("--distance", LENGTH.read, distance)
+    balls_per_side = case.scene.load.balls_per_side
     convert_side_force = None
-    if scene.load.balls_per_side is not None:
-        convert_side_force = partial(force_of_frame, balls_per_side=scene.load.balls_per_side)
-    finite_overlap = scene.finite_overlap
+    if balls_per_side is not None:
+        convert_side_force = partial(force_of_frame, balls_per_side=balls_per_side)
+    packing = case.packing
+    finite_overlap = case.scene.finite_overlap
     return Measurements.read(
         data,
         columns,
         distance_of_pulses,
         convert_side_force,
-        partial(convert_pressure, packing, finite_overlap, medium, parameters),
+        partial(convert_pressure, packing, finite_overlap, case.medium, case.parameters),
         packing.structure.periods,
-        partial(convert_cutoff, packing, branch, direction, finite_overlap, parameters),
+        partial(
+            convert_cutoff, packing, case.branch, case.direction, finite_overlap, case.parameters
+        ),
     )
 
 
-def _place_traced(
-    scene_file: str,
-    data: str,
-    traced: TraceVelocity,
-    scene: Scene,
-    packing: Packing,
-    medium: Any,
-    parameters: tuple[str, ...],
-) -> Measurements:
+def _place_traced(data: str, traced: TraceVelocity, case: _FittedCase) -> Measurements:
     """Return as one measurement the velocity that the traces in the file ``data`` show,
-    ``traced``, with its standard error, and the contact force of the one load of the ``scene``.
+    ``traced``, with its standard error, and the contact force of the one load of the scene of the
+    ``case``. A pressure is converted for its packing.
 
-    A pressure is converted for the ``packing`` in the ``medium``; ``parameters`` names what is
-    fitted of the packing. InputError if the scene, of the file ``scene_file``, has several loads,
-    or a load that is no force, pressure or side_force.
+    InputError if the scene has several loads, or a load that is no force, pressure or side_force,
+    and if a pressure cannot be converted.
     """
     import numpy as np
 
@@ -505,7 +590,8 @@ def _place_traced(
     from granphon.fits.fit import convert_pressure
     from granphon.fits.measurements import Measurements
 
-    load = scene.load
+    scene_file = case.scene_file
+    load = case.scene.load
     if load.size != 1:
         problem = f"{scene_file} has {load.size} loads, and {data} has traces"
         raise InputError(problem, "Traces are of one load", "Keep the load of the traces")
@@ -515,7 +601,8 @@ def _place_traced(
     elif load.kind == "side_force" and load.balls_per_side is not None:
         force = force_of_frame(value, balls_per_side=load.balls_per_side)
     elif load.kind == "pressure":
-        force = convert_pressure(packing, scene.finite_overlap, medium, parameters, value)
+        finite_overlap = case.scene.finite_overlap
+        force = convert_pressure(case.packing, finite_overlap, case.medium, case.parameters, value)
     else:
         problem = f"the load of {scene_file} is of the kind {load.kind}"
         why = "A fit to traces takes a force, pressure or side_force"

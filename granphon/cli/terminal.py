@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
 from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
@@ -134,8 +134,8 @@ def write_of_scene(
 
     Raises :class:`~granphon.base.errors.InputError` if ``out`` is empty or has none of the
     ``endings``, if the scene cannot be read or has a mistake, and if the scene has several states
-    and ``why_single`` is given. Raises FileExistsInRunError if ``out`` is there and ``force`` may
-    not replace it.
+    and ``why_single`` is given. Raises OutputError if the folder of ``out`` cannot hold the file,
+    and its subclass FileExistsInRunError if ``out`` is there and ``force`` may not replace it.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
@@ -172,7 +172,8 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 
 def write_range(value: Any, unit: str, digits: int = 5) -> str:
     """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and this number of
-    ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N".
+    ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N"; if
+    these are equal, one is written.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
@@ -448,7 +449,7 @@ def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) ->
         texts.append(text)
     text = ", ".join(texts) or "none"
     if len(gaps) > len(widest):
-        text += f", and {len(gaps) - len(widest)} narrower ones"
+        text += f", and {counted(len(gaps) - len(widest), 'narrower one')}"
     return text
 
 
@@ -456,7 +457,7 @@ def write_direction(direction: Any) -> str:
     """Return the text of a direction, "(1, 0)", from its components; of several directions, (n,
     components), return their number, "3 directions".
     """
-    if isinstance(direction[0], float | int):
+    if not isinstance(direction[0], Sized):  # a component
         return f"({', '.join(f'{x:g}' for x in direction)})"
     return counted(len(direction), "direction")
 
@@ -479,7 +480,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     if fit.errors_are_known:
         # of equal ends one is written
         ends = dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma)))
-        source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
+        source = "given" if fit.sigma_given else f"from the scatter, {_count_freedom(fit)}"
         words = f"each +/- {' to '.join(ends)} m/s ({source})"
     rows.append(("velocities", f"{fit.force.size}, {words}"))
     if not fit.is_isotropic:
@@ -504,11 +505,16 @@ def _write_valued(value: float, error: float, unit: str) -> str:
 
 def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
     """Return the row with chi^2 of a fit, the degrees of freedom, and the probability p that errors
-    of the given sizes make a larger chi^2.
+    of the given sizes make a larger chi^2. A fit without degrees of freedom has none.
     """
     if not fit.dof:
         return "chi^2", "none: as many are fitted as were measured"
-    return "chi^2", f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
+    return "chi^2", f"{fit.chi2:.4g} for {_count_freedom(fit)}, p = {fit.p:.2g}"
+
+
+def _count_freedom(fit: WidthFit | DampingFit) -> str:
+    """Return the number of degrees of freedom of a fit in words."""
+    return counted(fit.dof, "degree of freedom", "degrees of freedom")
 
 
 def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
@@ -532,7 +538,7 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
     data = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
     source = "sigma given"
     if not fit.sigma_given:
-        source = f"sigma from the scatter, {fit.dof} degrees of freedom"
+        source = f"sigma from the scatter, {_count_freedom(fit)}"
     rows.append(("data", f"{len(fit.magnitude)} {data}, {source}"))
     if fit.sigma_given:
         # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction

@@ -68,9 +68,9 @@ def find_velocity(
     """Find the sound velocity that traces of two or more sensors show.
 
     A table of traces has a column 'time (us)' and one for each sensor, headed with its distance,
-    such as 'bead 5 at 40 mm (V)'. Prints the velocity with its standard error, which is that of the
-    noise before the pulse, and draws traces and arrivals (velocity.png in the working folder, or
-    the file given).
+    such as 'bead 5 at 40 mm (V)'. Prints the velocity with its standard error, which follows from
+    the noise before the pulse and from the errors of distances that have one, and draws traces and
+    arrivals (velocity.png in the working folder, or the file given).
 
     \b
     Examples:
@@ -138,7 +138,8 @@ def _read_options(
 
 def _read_distances(option: str) -> tuple[list[float], list[float]]:
     """Return the distances of the sensors in the text of the ``option``, such as "0 mm, 40 +- 0.2
-    mm", and their standard errors, both m; an error is zero where none is written.
+    mm", and their standard errors, both m; an error is zero where none is written. InputError for
+    a text that is no list of lengths.
     """
     from granphon.base.quantities import read_with_error
     from granphon.base.validation import require
@@ -152,14 +153,16 @@ def _read_distances(option: str) -> tuple[list[float], list[float]]:
 
 
 def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:
-    """Return the change of the velocity, m/s, by an error of the distance of each of n sensors.
+    """Return the change of the velocity, m/s, by the error of each distance that has one.
 
-    ``errors`` (n,), m, are the standard errors of the distances, in the order of the traces. A
-    change is half the difference of the velocities for the larger and the smaller distance. The
-    ``options`` are those of :meth:`Traces.velocity`.
+    ``errors`` (n,), m, are the standard errors of the distances of n sensors, in the order of the
+    traces; zero of a distance without one. A change is half the difference of the velocities for
+    the larger and the smaller distance. The ``options`` are those of :meth:`Traces.velocity`.
     """
     effects = []
     for sensor, error in enumerate(errors):
+        if not error:
+            continue
         velocities = []
         for change in (-error, error):
             distances = traces.distances.copy()
@@ -202,8 +205,6 @@ def _describe(traces: Traces, velocity: TraceVelocity) -> list[tuple[str, str]]:
         place = write_quantity(distance, "m")
         rows.append((f"sensor {name} at {place}", write_uncertain(arrival, error, "s")))
     if velocity.dof:
-        freedom = counted(velocity.dof, "degree")
-        rows.append(
-            ("chi^2", f"{velocity.chi2:.4g} for {freedom} of freedom, p = {velocity.p:.2g}")
-        )
+        freedom = counted(velocity.dof, "degree of freedom", "degrees of freedom")
+        rows.append(("chi^2", f"{velocity.chi2:.4g} for {freedom}, p = {velocity.p:.2g}"))
     return rows

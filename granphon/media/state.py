@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_laws import PairLaw
 from granphon.balls.contact_model import ContactModel
-from granphon.balls.hertz import MUCH_LARGER, HertzLaw
+from granphon.balls.hertz import HIGH_PRESSURE_RATIO, HertzLaw
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
@@ -558,8 +558,8 @@ class ContactState(State, Result):
         reduced_overlap = self._convert_overlap(self.packing.width_units.reduced_overlap)
         overlap_over_rms = math.sqrt(12.0) * np.asarray(reduced_overlap)  # W is sqrt(12) Delta_rms
         regime = np.full(overlap_over_rms.shape, "intermediate")
-        regime[overlap_over_rms <= 1.0 / MUCH_LARGER] = "low"
-        regime[overlap_over_rms >= MUCH_LARGER] = "high"
+        regime[overlap_over_rms <= 1.0 / HIGH_PRESSURE_RATIO] = "low"
+        regime[overlap_over_rms >= HIGH_PRESSURE_RATIO] = "high"
         return regime if self.shape else str(regime)
 
     def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:

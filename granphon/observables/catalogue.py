@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.on_site import ON_SITE, find_unit
-from granphon.balls.packing import SWEPT
+from granphon.balls.packing import SWEEP_PARAMETERS
 from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
@@ -891,7 +891,7 @@ _OBSERVABLES = (
 CATALOGUE: Registry[Observable] = Registry("observable")
 for _entry in (
     *_OBSERVABLES,
-    *(Observable(name, SWEPT[name] or "", title) for name, title in _PARAMETERS.items()),
+    *(Observable(name, SWEEP_PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()),
 ):
     CATALOGUE.own(_entry.name, _entry)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import mimetypes
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -23,9 +24,11 @@ pre { background: #f4f4f4; padding: .7rem; overflow-x: auto; }
 figure { margin: 1rem 0; } img { max-width: min(100%, 34rem); height: auto; }
 figcaption { color: #444; }
 @media print { body { margin: 0; max-width: none; } figure, tr { break-inside: avoid; } }"""
-#: letters that have a meaning in a cell or a text of Markdown, each with the backslash that takes
-#: the meaning away
-_ESCAPES = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#"})
+#: letters that have a meaning within a cell or a text of Markdown, each with the backslash that
+#: takes the meaning away
+_ESCAPES = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~"})
+#: an "&" that begins a letter written as its name, such as "&lt;"
+_ENTITY = re.compile(r"&(?=\w+;)")
 
 
 @dataclass(frozen=True)
@@ -191,9 +194,9 @@ def _join_path(folder: str, name: str) -> str:
 
 def _mark(text: str) -> str:
     """Return a text of Markdown on one line, in which the letters that mark emphasis, code, links,
-    headings and cells stand for themselves.
+    headings and cells, and names of letters such as "&lt;", stand for themselves.
     """
-    return " ".join(text.split()).translate(_ESCAPES)
+    return _ENTITY.sub(r"\\&", " ".join(text.split()).translate(_ESCAPES))
 
 
 def _write_cells(cells: Sequence[str], tag: str) -> str:

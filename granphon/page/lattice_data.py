@@ -154,8 +154,9 @@ def _describe_row(row: Row) -> dict[str, Any]:
 
 def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[str, Any]:
     """Return the data of cell, balls, contacts, path and zone of a lattice called ``name``, in
-    units of d and 2 pi/d. Vectors in space have three components; shifts of contacts, in periods,
-    and points of the path, in fractions of the reciprocal cell, have one for each period.
+    units of d and 2 pi/d. Vectors have three components, and so have the points of the path, which
+    are in fractions of the reciprocal cell. Shifts of contacts have one number of cells for each
+    period.
     """
     table = lattice.contacts
     p = lattice.periods
@@ -222,5 +223,5 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
             "mechanism": lattice.mechanism,
         }
     # waves are named on a lattice that resists all deformations
-    stiff = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=motions)
-    return _describe_axes(stiff, motions) | {"statements": statements}
+    stiff_lattice = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=motions)
+    return _describe_axes(stiff_lattice, motions) | {"statements": statements}

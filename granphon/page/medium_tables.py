@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.balls.diameters import Uniform
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
@@ -46,7 +46,7 @@ _LEAST_FRICTION = 0.05
 #: relative change of k from which a note gives the size of the change
 _NOTED_CHANGE = 1e-4
 #: number of loads of a simulation
-_N_SIMULATED = 17
+_N_LOADS = 17
 #: f* at which the table of a simulation begins at the lowest, and y at which the table ends
 _LEAST_SIMULATED_FORCE = 1e-2
 _MOST_SIMULATED_OVERLAP = 30.0
@@ -55,6 +55,8 @@ _SIMULATED_WIDTH = 1e-3
 #: step of ln f* in which the least load with a solution is sought, and the end of the search
 _SEARCH_STEP = 0.25
 _SEARCH_END = 5.0
+#: the media whose law a table takes from a formula
+_MEDIA_OF_FORMULAS = ("afa", "ema")
 #: a curve: y, ln k* and d ln k* / d ln f* at values of ln f*
 _Curve = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -66,13 +68,12 @@ def tabulate_medium(
     most_friction: float,
     most_rolling: float,
 ) -> dict[str, Any]:
-    """Return the table of a medium, as plain numbers and texts, for the shape of the packing's
-    spread, or a uniform one.
+    """Return the table of a medium, as plain numbers and texts.
 
     Parameters
     ----------
-    packing : the balls; the shape of their distribution, their torsion and bending are those of the
-        table.
+    packing : the balls; the table has their torsion and bending, and the shape of the distribution
+        that :func:`choose_spread` returns.
     choice : the medium, not an automatic one.
     least_force : f* at which the table begins; where the medium has no solution, the table begins
         at a larger f*.
@@ -87,10 +88,14 @@ def tabulate_medium(
     "error", the largest relative error of k from interpolation at the packing's eta, and
     "friction_error", the largest one at any other eta, both found between the nodes; "valid", the
     f* from which the medium is valid; "note", a sentence on what the table leaves out; "refusal",
-    the reason why the medium has no table: the lattice is a mechanism.
+    the reason why the medium has no table: the lattice is a mechanism at every eta of the page, or
+    at that of the packing if its balls differ.
 
-    Raises :class:`~granphon.base.errors.PrecisionError` if the medium has no solution at any load
-    of the page.
+    Raises
+    ------
+    InputError : the medium is not one of granphon's own.
+    PrecisionError : the medium has no solution at any load of the page, or Xi is beyond double
+        precision.
     """
     name = choice.name
     description: dict[str, Any] = {
@@ -107,15 +112,38 @@ def tabulate_medium(
         return description
     if name == "ala":
         return description | {"note": _AVERAGED_NOTE}
+    if name not in (*_MEDIA_OF_FORMULAS, "simulation"):
+        raise InputError(
+            f"a page has no table of the medium {choice.label}",
+            "The law of a registered medium need not be one curve for all widths",
+            f"Give a medium among ala, {', '.join(_MEDIA_OF_FORMULAS)}, simulation",
+        )
     try:
         if name == "simulation":
             return description | _tabulate_simulation(packing, choice, least_force)
-        roots = _choose_roots(packing, choice, most_friction)
-        laws = [_make_law(packing, choice, root**2) for root in roots]
+        return description | _tabulate_formulas(
+            packing, choice, least_force, most_friction, most_rolling
+        )
     except MechanismError as error:
         return description | {"refusal": str(error)}
+
+
+def _tabulate_formulas(
+    packing: Packing,
+    choice: MediumChoice,
+    least_force: float,
+    most_friction: float,
+    most_rolling: float,
+) -> dict[str, Any]:
+    """Return "table", "error", "friction_error", "valid" and "note" of the averaged force or the
+    effective medium, with the arguments of :func:`tabulate_medium`; empty where the medium has the
+    law of equal balls. Raises MechanismError for a lattice that is a mechanism, and PrecisionError
+    if the medium has no solution at any load of the page.
+    """
+    roots = _choose_roots(packing, choice, most_friction)
+    laws = [_make_law(packing, choice, root**2) for root in roots]
     if laws[0] is None:  # the load alone fixes the force of every contact
-        return description
+        return {}
     curves = [_make_curve(law) for law in laws if law is not None]
 
     def require_values(log_force: float) -> None:
@@ -128,13 +156,24 @@ def tabulate_medium(
         raise PrecisionError("the medium has no solution at any load of the page")
     valid = float(force_of(high_pressure_overlap(1.0)))
     note = ""
-    if name == "ema":
+    if choice.name == "ema":
         valid = VALID_FORCE
         change = _find_effect_of_rolling(packing, choice, most_rolling, start)
         note = _write_note_on_rolling(packing, change)
     checks = _make_checks(packing, choice, roots)
     table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL_BALLS_OVERLAP), checks)
-    return description | table | {"valid": valid, "note": note}
+    return table | {"valid": valid, "note": note}
+
+
+def choose_spread(packing: Packing) -> Uniform | Normal | Discrete | Measured:
+    """Return the spread whose shape has the distribution that the slider of the width scales: that
+    of the packing. It is a uniform one where the packing has none, or lists diameters that are all
+    the same.
+    """
+    spread = packing.spread
+    if spread is None or spread.shape.bounds == (0.0, 0.0):
+        return Uniform(packing.width)
+    return spread
 
 
 def _make_checks(
@@ -215,20 +254,27 @@ def _find_effect_of_rolling(
 ) -> float:
     """Return the largest relative change of k, from ln f* = ``low`` on, if torsion and bending,
     over k d^2, are ``most`` or zero in place of the packing's; zero where the medium has the law of
-    equal balls.
+    equal balls, and where balls are equal on a lattice that is a mechanism at their eta.
 
-    Pairs of torsion and bending with which the lattice is a mechanism do not count: with them the
-    medium has no stiffness.
+    Pairs of torsion and bending with which the lattice is a mechanism, or the medium is beyond
+    double precision or has no solution at ``low``, do not count. Raises MechanismError for balls
+    that differ on a lattice that is a mechanism at their eta: the medium of the packing itself has
+    no stiffness.
     """
     if dict(choice.options).get("local_field") == "paper":
         return 0.0  # the factor that the paper prints depends on eta alone
     eta = packing.mindlin_ratio
-    law_of_packing = _make_law(packing, choice, eta)
+    try:
+        law_of_packing = _make_law(packing, choice, eta)
+    except MechanismError:
+        if packing.spread_matters:
+            raise
+        return 0.0
     if law_of_packing is None:
         return 0.0
     log_force = np.linspace(low, EXPONENT * np.log(_EQUAL_BALLS_OVERLAP), _NODES)
     _, log_stiffness, _ = _make_curve(law_of_packing)(log_force)
-    # in a plane balls turn about its normal alone, which twists no contact
+    # in a plane the balls of the medium turn about its normal alone, which twists no contact
     torsions = (packing.torsion, most) if packing.structure.periods == 3 else (packing.torsion,)
     pairs = {*itertools.product(torsions, (packing.bending, most)), (0.0, 0.0)}
     change = 0.0
@@ -236,12 +282,13 @@ def _find_effect_of_rolling(
         changed_packing = replace(packing, torsion=torsion, bending=bending)
         try:
             law = _make_law(changed_packing, choice, eta)
+            if law is None:
+                continue
+            _, changed_log_stiffness, _ = _make_curve(law)(log_force)
         except (MechanismError, PrecisionError):
             continue
-        if law is not None:
-            _, changed_log_stiffness, _ = _make_curve(law)(log_force)
-            difference = changed_log_stiffness - log_stiffness
-            change = max(change, float(np.max(np.abs(np.expm1(difference)))))
+        difference = changed_log_stiffness - log_stiffness
+        change = max(change, float(np.max(np.abs(np.expm1(difference)))))
     return change
 
 
@@ -265,7 +312,8 @@ def _write_note_on_rolling(packing: Packing, change: float) -> str:
 
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
     """Return the local-field factor Xi of the effective medium at ``eta``: the one printed in the
-    paper if the options of the medium say so, else that of the packing's lattice.
+    paper if the options of the medium say so, else that of the packing's lattice. Raises
+    MechanismError and PrecisionError as :func:`~granphon.dynamics.local_field.local_field` does.
     """
     if dict(choice.options).get("local_field") == "paper":
         return paper_local_field(eta).xi
@@ -274,18 +322,21 @@ def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
 
 
 def _find_own_torsion(packing: Packing) -> float:
-    """Return the torsion that the effective medium takes.
-
-    The torsion of Hertz contacts is of the order delta/d, and the medium takes 0 in its place.
+    """Return the torsion that the effective medium takes, over k d^2: a number that the packing
+    has, else 0, as the torsion "mindlin" of Hertz contacts is of the order delta/d.
     """
     return packing.torsion if isinstance(packing.torsion, float) else 0.0
 
 
 def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
-    """Return the law of a medium at ``eta``, in units of W and c W^(3/2); None if Xi is zero, where
-    the effective medium has the law of equal balls.
+    """Return the law of the averaged force, the same at every ``eta``, or else of the effective
+    medium at this ``eta``, in units of W and c W^(3/2). The shape is that of :func:`choose_spread`.
+    None if Xi is zero, where the effective medium has the law of equal balls.
+
+    Raises MechanismError if the lattice has no Xi, and PrecisionError if Xi is beyond double
+    precision.
     """
-    shape = (packing.spread or Uniform(1.0)).shape
+    shape = choose_spread(packing).shape
     if choice.name == "afa":
         return AveragedLaw(coefficient=1.0, width=1.0, shape=shape)
     xi = _find_xi(packing, choice, eta)
@@ -341,9 +392,9 @@ def _tabulate(
     overlap, log_stiffness, slope = np.array(values).swapaxes(0, 1)  # (roots, nodes) each
     error_between_roots = 0.0
     for root, curve in checks or []:
-        interpolated = barycentric_interpolate(roots, log_stiffness, root)
-        _, exact, _ = curve(log_force)
-        difference = interpolated - exact
+        interpolated_values = barycentric_interpolate(roots, log_stiffness, root)
+        _, exact_values, _ = curve(log_force)
+        difference = interpolated_values - exact_values
         error_between_roots = max(error_between_roots, float(np.max(np.abs(np.expm1(difference)))))
     table = {
         "log_force": log_force.tolist(),
@@ -391,15 +442,14 @@ def _simulate(
     """Return the curve of a simulation, the lower and the upper end of ln f*, and the relative
     error of k on the curve; ``least`` is the least f* of the page.
 
-    The curve is a spline through :data:`_N_SIMULATED` loads. The error is that of a spline through
+    The curve is a spline through :data:`_N_LOADS` loads. The error is that of a spline through
     half of the loads, at the other half.
     """
     from scipy.interpolate import CubicSpline
 
     largest_width = _SIMULATED_WIDTH * packing.diameter
-    spread = packing.spread or Uniform(largest_width)
-    width = min(spread.width, largest_width)
-    narrow_packing = replace(packing, spread=spread.with_width(width))
+    width = min(packing.width or largest_width, largest_width)  # equal balls have none
+    narrow_packing = replace(packing, spread=choose_spread(packing).with_width(width))
     units = WidthUnits(packing.law.coefficient, width)
     medium: Any = choice.of(narrow_packing)
     low = np.log(max(least, _LEAST_SIMULATED_FORCE))
@@ -412,7 +462,7 @@ def _simulate(
     if medium.friction_history:  # the samples carry no load below that of their start
         start = _find_start(find_state, low, InputError)
         low = low if start is None else start
-    loads = np.linspace(low, high, _N_SIMULATED)  # ln f*
+    loads = np.linspace(low, high, _N_LOADS)  # ln f*
     state = find_state(loads)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)

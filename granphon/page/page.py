@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import one_direction
-from granphon.balls.loads import Load
+from granphon.balls.loads import Load, require_of_packing
 from granphon.balls.packing import LOSSES, MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
@@ -31,7 +30,7 @@ from granphon.media.state import NetworkState
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import find_warnings
 from granphon.page.lattice_data import describe_lattice, describe_network
-from granphon.page.medium_tables import tabulate_medium
+from granphon.page.medium_tables import choose_spread, tabulate_medium
 from granphon.phonons.paths import BandPath
 from granphon.waves.settings import BandsSettings
 
@@ -39,9 +38,9 @@ from granphon.waves.settings import BandsSettings
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(\w+)\.js";\n', re.MULTILINE)
 #: statements of libraries: imports from another file, exports of what another file has, and exports
 #: of what the file itself has
-_IMPORTED = re.compile(r'import\{([^}]*)\}from"[^"]*";')
-_EXPORTED_AGAIN = re.compile(r'export\{[^}]*\}from"[^"]*";')
-_EXPORTED = re.compile(r"export\{([^}]*)\};")
+_IMPORT_OF_FILE = re.compile(r'import\{([^}]*)\}from"[^"]*";')
+_EXPORT_OF_FILE = re.compile(r'export\{[^}]*\}from"[^"]*";')
+_EXPORT = re.compile(r"export\{([^}]*)\};")
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
 #: lowest force of the slider over the least of the scene, and highest over the greatest
@@ -50,7 +49,7 @@ _MOST_FORCE_RATIO = 1e2
 #: largest overlap of the slider, over the diameter: contacts of larger overlap are not small
 _MOST_OVERLAP = 0.05
 #: reduced force f* of the first load at the largest width of the slider
-_LEAST_REDUCED = 0.1
+_LEAST_REDUCED_FORCE = 0.1
 #: largest width of the slider, over the diameter, and least of its largest widths, over the width
 #: of the packing
 _MOST_WIDTH = 0.5
@@ -65,7 +64,7 @@ _ROLLING_RATIO = 2.0
 _MOST_SLIP = 1.0
 #: relative difference of sizes or masses up to which balls of a kind are equal; beyond, the page
 #: gives their means
-_EQUAL_TO = 1e-9
+_EQUALITY_TOLERANCE = 1e-9
 
 
 def make_page(
@@ -207,7 +206,7 @@ def _describe_kind(masses: Array, radii: Array) -> str:
     mass = write_quantity(1e3 * float(masses.mean()), "g")
     diameter = write_quantity(2.0 * float(radii.mean()), "m")
     relative_spread = max(np.ptp(radii) / radii[0], np.ptp(masses) / masses[0])
-    qualifier = "mean " if relative_spread > _EQUAL_TO else ""
+    qualifier = "mean " if relative_spread > _EQUALITY_TOLERANCE else ""
     count = counted(masses.size, "ball")
     return f"{count}, {qualifier}{mass}, {qualifier}diameter {diameter}"
 
@@ -222,15 +221,16 @@ def _describe_losses(losses: BandsSettings | None) -> dict[str, Any] | None:
     displacements and of rotations, and "tsuji" the factor alpha of the dashpot that a restitution
     gives.
     """
-    given_losses = losses.losses if losses is not None else {}
-    if not any(np.any(loss) for loss in given_losses.values()):
+    given_losses = dict(losses.losses) if losses is not None else {}
+    restitution = given_losses.pop("restitution", 1.0)  # 1 is no loss
+    if restitution == 1.0 and not any(np.any(loss) for loss in given_losses.values()):
         return None
     pairs = {name: np.broadcast_to(given_losses.get(name, 0.0), 2).tolist() for name in LOSSES}
     return {
         "factors": [[factor] for factor in pairs["loss_factor"]],
         "damping": [[time] for time in pairs["damping"]],
         "dashpot": pairs["dashpot"],
-        "tsuji": float(find_tsuji(given_losses.get("restitution", 1.0))),
+        "tsuji": float(find_tsuji(restitution)),
         "drag": pairs["drag"],
     }
 
@@ -283,11 +283,12 @@ def describe_page(
 
     Raises
     ------
-    InputError : a ``direction`` that is not p finite numbers, or has no length; the balls cannot
-        carry a load; an automatic medium cannot be chosen; a medium has no solution at any load of
-        the page (PrecisionError), or no stiffness on the lattice of balls that differ
-        (MechanismError).
+    InputError : a ``direction`` that is not p finite numbers, or has no length; a load that
+        crystals alone bear, or that the balls cannot carry; an automatic medium that cannot be
+        chosen; a medium that is registered, has no solution at any load of the page
+        (PrecisionError), or has no stiffness on the lattice of balls that differ (MechanismError).
     """
+    require_of_packing(load)
     structure = packing.structure
     law = packing.law
     direction_of_page = _choose_direction(direction, structure.periods)
@@ -338,8 +339,7 @@ def describe_page(
 
 def _describe_balls(packing: Packing) -> dict[str, Any]:
     """Return the numbers of the balls of a packing, SI, by name, with "spread", the word for the
-    shape of the distribution of diameters that the slider of the width changes: that of the
-    packing, or a uniform one for equal balls.
+    shape of the distribution of diameters that the slider of the width changes.
     """
     material = packing.material
     return {
@@ -350,7 +350,7 @@ def _describe_balls(packing: Packing) -> dict[str, Any]:
         "shear_modulus": material.shear_modulus,
         "density": packing.effective_density,
         "mindlin_ratio": material.mindlin_ratio,
-        "spread": (packing.spread or Uniform(1.0)).kind,
+        "spread": choose_spread(packing).kind,
     }
 
 
@@ -383,9 +383,9 @@ class _Limits(NamedTuple):
         # the slider of the force ends at a multiple of the greatest force, at the latest where the
         # overlap is largest, unless the scene's own forces are beyond
         largest_force = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
-        # the slider of the width ends where f* of the first load falls to _LEAST_REDUCED, but not
-        # below a multiple of the packing's width, nor above a part of the diameter
-        width_at_first_load = float(law.overlap(forces[0] / _LEAST_REDUCED))
+        # the slider of the width ends where f* of the first load falls to _LEAST_REDUCED_FORCE, but
+        # not below a multiple of the packing's width, nor above a part of the diameter
+        width_at_first_load = float(law.overlap(forces[0] / _LEAST_REDUCED_FORCE))
         largest_width = max(width_at_first_load, _WIDTH_RATIO * packing.width)
         return cls(
             least_force=_LEAST_FORCE_RATIO * min(forces),
@@ -439,7 +439,7 @@ def _tabulate_media(
     of the sliders.
 
     Raises :class:`MechanismError` if a medium has no table because the lattice is a mechanism, and
-    the balls of the packing differ.
+    the balls of the packing differ; and what :func:`tabulate_medium` raises.
     """
     # f* is least at the largest width
     least_reduced = limits.least_force / float(packing.law.force(limits.width))
@@ -508,10 +508,10 @@ def wrap_three() -> str:
         """Return the statement that returns the exports of the core and of the second module."""
         return f"return{{...core,{_write_members(match[1])}}};"
 
-    core = _EXPORTED.sub(return_core, read_asset("vendor/three.core.min.js"))
-    module = _IMPORTED.sub(import_from_core, read_asset("vendor/three.module.min.js"))
-    module = _EXPORTED_AGAIN.sub("", module)
-    module = _EXPORTED.sub(return_all, module)
+    core = _EXPORT.sub(return_core, read_asset("vendor/three.core.min.js"))
+    module = _IMPORT_OF_FILE.sub(import_from_core, read_asset("vendor/three.module.min.js"))
+    module = _EXPORT_OF_FILE.sub("", module)
+    module = _EXPORT.sub(return_all, module)
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
 
 

@@ -24,7 +24,7 @@ _DIAMETER = 2.5
 #: two marks that are not on one axis show any rotation
 _MARKS = np.array([[0.35, 0.0, 0.0], [0.0, 0.35, 0.0]])
 #: empty length across a line or a layer, beside its own extent, in diameters
-_EMPTY = 6.0
+_EMPTY_LENGTH = 6.0
 #: cells along each period, for one, two and three periods
 _REPETITIONS = {1: 10, 2: 6, 3: 3}
 
@@ -50,7 +50,7 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     centres = (bands.positions @ bands.cell)[:, None]  # (n, 1, 3)
     extent = np.ptp(centres[:, 0], axis=0)
     for axis in range(periods, 3):
-        cell[axis] = (extent[axis] + _EMPTY) * np.eye(3)[axis]
+        cell[axis] = (extent[axis] + _EMPTY_LENGTH) * np.eye(3)[axis]
     marks = _place_marks(bands)
     balls = name_balls(bands.masses, bands.kinds)
     mark_symbols = [free_symbol("H", balls)] * marks.shape[1]

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.packing import SWEPT, Packing
+from granphon.balls.packing import SWEEP_PARAMETERS, Packing
 from granphon.base.arrays import pad_columns
 from granphon.base.errors import (
     InputError,
@@ -580,7 +580,7 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     all_versions = json.loads(frame.attrs["versions"])
     # other packages, such as those that write files, change no number
     identity["versions"] = {name: all_versions[name] for name in packages()}
-    parameters = {*LOAD_KINDS, *SWEPT, "direction"}
+    parameters = {*LOAD_KINDS, *SWEEP_PARAMETERS, "direction"}
     # a name with a point is a parameter of a kind of ball, or of a wall
     swept_names = [name for name in frame.coords if name in parameters or "." in str(name)]
     path_names = [name for name in ("labels", "qpoints") if name in frame]

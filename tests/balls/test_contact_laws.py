@@ -214,6 +214,7 @@ def test_dmt_is_hertz_with_a_tension_and_no_adhesion_is_hertz():
     assert gp.JKR(0.0).between(GEL, GEL) == gp.DMT(0.0).between(GEL, GEL).hertz == hertz
     with pytest.raises(InputError, match="pulled by more than"):
         law.overlap(-1.0)
+    assert law.energy(-math.inf) == law.force(-math.inf) == 0.0
 
 
 @given(st.floats(-13.0, -2.0))
@@ -420,6 +421,26 @@ class Bent:
         return np.asarray(force) / 1e6
 
 
+class Named(Bent):
+    """A law whose force is a text."""
+
+    def force(self, overlap):
+        return "strong"
+
+
+class Begun(Bent):
+    """A law whose least overlap is a text."""
+
+    least_overlap = "now"
+
+
+class Round(Bent):
+    """A bond whose radius takes floats alone."""
+
+    def contact_radius(self, overlap):
+        return math.sqrt(overlap)
+
+
 @pytest.mark.parametrize(
     ("law", "said"),
     [
@@ -435,6 +456,9 @@ class Bent:
             Bent(),
             "force .*Bent is -.* energy .*overlap of -",
         ),
+        (Named(), "force .*Named "),
+        (Begun(), "least_overlap .*Begun .*'now'"),
+        (Round(), "contact_radius .*Round .*array.*np.sqrt"),
     ],
 )
 def test_what_a_law_must_say_of_arrays_and_of_balls_that_are_apart(law, said):

@@ -416,6 +416,13 @@ def test_medium_average_by_adaptive_quadrature():
 # -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("spread", SPREADS.values(), ids=SPREADS)
+def test_averages_at_a_place_that_is_no_number_are_no_numbers(spread):
+    for power in (-0.5, 0.0, 1.5):
+        assert math.isnan(spread.shape.average(math.nan, power))
+        assert math.isnan(spread.shape.average(0.1, power, math.nan))
+
+
 @pytest.mark.claim("places-of-a-lot")
 @pytest.mark.parametrize(
     ("kind", "count"),
@@ -577,7 +584,7 @@ def test_quantiles_invert_the_distribution():
     ("diameters", "fractions", "words"),
     [
         ([], [], "diameters"),
-        ([8e-3, 9e-3], [1.0], "2 diameters and 1 fractions"),
+        ([8e-3, 9e-3], [1.0], "2 diameters and 1 fraction "),
         ([8e-3, 9e-3], [0.5, 0.4], "sum to 0.9, 0.1 below 1"),
         ([8e-3, 9e-3], [1.5, -0.5], "fractions: .*-0.5"),
         ([8e-3, -1e-3], [0.5, 0.5], "above zero"),

@@ -62,6 +62,29 @@ def test_doctor_tells_nothing_personal(capsys, monkeypatch, tmp_path):
         assert name not in out
 
 
+@pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "MPLCONFIGDIR"])
+def test_a_cache_can_be_kept_where_its_folder_can_be_made(capsys, monkeypatch, tmp_path, variable):
+    """A file in the place of a folder stands for whatever cannot hold a cache."""
+    cache = {"NUMBA_CACHE_DIR": "compiled loops", "MPLCONFIGDIR": "matplotlib"}[variable]
+    occupied = tmp_path / "file"
+    occupied.write_text("")
+    for folder, is_writable in ((tmp_path / "new" / "folder", True), (occupied / "folder", False)):
+        monkeypatch.setenv(variable, str(folder))
+        assert main(["doctor"]) == 0
+        assert (cache in rows(capsys.readouterr().out)["writable caches"]) == is_writable
+        assert not folder.exists()
+
+
+def test_doctor_needs_no_home(capsys, monkeypatch):
+    def find_no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", find_no_home)
+    monkeypatch.delenv("MPLCONFIGDIR", raising=False)
+    assert main(["doctor"]) == 0
+    assert "matplotlib" not in rows(capsys.readouterr().out)["writable caches"]
+
+
 def test_doctor_lists_what_the_project_depends_on():
     project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]

@@ -70,6 +70,7 @@ def test_markdown_has_no_marks_from_texts_and_names_pictures():
     # bars in cells are no borders
     assert {row.replace("\\|", "").count("|") for row in rows} == {3}
     assert "\\`d\\`" in text
+    assert write_markdown("a &lt; ~~b~~", []) == "# a \\&lt; \\~\\~b\\~\\~\n"
     assert '![said "so"](../out/my%20figure.png)' in lines
     # the fence of a text is longer than those in the text
     assert lines.count("````") == 2

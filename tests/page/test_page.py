@@ -25,7 +25,7 @@ from granphon.base.errors import GranphonError, InputError, InstabilityError, Me
 from granphon.cli.main import main
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import KIND_COLOURS
-from granphon.media.choice import MediumChoice
+from granphon.media.choice import MEDIA, MediumChoice
 from granphon.page.lattice_data import describe_lattice
 from granphon.page.page import (
     describe_network_page,
@@ -414,7 +414,8 @@ def test_a_page_of_a_network_finds_the_q_factors_of_all_losses(losses, ground):
 
 def test_a_page_without_losses_has_no_q_factor():
     crystal = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)]).at_pressure(10.0)
-    for losses in (None, BandsSettings(), BandsSettings(drag=(0.0, 0.0))):
+    no_losses = (BandsSettings(), BandsSettings(drag=(0.0, 0.0)), BandsSettings(restitution=1.0))
+    for losses in (None, *no_losses):
         assert describe_network_page(crystal, losses=losses)["losses"] is None
 
 
@@ -749,6 +750,37 @@ def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_
     assert data["media"][0]["refusal"]
     (motions,) = (one for one in data["lattice"]["motions"] if one["name"] == "in_plane")
     assert "gears" in motions["statements"]["100"]["mechanism"]
+
+
+def test_listed_diameters_that_are_all_the_same_are_widened_evenly():
+    same = replace(BALLS, spread=gp.Measured([8e-3, 8e-3]))
+    even = replace(BALLS, spread=gp.Uniform(0.0))
+    listed, expected = (describe_page(p, [MediumChoice("afa")], FORCE) for p in (same, even))
+    assert listed["balls"]["spread"] == expected["balls"]["spread"] == "uniform"
+    assert listed["media"] == expected["media"]
+    assert listed["limits"] == expected["limits"]
+
+
+def test_equal_balls_without_the_friction_that_holds_their_lattice_have_a_page():
+    """The slider of friction goes to where the medium of balls that differ has a stiffness."""
+    equal_balls = replace(BALLS, lattice="square", friction=False)
+    data = describe_page(equal_balls, [MediumChoice("ema")], FORCE)
+    assert data["start"]["eta"] == 0.0 < data["media"][0]["table"]["roots"][0]
+    balls_that_differ = replace(equal_balls, spread=gp.Uniform(2e-6))
+    with pytest.raises(MechanismError):
+        describe_page(balls_that_differ, [MediumChoice("ema")], FORCE)
+
+
+def test_a_page_refuses_a_registered_medium():
+    @gp.register_medium
+    class Sorted(gp.AveragedForce):
+        name = "sorted"
+
+    try:
+        with pytest.raises(InputError, match="sorted"):
+            describe_page(BALLS, [MediumChoice("sorted")], FORCE)
+    finally:
+        MEDIA.remove(Sorted.name)
 
 
 def test_a_page_begins_with_one_direction():
