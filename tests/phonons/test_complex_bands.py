@@ -250,3 +250,8 @@ def test_a_damping_that_was_meant_as_a_loss_factor():
     for losses in ({"damping": 0.9 / top}, {"loss_factor": 0.02}, {}):
         assert not phonons.damped([[0.0], [0.5]], **losses).warnings
         assert not phonons.complex_bands(at, **losses).warnings
+
+
+def test_wave_vectors_without_digits_are_refused():
+    with pytest.raises(PrecisionError, match="reciprocal"):
+        gp.Phonons(bulk("triangular")).complex_bands([1e3], 0, [1e16])
