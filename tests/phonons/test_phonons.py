@@ -8,9 +8,9 @@ import itertools
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from ase.build import make_supercell
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
