@@ -61,7 +61,7 @@ from granphon.phonons.ball_contacts import (
     require_apart,
     require_independent,
 )
-from granphon.phonons.phonopy_atoms import choose_symbols, name_balls, place_in_space
+from granphon.phonons.phonopy_atoms import name_balls, name_symbols, place_in_space
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -107,7 +107,8 @@ def atoms(state: Any) -> Atoms:
     the cell is that of its network. The Atoms are then the balls that move, with their masses,
     radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``. A
     kind whose name is a chemical symbol has that symbol; ``info["kinds"]`` has the name of each
-    symbol. If kinds are not known, each mass has a symbol of its own. The calculator is
+    symbol. If kinds are not known, or more than symbols, each mass has a symbol of its own; more
+    than 12 masses have one. The calculator is
     :class:`HarmonicContacts`, as a network has stiffnesses and no contact law.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
@@ -152,8 +153,9 @@ def _make_network_atoms(state: NetworkState) -> Atoms:
     balls.set_masses(lattice.masses)
     balls.set_array("radius", network.radii[network.moving] / state.scales.length)
     balls.info.update(state.scales.to_info())
-    if kinds:
-        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
+    names = name_symbols(kinds)
+    if names:
+        balls.info["kinds"] = names
     axes = lattice.motions.rotations
     if axes == (2,):  # balls turn about z alone
         balls.set_array("rotations", np.zeros(len(balls)))

@@ -255,12 +255,12 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     UnverifiedFileWarning : the file has no digest: a change is then noticed only where numbers no
         longer fit together.
     """
-    text, verified = read_sealed(path)
+    text, is_verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
         _, scales = read_header(path, data["granphon"])
         bridge = _make_bridge(data)
-    if not verified:
+    if not is_verified:
         warn_unverified(path)
     return bridge, scales
 
