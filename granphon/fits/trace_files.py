@@ -16,7 +16,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused, require_installed
 from granphon.base.quantities import LENGTH, NUMBER, TIME, Quantity
 from granphon.base.tables import Heading, Table
-from granphon.base.text import decode, list_names, read_bytes, suggest
+from granphon.base.text import counted, decode, list_names, read_bytes, require_path, suggest
 from granphon.base.validation import finite_array, positive
 
 #: times before a trigger, and distances on the other side of an origin, are below zero
@@ -83,7 +83,9 @@ def read_traces(
     ``time_step``, s, is given if the files have no times. Raises InputError as
     :meth:`granphon.Traces.read` does.
     """
-    all_paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    all_paths = list(paths) if isinstance(paths, list | tuple) else [paths]
+    for path in all_paths:
+        require_path(path)
     if not all_paths:
         raise InputError("there is no file of traces", mend="Give one or more")
     step = None if time_step is None else positive("time_step", time_step, "s")
@@ -184,7 +186,8 @@ def _find_distances(
         distances = np.atleast_1d(finite_array("distances", given_distances, "m")).tolist()
         if len(distances) != len(names):
             raise InputError(
-                f"{where} has {len(names)} traces, and {len(distances)} distances are given",
+                f"{where} has {counted(len(names), 'trace')}, and"
+                f" {counted(len(distances), 'distance')} given",
                 mend="Give one distance for each sensor",
             )
     names_without_distance = [
@@ -324,7 +327,8 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             names = _read_names(path, file["names"])
     if len(distances) != len(signals) or len(names) != len(signals):
         raise InputError(
-            f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",
+            f"{path} has {counted(len(signals), 'trace')}, {counted(len(distances), 'distance')}"
+            f" and {counted(len(names), 'name')}",
             mend="Write one of each for a sensor",
         )
     return _FileTraces(str(path), times, signals, distances, names)
