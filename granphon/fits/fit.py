@@ -293,7 +293,8 @@ def _judge_farthest(
     problem: FitProblem, residuals: Array, leverages: Array, chi2: float, *, sigma_given: bool
 ) -> list[str]:
     """Return a warning if one datum is off the fit of the others: by the given sigma where the
-    others agree with theirs, else by the scatter of the others.
+    others agree with theirs, else by the scatter of the others. The problem has two degrees of
+    freedom or more.
 
     ``residuals`` (n,) are over sigma, ``chi2`` is the sum of their squares, and ``leverages`` (n,)
     say how far the fit follows each datum; ``sigma_given`` is that of :func:`find_warnings`.

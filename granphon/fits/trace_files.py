@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, Refused, require_installed
+from granphon.base.errors import InputError, MissingFileError, Refused, require_installed
 from granphon.base.quantities import LENGTH, NUMBER, TIME, Quantity
 from granphon.base.tables import Heading, Table
 from granphon.base.text import counted, decode, list_names, read_bytes, require_path, suggest
@@ -288,8 +288,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     """Return the traces of a file of HDF5: the data sets "signals" (m, n), "time" (n,) or the
     attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
 
-    Raises InputError for a file that cannot be read, times that are given twice, and data sets that
-    do not fit together; MissingPackageError if h5py is not installed.
+    Raises MissingFileError if there is no file; InputError for one that cannot be read, times that
+    are given twice, and data sets that do not fit together; MissingPackageError if h5py is not
+    installed.
     """
     require_installed("A file of HDF5", "h5py")
     import h5py
@@ -297,8 +298,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        reason = "it does not exist" if not Path(path).exists() else str(error)
-        raise InputError(f"{path} cannot be read: {reason}") from None
+        if not Path(path).exists():
+            raise MissingFileError(f"{path} cannot be read: there is no such file") from None
+        raise InputError(f"{path} cannot be read: {error}") from None
     with file:
         if "signals" not in file:
             listed = list_names(map(repr, file)) or "none"
@@ -308,16 +310,7 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
                 "Write 'signals' (sensors, times), 'time' and 'distance'",
             )
         signals = np.atleast_2d(_read_numbers(path, file["signals"], "signals"))
-        times: Array | None = None
-        if "time" in file and "time_step" in file.attrs:
-            raise InputError(
-                f"{path} has a data set of times, and a time_step", mend="Leave one of them out"
-            )
-        if "time" in file:
-            times = _read_quantity(path, file["time"], "time", TIMES)
-        elif "time_step" in file.attrs:
-            step = _read_step(path, file.attrs["time_step"])
-            times = _count_steps(step, signals.shape[1])
+        times = _read_times(path, file, signals.shape[1])
         distances: tuple[float | None, ...] = (None,) * len(signals)
         if "distance" in file:
             places = np.atleast_1d(_read_quantity(path, file["distance"], "distance", PLACES))
@@ -332,6 +325,21 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             mend="Write one of each for a sensor",
         )
     return _FileTraces(str(path), times, signals, distances, names)
+
+
+def _read_times(path: str | os.PathLike[str], file: Any, n: int) -> Array | None:
+    """Return the times (n,), s, of an open ``file`` of HDF5 at ``path``, from its data set or from
+    its step of time; None if it has neither. InputError if it has both, or for what are no times.
+    """
+    if "time" in file and "time_step" in file.attrs:
+        raise InputError(
+            f"{path} has a data set of times, and a time_step", mend="Leave one of them out"
+        )
+    if "time" in file:
+        return _read_quantity(path, file["time"], "time", TIMES)
+    if "time_step" in file.attrs:
+        return _count_steps(_read_step(path, file.attrs["time_step"]), n)
+    return None
 
 
 def _read_step(path: str | os.PathLike[str], data: Any) -> float:

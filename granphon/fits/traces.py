@@ -192,7 +192,8 @@ class Traces(Result, array="signals"):
 
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
         read, what is no path, times that are missing or given twice, distances that are missing,
-        files whose times differ, and what the constructor refuses; and
+        files whose times differ, and what the constructor refuses;
+        :class:`~granphon.base.errors.MissingFileError` if there is no such file; and
         :class:`~granphon.base.errors.MissingPackageError` for a file of HDF5 if h5py is not
         installed.
         """

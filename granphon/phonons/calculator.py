@@ -825,12 +825,12 @@ class HertzMindlin(ContactCalculator):
         turn = _find_turn(normal, vector, distance, is_touching)
         # a turn shortens the part of a vector along its normal, and so adds to the overlap
         added_overlap = 0.5 * turn**2
-        largest_added = _TURN_PER_OVERLAP * (self._overlap - self._least_overlap)
+        largest_added_overlap = _TURN_PER_OVERLAP * (self._overlap - self._least_overlap)
         if at_sites:
-            largest_added = _TURN_PER_SPACING
+            largest_added_overlap = _TURN_PER_SPACING
         if np.any(~is_near & (distance < reach)):
             raise _make_turn_error("balls touch in directions that are not those of the lattice")
-        if added_overlap > largest_added:
+        if added_overlap > largest_added_overlap:
             raise _make_turn_error(
                 f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
                 " degrees on average"

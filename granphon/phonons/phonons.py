@@ -607,10 +607,10 @@ class Phonons:
         chosen = np.arange(self.lattice.n_branches)
         if branches is not None:
             chosen = index_array("branches", branches, chosen.size, "branches")
-        energies = self._measure(q, np.broadcast_to(chosen, (len(q), chosen.size)))
+        energies = self._find_mode_energies(q, np.broadcast_to(chosen, (len(q), chosen.size)))
         return self._make_sensitivities(energies)
 
-    def _measure(self, q: Array, branches: Index) -> ModeEnergies:
+    def _find_mode_energies(self, q: Array, branches: Index) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at wave vectors q (n_q, p),
         1/d, along the axes of the network.
 
@@ -742,8 +742,8 @@ class Phonons:
         The attribute :attr:`~granphon.media.cost.Cost.text` of the result says the cost in words;
         ``memory`` is in bytes, and ``seconds`` is the time of the processor. For cells with
         hundreds of branches the time is extrapolated from that of a small matrix. Raises
-        :class:`~granphon.base.errors.InputError` for another number of points than a whole one from
-        1 on, and for ``eigenvectors`` that is not true or false.
+        :class:`~granphon.base.errors.InputError` for ``points`` that is no whole number from 1 to
+        1e9, and for ``eigenvectors`` that is not true or false.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
         has_eigenvectors = require("eigenvectors", truth, eigenvectors)
@@ -1043,7 +1043,7 @@ class Phonons:
             return self._make_sensitivities(energies, np.zeros((0, 2, 3)))
         has_edge = branches >= 0
         points = gaps.points.reshape(-1, self._periods)
-        energies = self._measure(points, np.maximum(branches, 0).reshape(-1, 1))
+        energies = self._find_mode_energies(points, np.maximum(branches, 0).reshape(-1, 1))
         by_edge = energies.reshape((count, 2))
         energies_of_edges = by_edge._replace(
             frequencies=np.where(has_edge, by_edge.frequencies, 0.0)
@@ -1257,10 +1257,10 @@ def _directions_along(paths: Array) -> Array:
     points in each of n_s segments, both in 1/d: that from the first to the last point of a segment,
     and its opposite at the last point.
     """
-    points = paths.shape[1]
-    along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
+    n_points = paths.shape[1]
+    along = np.repeat(paths[:, -1] - paths[:, 0], n_points, axis=0)
     # limits at the last point of a segment are taken from inside the segment
-    along[points - 1 :: points] *= -1.0
+    along[n_points - 1 :: n_points] *= -1.0
     return along
 
 

@@ -247,11 +247,12 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     if numbers.dtype.kind not in "if":
         # the message shows the first value that is not a number
         leaves = np.array(values, object).ravel().tolist()
-        wrong = [
+        other_values = [
             leaf for leaf in leaves if isinstance(leaf, bool) or not isinstance(leaf, int | float)
         ]
-        if wrong:
-            raise InputError(f"It has {show(wrong[0])} under {name}, where a number is needed")
+        if other_values:
+            fault = f"It has {show(other_values[0])} under {name}, where a number is needed"
+            raise InputError(fault)
         try:
             numbers = np.array(values, float)  # of whole numbers beyond 64 bits
         except OverflowError:
@@ -261,7 +262,7 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     if shape is None:
         return numbers.astype(float)
     lengths = zip(shape, numbers.shape, strict=False)
-    fits = all(expected in (-1, length) for expected, length in lengths)
-    if numbers.ndim != len(shape) or not fits:
+    has_lengths = all(expected in (-1, length) for expected, length in lengths)
+    if numbers.ndim != len(shape) or not has_lengths:
         raise InputError(f"Its values of {name} have the shape {numbers.shape} instead of {shape}")
     return numbers.astype(float)

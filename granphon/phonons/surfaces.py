@@ -481,9 +481,9 @@ class Surface:
 
         Raises :class:`~granphon.base.errors.InputError` for waves or derivatives that do not fit
         into memory, :class:`~granphon.base.errors.InstabilityError` as :meth:`branches` does, and
-        :class:`~granphon.base.errors.PrecisionError` for a wave so near to an edge
-        of a band that it cannot be told from waves of the bulk. :class:`Surface` says which wave
-        vectors are refused.
+        :class:`~granphon.base.errors.PrecisionError` for a wave so near to an edge of a band that
+        it cannot be told from waves of the bulk. :class:`Surface` says which wave vectors are
+        refused.
         """
         fractions, _ = self._read_wave_vectors(q)
         waves = self.branches(q)
@@ -563,8 +563,8 @@ class Surface:
         balls. Where symmetry leaves only 0 and pi, pi means a wave of the edge in the gap above the
         ``below`` lowest branches.
 
-        Raises :class:`~granphon.base.errors.InputError` for a crystal with one branch, whose gaps
-        are none; for another number ``below`` than 1 to one less than all branches; where the gap
+        Raises :class:`~granphon.base.errors.InputError` for a crystal with one branch, which has
+        no gap; for another number ``below`` than 1 to one less than all branches; where the gap
         closes; and at a free edge under prestress. :class:`Surface` says which wave vectors are
         refused.
         """
