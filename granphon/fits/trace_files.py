@@ -83,7 +83,8 @@ def read_traces(
     ``time_step``, s, is given if the files have no times. Raises InputError as
     :meth:`granphon.Traces.read` does.
     """
-    all_paths = list(paths) if isinstance(paths, list | tuple) else [paths]
+    given: Any = paths
+    all_paths: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
     for path in all_paths:
         require_path(path)
     if not all_paths:

@@ -108,8 +108,8 @@ def atoms(state: Any) -> Atoms:
     radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``. A
     kind whose name is a chemical symbol has that symbol; ``info["kinds"]`` has the name of each
     symbol. If kinds are not known, or more than symbols, each mass has a symbol of its own; more
-    than 12 masses have one. The calculator is
-    :class:`HarmonicContacts`, as a network has stiffnesses and no contact law.
+    than 12 masses have one. The calculator is :class:`HarmonicContacts`, as a network has
+    stiffnesses and no contact law.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
     network without a period.
