@@ -27,7 +27,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
-from granphon.base.text import counted, dump_yaml, versions
+from granphon.base.text import counted, dump_yaml, require_path, versions
 from granphon.base.validation import finite_array, real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_fitted
@@ -52,9 +52,9 @@ _FINEST_ROUNDING = 1e-11
 _LOWEST_POWER = -307
 #: f* at the least force of the data for the narrowest width that is tried: disorder has no effect
 #: there
-_NARROWEST_AT = 1e4
+_SCALED_FORCE_OF_LEAST_WIDTH = 1e4
 #: f* at the greatest force of the data for the widest width that is tried
-_WIDEST_AT = 1e-2
+_SCALED_FORCE_OF_LARGEST_WIDTH = 1e-2
 #: widths that are tried for each factor of ten
 _TRIALS_PER_DECADE = 2
 #: relative error of a model's velocities; a sigma below this part of a velocity, or above its
@@ -62,7 +62,7 @@ _TRIALS_PER_DECADE = 2
 _MODEL_ERROR = 1e-12
 #: a pulse whose frequency is above this part of the highest of its branch counts as near the end of
 #: the branch
-_NEAR_TOP = 0.98
+_END_OF_BRANCH = 0.98
 #: a pulse whose wave is longer than this many diameters has its frequency in another unit: no array
 #: of balls is as long
 _LONGEST_WAVE = 1000.0
@@ -293,7 +293,8 @@ def _judge_farthest(
     problem: FitProblem, residuals: Array, leverages: Array, chi2: float, *, sigma_given: bool
 ) -> list[str]:
     """Return a warning if one datum is off the fit of the others: by the given sigma where the
-    others agree with theirs, else by the scatter of the others.
+    others agree with theirs, else by the scatter of the others. The problem has two degrees of
+    freedom or more.
 
     ``residuals`` (n,) are over sigma, ``chi2`` is the sum of their squares, and ``leverages`` (n,)
     say how far the fit follows each datum; ``sigma_given`` is that of :func:`find_warnings`.
@@ -368,7 +369,12 @@ class FitProblem:
         """
         force = self.model.force
         packing = self.model.packing
-        forces = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
+        forces = np.array(
+            [
+                np.min(force) / _SCALED_FORCE_OF_LEAST_WIDTH,
+                np.max(force) / _SCALED_FORCE_OF_LARGEST_WIDTH,
+            ]
+        )
         low, high = packing.law.overlap(forces)
         count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
@@ -419,10 +425,10 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
         return problem, _descend(problem, model.find_start(model.packing.width))
     starts, squares = _try_widths(problem, model.width_index)
     # beyond the first and the last width the sum of squares counts as infinite
-    bounded = [math.inf, *squares, math.inf]
+    squares_with_ends = [math.inf, *squares, math.inf]
     minima = []
     for trial, start in enumerate(starts):
-        below, square, above = bounded[trial : trial + 3]
+        below, square, above = squares_with_ends[trial : trial + 3]
         if square <= min(below, above):
             minima.append(_descend(problem, start))
 
@@ -626,7 +632,7 @@ def _explain_widest(problem: FitProblem, logs: Array, width: float) -> InputErro
     )
     frequency = model.waves.frequency
     tops = None if frequency is None else model.find_tops(logs)
-    if tops is not None and np.any(frequency > _NEAR_TOP * tops):
+    if tops is not None and np.any(frequency > _END_OF_BRANCH * tops):
         fault = f"{fault_start}, beyond which the balls do not carry the frequency"
         return InputError(
             fault, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
@@ -726,8 +732,8 @@ class Fitted(Result):
         ``changes`` (inputs, p) are by how much the values change when each of the inputs is larger
         by its standard error, and ``correlation`` (inputs, inputs) the correlations of the inputs.
 
-        Raises :class:`~granphon.base.errors.InputError` for arrays of other shapes, and for what is
-        no matrix of correlations.
+        Raises :class:`~granphon.base.errors.InputError` for arrays of other shapes, for no inputs,
+        for numbers that are not finite, and for what is no matrix of correlations.
         """
         changes_of_values = finite_array("changes", changes)
         n_parameters = len(self.covariance)
@@ -779,9 +785,14 @@ class Fitted(Result):
         raise NotImplementedError
 
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which
-        is made if need be.
+        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a ``folder``,
+        which is made if need be. Files of another fit are replaced.
+
+        Raises :class:`~granphon.base.errors.InputError` for what is no path,
+        :class:`~granphon.base.errors.FileExistsInRunError` if other files of these names are there,
+        and :class:`~granphon.base.errors.OutputError` if the file system refuses a file.
         """
+        require_path(folder)
         head: dict[str, Any] = {"versions": versions("numpy", "scipy")}
         for name in self._head:
             head[name] = getattr(self, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -24,10 +24,9 @@ from granphon.base.quantities import (
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import finite_list, not_negative, positive
+from granphon.base.validation import finite_list, not_negative, positive, whole_number
 
-#: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of
-#: flight, s
+#: velocity, m/s, read with any of its units
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 #: errors may be given in per cent of the quantity
 PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
@@ -56,6 +55,31 @@ def _explain_column(kind: str) -> str:
     """Return how to name a column of a ``kind`` in the file, for ``granphon fit`` and in Python."""
     options = f"granphon fit also takes --column '{kind}=NAME', Python columns={{'{kind}': 'NAME'}}"
     return f"Head the column that is meant '{kind}'; {options}"
+
+
+def read_headings(columns: Any, kinds: Collection[str], data: str) -> dict[str, str]:
+    """Return the headings of a table by the kinds of its columns, from ``columns``, a mapping or
+    None; the message says what ``data`` the table holds.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is no mapping from texts to texts, and
+    for a kind that is not among the ``kinds``.
+    """
+    if columns is None:
+        return {}
+    are_texts = isinstance(columns, Mapping) and all(
+        isinstance(word, str) for entry in columns.items() for word in entry
+    )
+    if not are_texts:
+        raise InputError(
+            f"columns is {brief(columns)}", mend="Give headings by kind, as {'frequency': 'f (Hz)'}"
+        )
+    unknown_kinds = [kind for kind in columns if kind not in kinds]
+    if unknown_kinds:
+        raise InputError(
+            f"{unknown_kinds[0]!r} is not a kind of column of {data}",
+            mend=suggest(unknown_kinds[0], kinds),
+        )
+    return dict(columns)
 
 
 def read_sigma(text: str, velocity: Array) -> Any:
@@ -155,14 +179,17 @@ class Measurements(Result):
 
         Raises
         ------
-        InputError : a file, line or cell cannot be read; a column is missing; a quantity is given
-            by two columns, or by a ``distance`` and a column of distances, velocities or cut-off
-            frequencies; loads or cut-off frequencies are given without the function that converts
-            them; cut-off frequencies are given beside frequencies of pulses; or a number is one
-            that the class does not allow.
+        InputError : a file, line or cell cannot be read; ``columns`` are no headings by kind, or
+            ``periods`` not 1, 2 or 3; a column is missing; a quantity is given by two columns, or
+            by a ``distance`` and a column of distances, velocities or cut-off frequencies; loads or
+            cut-off frequencies are given without the function that converts them; cut-off
+            frequencies are given beside frequencies of pulses; or a number is one that the class
+            does not allow.
         """
         length, error_of_length = _read_distance(distance)
-        source = _SourceColumns.read(path, columns or {}, periods)
+        names = read_headings(columns, COLUMNS, "measurements")
+        p = whole_number("periods", periods, 1, 3)
+        source = _SourceColumns.read(path, names, p)
         load = source.choose("force", "side_force", "pressure") or "force"
         _require_conversion(path, load, frame, pressed)
         measured = source.choose("velocity", "time", "cutoff") or "velocity"
@@ -217,17 +244,9 @@ class _SourceColumns:
         """Return the columns of the table at ``path``; ``names`` are headings by kind, ``periods``
         the number of periods of the lattice, which gives a pressure its unit.
 
-        Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read, or a kind
-        in ``names`` that is not known.
+        Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read.
         """
-        table = Table.read(path)
-        unknown_kinds = [kind for kind in names if kind not in COLUMNS]
-        if unknown_kinds:
-            raise InputError(
-                f"{unknown_kinds[0]!r} is not a kind of column of measurements",
-                mend=suggest(unknown_kinds[0], COLUMNS),
-            )
-        return cls(path, table, dict(names), {**COLUMNS, **load_quantities(periods)})
+        return cls(path, Table.read(path), names, {**COLUMNS, **load_quantities(periods)})
 
     def heading(self, kind: str) -> str:
         """Return the heading of the column of a kind."""

@@ -20,7 +20,7 @@ from granphon.networks.network import ContactNetwork
 from granphon.observables.parameters import read_load
 
 #: networks that are kept: a fit changes its other parameters between two rests
-_KEPT = 8
+_CACHE_SIZE = 8
 
 
 def _keep_whole(network: ContactNetwork) -> ContactNetwork:
@@ -84,7 +84,7 @@ class PressedCrystal:
     @cached_property
     def _find_network(self) -> Callable[[float, float | None], ContactNetwork]:
         """The function :meth:`_rest`, which keeps the networks of its last few calls."""
-        return lru_cache(maxsize=_KEPT)(self._rest)
+        return lru_cache(maxsize=_CACHE_SIZE)(self._rest)
 
     def _rest(self, on_site: float, wall_modulus: float | None) -> ContactNetwork:
         """Bring the changed crystal to rest, and return the network of :meth:`find_network`, with

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, Refused, require_installed
+from granphon.base.errors import InputError, MissingFileError, Refused, require_installed
 from granphon.base.quantities import LENGTH, NUMBER, TIME, Quantity
 from granphon.base.tables import Heading, Table
-from granphon.base.text import decode, list_names, read_bytes, suggest
+from granphon.base.text import counted, decode, list_names, read_bytes, require_path, suggest
 from granphon.base.validation import finite_array, positive
 
 #: times before a trigger, and distances on the other side of an origin, are below zero
@@ -83,7 +83,10 @@ def read_traces(
     ``time_step``, s, is given if the files have no times. Raises InputError as
     :meth:`granphon.Traces.read` does.
     """
-    all_paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    given: Any = paths
+    all_paths: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
+    for path in all_paths:
+        require_path(path)
     if not all_paths:
         raise InputError("there is no file of traces", mend="Give one or more")
     step = None if time_step is None else positive("time_step", time_step, "s")
@@ -184,7 +187,8 @@ def _find_distances(
         distances = np.atleast_1d(finite_array("distances", given_distances, "m")).tolist()
         if len(distances) != len(names):
             raise InputError(
-                f"{where} has {len(names)} traces, and {len(distances)} distances are given",
+                f"{where} has {counted(len(names), 'trace')}, and"
+                f" {counted(len(distances), 'distance')} given",
                 mend="Give one distance for each sensor",
             )
     names_without_distance = [
@@ -285,8 +289,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     """Return the traces of a file of HDF5: the data sets "signals" (m, n), "time" (n,) or the
     attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
 
-    Raises InputError for a file that cannot be read, times that are given twice, and data sets that
-    do not fit together; MissingPackageError if h5py is not installed.
+    Raises MissingFileError if there is no file; InputError for one that cannot be read, times that
+    are given twice, and data sets that do not fit together; MissingPackageError if h5py is not
+    installed.
     """
     require_installed("A file of HDF5", "h5py")
     import h5py
@@ -294,8 +299,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        reason = "it does not exist" if not Path(path).exists() else str(error)
-        raise InputError(f"{path} cannot be read: {reason}") from None
+        if not Path(path).exists():
+            raise MissingFileError(f"{path} cannot be read: there is no such file") from None
+        raise InputError(f"{path} cannot be read: {error}") from None
     with file:
         if "signals" not in file:
             listed = list_names(map(repr, file)) or "none"
@@ -305,16 +311,7 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
                 "Write 'signals' (sensors, times), 'time' and 'distance'",
             )
         signals = np.atleast_2d(_read_numbers(path, file["signals"], "signals"))
-        times: Array | None = None
-        if "time" in file and "time_step" in file.attrs:
-            raise InputError(
-                f"{path} has a data set of times, and a time_step", mend="Leave one of them out"
-            )
-        if "time" in file:
-            times = _read_quantity(path, file["time"], "time", TIMES)
-        elif "time_step" in file.attrs:
-            step = _read_step(path, file.attrs["time_step"])
-            times = _count_steps(step, signals.shape[1])
+        times = _read_times(path, file, signals.shape[1])
         distances: tuple[float | None, ...] = (None,) * len(signals)
         if "distance" in file:
             places = np.atleast_1d(_read_quantity(path, file["distance"], "distance", PLACES))
@@ -324,10 +321,26 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             names = _read_names(path, file["names"])
     if len(distances) != len(signals) or len(names) != len(signals):
         raise InputError(
-            f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",
+            f"{path} has {counted(len(signals), 'trace')}, {counted(len(distances), 'distance')}"
+            f" and {counted(len(names), 'name')}",
             mend="Write one of each for a sensor",
         )
     return _FileTraces(str(path), times, signals, distances, names)
+
+
+def _read_times(path: str | os.PathLike[str], file: Any, n: int) -> Array | None:
+    """Return the times (n,), s, of an open ``file`` of HDF5 at ``path``, from its data set or from
+    its step of time; None if it has neither. InputError if it has both, or for what are no times.
+    """
+    if "time" in file and "time_step" in file.attrs:
+        raise InputError(
+            f"{path} has a data set of times, and a time_step", mend="Leave one of them out"
+        )
+    if "time" in file:
+        return _read_quantity(path, file["time"], "time", TIMES)
+    if "time_step" in file.attrs:
+        return _count_steps(_read_step(path, file.attrs["time_step"]), n)
+    return None
 
 
 def _read_step(path: str | os.PathLike[str], data: Any) -> float:

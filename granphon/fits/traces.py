@@ -23,14 +23,14 @@ import numpy as np
 from granphon.base.arrays import ROUNDING, Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
-from granphon.base.text import list_names, suggest
+from granphon.base.text import counted, list_names
 from granphon.base.validation import (
     finite_array,
-    is_one_of,
     number,
+    one_of,
     positive,
     require,
-    text_list,
+    texts,
 )
 from granphon.fits.fit import LEAST_CHANCE, compute_probability
 
@@ -42,23 +42,24 @@ METHODS = ("threshold", "peak", "correlation", "phase")
 _LEAST_SAMPLES = 16
 #: relative difference of the steps of time up to which times are evenly spaced: those of files have
 #: some six digits
-_EVEN = 1e-3
-#: share of the greatest magnitude that the first maximum has at least
-_HALF = 0.5
+_STEP_TOLERANCE = 1e-3
+#: share of the greatest magnitude that the first maximum has at least, and at which a pulse has
+#: arrived
+_LEAST_PEAK = 0.5
 #: number of standard deviations of the noise that a pulse, or a threshold, exceeds
-_ABOVE_NOISE = 5.0
+_NOISE_FACTOR = 5.0
 #: least number of equal samples at the end of the range of a trace that is clipped
-_CLIPPED = 5
+_LEAST_CLIPPED_SAMPLES = 5
 #: drop, in steps of the digits, from a flat top to the samples as far beside the top as it is long:
 #: 9 for a parabola whose top is flat because of the digits, and more for a pulse whose top is cut
 #: off
-_STEEP = 20.0
+_LARGEST_DROP = 20.0
 #: order of the low-pass filter, which acts forwards and backwards
 _ORDER = 4
 #: cut-off of the automatic filter over the highest frequency of the pulse
-_ROOM = 2.0
+_CUTOFF_RATIO = 2.0
 #: share of the highest frequency that samples hold, above which a low-pass filter has no effect
-_WIDE = 0.9
+_LARGEST_CUTOFF = 0.9
 #: periods of its cut-off frequency for which the low-pass filter remembers a signal
 _MEMORY = 3.0
 #: least number of samples per period of a frequency whose phase is sought
@@ -119,7 +120,8 @@ class Traces(Result, array="signals"):
 
     Raises :class:`~granphon.base.errors.InputError` for times that are not evenly spaced or do not
     rise, less than 16 of them, traces of other lengths, numbers that are not finite, distances that
-    are not as many as traces or do not rise, and a trace whose top or bottom is cut off.
+    are not as many as traces or do not rise, names that are no texts or not as many, and a trace
+    whose top or bottom is cut off.
     """
 
     times: Array = held(float, "n", "s")
@@ -142,7 +144,7 @@ class Traces(Result, array="signals"):
             )
         if distances.shape != (n_sensors,):
             raise InputError(
-                f"there are {n_sensors} traces, and {distances.size} distances",
+                f"found {counted(n_sensors, 'trace')}, and {counted(distances.size, 'distance')}",
                 mend="Give one distance for each sensor",
             )
         falls = np.flatnonzero(np.diff(distances) <= 0.0)
@@ -153,10 +155,10 @@ class Traces(Result, array="signals"):
                 mend="Give the sensors in the order of their distances, each at its own",
             )
         default_names = tuple(str(number) for number in range(1, n_sensors + 1))
-        names = text_list(self.names) or default_names
+        names = texts("names", self.names) or default_names
         if len(names) != n_sensors:
             raise InputError(
-                f"there are {n_sensors} traces, and {len(names)} names",
+                f"found {counted(n_sensors, 'trace')}, and {counted(len(names), 'name')}",
                 mend="Give one name for each sensor",
             )
         for name, signal in zip(names, signals, strict=True):
@@ -189,8 +191,11 @@ class Traces(Result, array="signals"):
         time_step : s, where the file has no times.
 
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
-        read, times that are missing or given twice, distances that are missing, files whose times
-        differ, and what the constructor refuses.
+        read, what is no path, times that are missing or given twice, distances that are missing,
+        files whose times differ, and what the constructor refuses;
+        :class:`~granphon.base.errors.MissingFileError` if there is no such file; and
+        :class:`~granphon.base.errors.MissingPackageError` for a file of HDF5 if h5py is not
+        installed.
         """
         from granphon.fits.trace_files import read_traces
 
@@ -238,11 +243,7 @@ class Traces(Result, array="signals"):
         noise, samples that are too far apart for the frequency, a frequency that the traces do not
         have, and arrivals that are not later at farther sensors.
         """
-        if not is_one_of(method, METHODS):
-            methods = list_names(map(repr, METHODS))
-            raise InputError(
-                f"{method!r} is not a method", f"Methods are {methods}", suggest(method, METHODS)
-            )
+        chosen_method = one_of("method", method, METHODS)
         if len(self.signals) < 2:
             raise InputError(
                 "there is one trace", "A velocity needs the arrivals at two sensors", "Give both"
@@ -250,26 +251,28 @@ class Traces(Result, array="signals"):
         share = positive("threshold", threshold)
         if share >= 1.0:
             raise InputError(f"threshold is {share:g}", mend="Give a share of the maximum, below 1")
-        if share != THRESHOLD and method != "threshold":
-            raise InputError(f"threshold is given for the method {method!r}", mend="Leave it out")
-        if frequency is not None and method != "phase":
-            raise InputError(f"frequency is given for the method {method!r}", mend="Leave it out")
+        if share != THRESHOLD and chosen_method != "threshold":
+            fault = f"threshold is given for the method {chosen_method!r}"
+            raise InputError(fault, mend="Leave it out")
+        if frequency is not None and chosen_method != "phase":
+            fault = f"frequency is given for the method {chosen_method!r}"
+            raise InputError(fault, mend="Leave it out")
         end_of_quiet = quiet
         if quiet is not None:
             in_record = partial(number, low=float(self.times[0]), high=float(self.times[-1]))
             end_of_quiet = require("quiet", in_record, quiet)
         pulses = _Pulses.of(self, end_of_quiet, lowpass)
-        if method == "threshold":
+        if chosen_method == "threshold":
             arrivals = pulses.find_crossings(share)
-        elif method == "peak":
+        elif chosen_method == "peak":
             arrivals = pulses.find_peaks()
-        elif method == "correlation":
+        elif chosen_method == "correlation":
             arrivals = pulses.find_delays()
         else:
             if frequency is None:
                 raise InputError("no frequency is given", mend="Give the frequency of the phase")
             arrivals = pulses.find_phases(positive("frequency", frequency, "Hz"))
-        return self._fit_line(method, pulses, arrivals)
+        return self._fit_line(chosen_method, pulses, arrivals)
 
     def _fit_line(self, method: str, pulses: _Pulses, arrivals: _Arrivals) -> TraceVelocity:
         """Return the velocity of the straight line through the ``arrivals`` of ``pulses``, each
@@ -405,7 +408,7 @@ class _Pulses:
         """Raise InputError if a pulse is not above the noise, or still rises at the end."""
         filtered_noise = self.filtered_noise
         heights = np.max(np.abs(self.signals), axis=1)
-        silent_sensors = np.flatnonzero(heights <= _ABOVE_NOISE * filtered_noise)
+        silent_sensors = np.flatnonzero(heights <= _NOISE_FACTOR * filtered_noise)
         if silent_sensors.size:
             sensor = int(silent_sensors[0])
             name = self.traces.names[sensor]
@@ -448,7 +451,7 @@ class _Pulses:
             top = self._find_top(sensor)
             level = share * magnitudes[top]
             name = self.traces.names[sensor]
-            level_of_noise = _ABOVE_NOISE * self.filtered_noise[sensor]
+            level_of_noise = _NOISE_FACTOR * self.filtered_noise[sensor]
             if level <= level_of_noise:
                 raise InputError(
                     f"the threshold {share:g} is in the noise of sensor {name}",
@@ -561,7 +564,7 @@ class _Pulses:
         amplitudes = self.signals @ waves
         # noise in the real part of an amplitude, whose variance is half of that of the amplitude
         noise_amplitudes = self.noise * np.linalg.norm(self.filter(waves.real))
-        silent_sensors = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
+        silent_sensors = np.flatnonzero(np.abs(amplitudes) <= _NOISE_FACTOR * noise_amplitudes)
         if silent_sensors.size:
             name = traces.names[silent_sensors[0]]
             raise InputError(
@@ -586,7 +589,7 @@ class _Pulses:
         magnitudes = np.abs(self.signals[sensor])
         inner = magnitudes[1:-1]
         is_maximum = (inner > magnitudes[:-2]) & (inner >= magnitudes[2:])
-        is_high = inner >= _HALF * np.max(magnitudes)
+        is_high = inner >= _LEAST_PEAK * np.max(magnitudes)
         tops = 1 + np.flatnonzero(is_maximum & is_high)
         if not tops.size:
             raise InputError(
@@ -648,7 +651,7 @@ def _require_even_steps(times: Array) -> Array:
     even_times = times[0] + mean_step * np.arange(times.size)
     farthest = int(np.argmax(np.abs(times - even_times)))
     # digits of a file are cut off from the times, not from their steps
-    if abs(times[farthest] - even_times[farthest]) > _EVEN * mean_step:
+    if abs(times[farthest] - even_times[farthest]) > _STEP_TOLERANCE * mean_step:
         raise InputError(
             f"the times are not evenly spaced: sample {farthest + 1} is at"
             f" {times[farthest]:.9g} s, not at {even_times[farthest]:.9g} s",
@@ -683,10 +686,10 @@ def _require_unclipped(name: str, times: Array, signal: Array) -> None:
         # as far before and behind the flat piece as this is long
         sample_before = start - length
         sample_after = start + 2 * length - 1
-        if length < _CLIPPED or sample_before < 0 or sample_after >= signal.size:
+        if length < _LEAST_CLIPPED_SAMPLES or sample_before < 0 or sample_after >= signal.size:
             continue
         drop = min(abs(signal[sample_before] - extreme), abs(signal[sample_after] - extreme))
-        if drop > _STEEP * digit:
+        if drop > _LARGEST_DROP * digit:
             raise InputError(
                 f"the trace of sensor {name} is cut off at {extreme:.6g} for {length} samples from"
                 f" {times[start]:.6g} s",
@@ -698,8 +701,8 @@ def _find_longest_run(flags: Flags) -> tuple[int, int]:
     """Return the start and the length of the longest run of true ``flags`` (n,), of which one is
     true at least.
     """
-    padded = np.concatenate([[False], flags, [False]])
-    edges = np.flatnonzero(np.diff(padded.astype(np.int8)))  # a start and an end in turn
+    flags_with_ends = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(np.diff(flags_with_ends.astype(np.int8)))  # a start and an end in turn
     starts = edges[::2]
     lengths = edges[1::2] - starts
     longest = int(np.argmax(lengths))
@@ -725,7 +728,7 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
         content = f"{count} samples lie before {quiet:.6g} s"
     else:
         magnitudes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
-        rise = int(np.argmax(magnitudes >= _HALF * np.max(magnitudes)))
+        rise = int(np.argmax(magnitudes >= _LEAST_PEAK * np.max(magnitudes)))
         count = rise // 2
         ratio = float(np.max(magnitudes)) / spread
         content = (
@@ -755,7 +758,7 @@ def _still_rises(magnitudes: Array, noise: float) -> bool:
     if magnitudes.size - top > quarter or magnitudes.size < 2 * quarter:
         return False
     late_rise = np.mean(magnitudes[-quarter:]) - np.mean(magnitudes[-2 * quarter : -quarter])
-    return bool(late_rise > _ABOVE_NOISE * noise)
+    return bool(late_rise > _NOISE_FACTOR * noise)
 
 
 def _choose_filter(
@@ -782,11 +785,11 @@ def _choose_filter(
         return _LowPass(cutoff, step)
     n = signals.shape[1]
     spectra = np.abs(np.fft.rfft(signals, axis=1)) ** 2
-    stands_out = spectra > 2.0 * math.log(n) * n * noise[:, None] ** 2
+    is_above_noise = spectra > 2.0 * math.log(n) * n * noise[:, None] ** 2
     frequencies = np.fft.rfftfreq(n, step)
-    highest_of_pulse = float(np.max(frequencies[np.any(stands_out, axis=0)], initial=0.0))
-    cutoff = _ROOM * highest_of_pulse
-    has_effect = 0.0 < cutoff < _WIDE * highest_of_samples
+    highest_of_pulse = float(np.max(frequencies[np.any(is_above_noise, axis=0)], initial=0.0))
+    cutoff = _CUTOFF_RATIO * highest_of_pulse
+    has_effect = 0.0 < cutoff < _LARGEST_CUTOFF * highest_of_samples
     return _LowPass(cutoff if has_effect else math.inf, step)
 
 
@@ -794,9 +797,9 @@ def _shift(signal: Array, samples: int) -> Array:
     """Return a ``signal`` (n,) that is later by a number of ``samples``, or earlier if the number
     is below zero. Zeros come in at the start of the later one, and at the end of the earlier one.
     """
-    shifted = np.zeros_like(signal)
+    result = np.zeros_like(signal)
     if samples >= 0:
-        shifted[samples:] = signal[: signal.size - samples]
+        result[samples:] = signal[: signal.size - samples]
     else:
-        shifted[:samples] = signal[-samples:]
-    return shifted
+        result[:samples] = signal[-samples:]
+    return result

@@ -27,8 +27,8 @@ from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
-from granphon.base.text import counted, list_names, suggest
-from granphon.base.validation import Low, finite_list, one_of, positive, texts
+from granphon.base.text import counted, list_names
+from granphon.base.validation import Low, finite_list, one_of, positive, require, texts, truth
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
     SMALL_LOSS,
@@ -37,6 +37,7 @@ from granphon.dynamics.damping import (
     find_reduced_masses,
 )
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
+from granphon.fits.measurements import read_headings
 from granphon.fits.pressed import PressedCrystal
 from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
@@ -46,7 +47,7 @@ from granphon.waves.settings import RESPONSES
 from granphon.waves.waves import Waves
 
 #: residual, over its standard error, of which sums of squares and their products stay finite
-_FARTHEST = 1e70
+_LARGEST_RESIDUAL = 1e70
 #: name of the loss whose logarithm is sought
 _RESTITUTION = "restitution"
 #: what may be fitted, and its unit; of stiffness, load, springs to the ground and gain it is the
@@ -67,7 +68,7 @@ _POWERS = {"stiffness": 1.0, "load": 3.0, "on_site": 2.0, "wall_modulus": 3.0}
 #: loss factors from which the search starts
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
 #: loss factor with which stiffnesses are searched
-_BROAD = 0.1
+_SEARCH_LOSS = 0.1
 #: least and largest loss factor up to which a loss that is nearly zero may err
 _LEAST_LOSS = 1e-9
 _LARGEST_LOSS = 10.0
@@ -76,17 +77,17 @@ _LEAST_SCALED = 1e-3
 #: tolerances of scipy.optimize.least_squares: the least that it takes but for rounding
 _TOLERANCES: dict[str, Any] = {"ftol": 1e-13, "xtol": 1e-13, "gtol": 1e-13}
 #: ratios of the stiffness that are tried: their steps of 2.5 % move a resonance by 1.2 %, an eighth
-#: of its breadth with the loss factor _BROAD
-_STIFFER = np.geomspace(0.5, 2.0, 57)
+#: of its breadth with the loss factor _SEARCH_LOSS
+_STIFFNESS_RATIOS = np.geomspace(0.5, 2.0, 57)
 #: number of these ratios that are followed to a minimum
-_FOLLOWED = 3
+_N_STARTS = 3
 #: factors that convert the numbers of a table into 1 or radians
 _NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01, "N/N": 1.0, "m/m": 1.0}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 #: least number of samples of a segment of a record
 _LEAST_SEGMENT = 16
 #: probability with which noise alone exceeds the coherence of a frequency that is kept
-_BY_CHANCE = 0.01
+_CHANCE_OF_NOISE = 0.01
 #: warning of a fit of springs to the ground of a network whose crystal is not known
 KEPT_FORCES = (
     "contacts keep their forces over the springs that are fitted, though springs bear a part of"
@@ -120,8 +121,8 @@ class TransferFunction(Result):
         volts of sensors are. A fit then needs the parameter "gain".
 
     Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, not above zero
-    (but for the phase), or not as many as the frequencies; and for a phase_sigma without phase or
-    sigma.
+    (but for the phase), or not as many as the frequencies; for a phase_sigma without phase or
+    sigma; and for ``calibrated`` that is not true or false.
     """
 
     frequencies: Array = held(float, "n", "Hz")
@@ -133,19 +134,18 @@ class TransferFunction(Result):
 
     def __post_init__(self) -> None:
         """Check the data, and put the arrays in place of the arguments."""
-        for name in self._shapes:
+        for name in self._shapes:  # the frequencies are the first
             values: Any = getattr(self, name)
-            if values is None:
+            if values is None and name not in ("frequencies", "magnitude"):
                 continue
             low: Low = "" if name == "phase" else "above zero"
             numbers = np.array(finite_list(name, values, self.units.get(name, ""), low))
-            if numbers.shape != np.shape(self.frequencies):
-                fault = (
-                    f"there are {numbers.size} numbers of {name}, and {np.size(self.frequencies)}"
-                    f" frequencies"
-                )
-                raise InputError(fault, mend="Give the same number of each")
             object.__setattr__(self, name, numbers)
+            if numbers.size != self.frequencies.size:
+                words = counted(self.frequencies.size, "frequency", "frequencies")
+                fault = f"found {counted(numbers.size, 'number')} of {name}, and {words}"
+                raise InputError(fault, mend="Give the same number of each")
+        require("calibrated", truth, self.calibrated)
         if self.phase_sigma is not None and (self.phase is None or self.sigma is None):
             words = "phase" if self.phase is None else "sigma of the magnitude"
             raise InputError(
@@ -176,12 +176,13 @@ class TransferFunction(Result):
             m/s^2/N; "force", numbers or, where a wall is moved, N/m, in a column that may be named
             force; "stiffness", N/m; or "transmissibility", numbers.
 
-        Raises :class:`~granphon.base.errors.InputError` for another quantity, a file, line or cell
-        that cannot be read, a column that is missing or has another unit, and what the constructor
-        refuses.
+        Raises :class:`~granphon.base.errors.InputError` for another quantity, ``columns`` that are
+        no headings by kind, a file, line or cell that cannot be read, a column that is missing or
+        has another unit, and what the constructor refuses.
         """
         chosen_quantity = one_of("quantity", quantity, QUANTITIES)
-        source = _SourceColumns.read(path, columns or {}, chosen_quantity)
+        names = read_headings(columns, _COLUMNS, "a transfer function")
+        source = _SourceColumns.read(path, names, chosen_quantity)
         source.require("frequency")
         frequencies = source.table.column(source.headings["frequency"], FREQUENCY)
         is_complex = source.is_complex
@@ -260,11 +261,13 @@ class TransferFunction(Result):
                 f" {frequencies[-1]:.6g} Hz, {frequencies[1]:.6g} Hz apart",
                 "Give a wider band, or a longer segment",
             )
-        is_coherent = coherences > _find_coherence_of_noise(_BY_CHANCE, n_independent)
+        is_coherent = coherences > _find_coherence_of_noise(_CHANCE_OF_NOISE, n_independent)
         is_kept = is_coherent & is_whole & is_in_band
         # Of many frequencies some exceed that limit by chance. At least one must exceed a higher
         # limit, which noise exceeds at any of them with the probability of a hundredth.
-        least_coherence = _find_coherence_of_noise(_BY_CHANCE / frequencies.size, n_independent)
+        least_coherence = _find_coherence_of_noise(
+            _CHANCE_OF_NOISE / frequencies.size, n_independent
+        )
         if not np.any(coherences[is_kept] > least_coherence):
             raise InputError(
                 "nothing connects drive and response: no coherence is above"
@@ -392,14 +395,9 @@ class _SourceColumns:
         ``quantity``. ``names`` are headings by kind, for kinds that go by other names; magnitudes
         are found under "H" too, and those of forces under "force".
 
-        Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read, or a kind
-        in ``names`` that is not known.
+        Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read.
         """
         table = Table.read(path)
-        unknown_kinds = [kind for kind in names if kind not in _COLUMNS]
-        if unknown_kinds:
-            fault = f"{unknown_kinds[0]!r} is not a kind of column of a transfer function"
-            raise InputError(fault, mend=suggest(unknown_kinds[0], _COLUMNS))
         headings = {kind: names.get(kind, kind) for kind in _COLUMNS}
         if headings["magnitude"] not in table and "magnitude" not in names:
             names_in_table = [name for name in _list_magnitudes(quantity) if name in table]
@@ -1077,11 +1075,11 @@ class _Comparison:
         broad that one that is off by its width is still found.
         """
         misfits = []
-        for ratio in _STIFFER.tolist():
-            misfit, _ = self.find_start(_BROAD, ratio)
+        for ratio in _STIFFNESS_RATIOS.tolist():
+            misfit, _ = self.find_start(_SEARCH_LOSS, ratio)
             misfits.append((misfit, ratio))
         misfits.sort()
-        return [ratio for _, ratio in misfits[:_FOLLOWED]]
+        return [ratio for _, ratio in misfits[:_N_STARTS]]
 
     def find_best(self) -> Any:
         """Return scipy's result of least squares at the lowest minimum: ``x`` (p,) scaled,
@@ -1090,7 +1088,7 @@ class _Comparison:
         starts = self.list_starts()
         with np.errstate(over="ignore"):
             largest = max(float(np.max(np.abs(self.compare(start)))) for start in starts)
-        if largest > _FARTHEST:
+        if largest > _LARGEST_RESIDUAL:
             problem = f"the response is up to {largest:.1g} standard errors from the data"
             raise InputError(problem, mend="Look at the units of the data, and of sigma")
         fits = [self._descend(start) for start in starts]

@@ -56,16 +56,16 @@ _STEP = 1e-4
 #: distance in log f* between the equilibria of a simulation: eight to a decade
 _NODE_SPACING = math.log(10.0) / 8.0
 #: width over diameter at which the curve of samples is made where any will do
-_ANY_WIDTH = 1e-4
+_WIDTH_RATIO = 1e-4
 #: change in the logarithm of a parameter that a curve need not follow: in the exact geometry such a
 #: change of W/d changes velocities at a given f* by less than 1e-4 of them, and the curve itself
 #: has errors of 2e-4
-_SETTLED = 1e-3
+_CURVE_TOLERANCE = 1e-3
 #: relative correction of a squared velocity below which a stiffness is not corrected again
-_CORRECTED = 1e-12
+_LEAST_CORRECTION = 1e-12
 #: most corrections of a stiffness: one is exact in the paper's limit; where the forces of contacts
 #: act too, each correction leaves about delta/d of the error
-_CORRECTIONS = 10
+_MOST_CORRECTIONS = 10
 #: relative step in the frequency of a pulse, from which the slope of its velocity is found
 _FREQUENCY_STEP = 1e-4
 
@@ -217,12 +217,12 @@ class _SampleCurve:
         velocities, _ = self.waves.velocity(state)
         regular_state = _make_regular_state(packing, force, self.waves.finite_overlap)
         stiffness = np.asarray(state.normal_stiffness)
-        for _ in range(_CORRECTIONS):
+        for _ in range(_MOST_CORRECTIONS):
             corrected_state = replace(regular_state, normal_stiffness=stiffness)
             regular_velocities, _ = self.waves.velocity(corrected_state)
             ratio = (velocities / regular_velocities) ** 2
             stiffness = stiffness * ratio
-            if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
+            if np.max(np.abs(ratio - 1.0)) < _LEAST_CORRECTION:
                 break
         values: list[float] = np.log(stiffness / packing.width_units.stiffness).tolist()
         return values
@@ -334,7 +334,7 @@ class VelocityModel:
         """
         if not self.is_sampled or self._has_one_curve:
             return self
-        if self.curve_at is not None and np.max(np.abs(logs - self.curve_at)) <= _SETTLED:
+        if self.curve_at is not None and np.max(np.abs(logs - self.curve_at)) <= _CURVE_TOLERANCE:
             return self
         return replace(self, curve_at=logs)
 
@@ -472,7 +472,7 @@ class VelocityModel:
         """The packing whose samples are simulated."""
         if self.curve_at is not None:
             return self._make_packing(self.curve_at)
-        width = _ANY_WIDTH * self.packing.diameter
+        width = _WIDTH_RATIO * self.packing.diameter
         if not self._has_one_curve:
             width = self.packing.width or width
         return change_packing(self.packing, {"spread": self._widen(width)})

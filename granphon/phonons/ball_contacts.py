@@ -40,7 +40,7 @@ from granphon.balls.motions import ALL, select_motions
 from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
-from granphon.base.text import list_names
+from granphon.base.text import list_names, require_path
 from granphon.base.validation import finite_array, require, require_instance, spell_out, truth
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
@@ -50,7 +50,9 @@ from granphon.phonons.phonopy_atoms import choose_symbols
 
 #: distance of balls over their diameter, or diameter over distance, above which their positions
 #: seem to be in another unit, such as mm or cm
-_FARTHEST = 50.0
+_UNIT_RATIO = 50.0
+#: length, area or volume of a cell, in units of the diameter, below which it counts as zero
+LEAST_EXTENT = 1e-12
 #: relative amount by which the reach of balls is enlarged, so that rounding opens no contact
 _ROUNDING = 1e-12
 #: motions of balls whose rotations nothing resists
@@ -78,8 +80,10 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
         """Return the names of the properties of ``atoms`` that have changed since the last
         calculation, with those of the arrays that the calculator ``follows``.
 
-        ``tol`` is the difference up to which ASE takes two numbers for equal.
+        ``tol`` is the difference up to which ASE takes two numbers for equal. Raises
+        :class:`~granphon.base.errors.InputError` for what are no Atoms.
         """
+        require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is None:
             return changes
@@ -116,11 +120,13 @@ class BallContacts(ContactCalculator):
 
     Raises
     ------
-    InputError : ``balls`` is no mapping to balls or materials, or is empty; ``law`` is no contact
-        law; ``friction`` is not true or false. When the calculator is used: Atoms of another kind,
-        without radii, or with radii that are not above zero; positions that are not finite, or of
-        two balls at one place; a period of the cell far below the diameters, perhaps in another
-        unit; a law of a bond, which acts at any distance, so that there are no neighbours.
+    InputError : ``balls`` is no mapping to balls or materials, or is empty; ``law`` is the name of
+        no law, or has a key that is no pair of kinds, or two laws of one pair; ``friction`` is not
+        true or false. When the calculator is used: a pair of kinds without a law, or whose law
+        lacks a method of contact laws; Atoms of another kind, without radii, or with radii that are
+        not above zero; positions or a cell that are not finite; two balls at one place; a period of
+        the cell far below the diameters, perhaps in another unit, and periods that are not
+        independent; a law of a bond, which acts at any distance, so that there are no neighbours.
     """
 
     follows = ("radius", "kinds")
@@ -148,8 +154,8 @@ class BallContacts(ContactCalculator):
         """Return the kinds (n,) of the balls of ``atoms``, and their radii (n,), m.
 
         Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for an array
-        ``radius`` that is not a number above zero for each ball, and for positions that are not
-        finite.
+        ``radius`` that is not a number above zero for each ball, and for positions or a cell that
+        are not finite.
         """
         require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
@@ -175,9 +181,10 @@ class BallContacts(ContactCalculator):
                 f"the array radius has the shape {np.shape(radii)}",
                 mend="Give one number for each ball, m",
             )
-        if not np.all(np.isfinite(atoms.positions)):
+        if not (np.all(np.isfinite(atoms.positions)) and np.all(np.isfinite(atoms.cell.array))):
             raise InputError(
-                "the Atoms have a position that is not finite", mend="Mend their positions"
+                "the Atoms have a position or a cell that is not finite",
+                mend="Mend their positions and cell",
             )
         return kinds, np.asarray(radii, float)
 
@@ -200,9 +207,8 @@ class BallContacts(ContactCalculator):
     def _make_ball(self, kind: str, radius: float) -> Ball:
         """Return a ball of the material of a ``kind``, with a ``radius``, m."""
         ball = self.balls[kind]
-        if isinstance(ball, Material):
-            return Ball(ball, 2.0 * radius, name=kind)
-        return Ball(ball.material, 2.0 * radius, name=kind)
+        material = ball if isinstance(ball, Material) else ball.material
+        return Ball(material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, ContactLaws, Array]:
         """Return the contacts of the balls of ``atoms``: balls i (n_c,) and j (n_c,), the shift
@@ -221,25 +227,27 @@ class BallContacts(ContactCalculator):
         periods = np.flatnonzero(atoms.pbc)
         longest = 2.0 * float(np.max(reach, initial=0.0))
         shortest = float(np.min(np.linalg.norm(atoms.cell.array[periods], axis=1), initial=np.inf))
-        if longest > _FARTHEST * shortest:  # each ball would touch thousands of its own images
+        if longest > _UNIT_RATIO * shortest:  # each ball would touch thousands of its own images
             raise InputError(
                 f"balls are up to {longest:.3g} m wide, and a period of the cell is"
                 f" {shortest:.3g} m",
                 mend="Give the cell, the positions and the radii in m",
             )
+        if longest > 0.0:
+            require_independent(atoms.cell.array[periods] / longest)
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
         distance = np.linalg.norm(vector, axis=1)
         require_apart(distance)
-        touches = distance < reach[i] + reach[j]
-        if not np.any(touches):
+        is_touching = distance < reach[i] + reach[j]
+        if not np.any(is_touching):
             _warn_of_far_balls(atoms, radii, shortest)
-        elif float(np.max(distance)) * _FARTHEST < 2.0 * float(np.min(radii)):
+        elif float(np.max(distance)) * _UNIT_RATIO < 2.0 * float(np.min(radii)):
             _warn_of_lengths(f"or less, and {2.0 * np.min(radii):.3g} m wide", np.max(distance))
-        i = i[touches]
-        j = j[touches]
-        vector = vector[touches]
+        i = i[is_touching]
+        j = j[is_touching]
+        vector = vector[is_touching]
         shift = np.zeros((len(i), 3), np.intp)
-        shift[:, periods] = steps[touches]
+        shift[:, periods] = steps[is_touching]
         laws, ratio = self._find_laws(sorts, number[i], number[j])
         return i, j, shift, vector, laws, ratio
 
@@ -382,6 +390,25 @@ def require_apart(distance: Array) -> None:
         )
 
 
+def require_independent(periods: Array) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if one of the ``periods`` (p, m), in
+    diameters, has zero length, or if they are not independent of each other.
+    """
+    if not np.all(np.any(periods, axis=1)):
+        raise InputError(
+            "the balls are periodic along a cell vector of zero length", "The period is not known"
+        )
+    # the product of the singular values is the length, area or volume; 1 without periods
+    p = len(periods)
+    extent = np.prod(np.linalg.svd(periods, compute_uv=False)) if p else 1.0
+    if extent < LEAST_EXTENT:
+        measure = ("a length", "an area", "a volume")[p - 1]
+        raise InputError(
+            f"the balls are periodic in a cell without {measure}",
+            f"Its vectors are {'parallel' if p == 2 else 'not independent'}",
+        )
+
+
 def _group_equal(numbers: Index) -> list[Index]:
     """Return groups of the indices of ``numbers`` (n,); the numbers of a group are equal."""
     order = np.argsort(numbers, kind="stable")
@@ -402,7 +429,7 @@ def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
     distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
     nearest = min(float(np.min(distances, initial=np.inf)), shortest)
     diameter = 2.0 * float(np.max(radii, initial=0.0))
-    if math.isfinite(nearest) and nearest > _FARTHEST * diameter:
+    if math.isfinite(nearest) and nearest > _UNIT_RATIO * diameter:
         _warn_of_lengths(f"or more, and {diameter:.3g} m wide: none touch", nearest)
 
 
@@ -431,7 +458,7 @@ lammps_format = ExternalIOFormat(
 )
 
 
-def _write_atoms(network: ContactNetwork) -> Atoms:
+def _make_atoms(network: ContactNetwork) -> Atoms:
     """Return the balls of a ``network`` as Atoms in its reduced units, with the arrays ``radius``,
     ``kinds`` and ``rattler`` (whether a ball carries no load); ``info`` holds the units.
 
@@ -460,10 +487,12 @@ def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
     """Return the file of ``contacts``, if one is given; else the path of the file beside that of
     the balls, ``path``, in whose name ``replacement`` stands for ``word``.
 
-    Raises :class:`~granphon.base.errors.InputError` if the name of ``path`` lacks the word.
+    Raises :class:`~granphon.base.errors.InputError` if ``path`` is no path, or its name lacks the
+    word.
     """
     if contacts is not None:
         return contacts
+    require_path(path)
     balls = Path(path)
     if word not in balls.name:
         raise InputError(
@@ -483,7 +512,7 @@ def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Ato
     """
     contacts_file = _find_beside(path, contacts, "balls", "contacts")
     options = {"keep_rattlers": True} | options
-    return _write_atoms(ContactNetwork.from_table(path, contacts_file, **options))
+    return _make_atoms(ContactNetwork.from_table(path, contacts_file, **options))
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
@@ -500,7 +529,7 @@ def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
         options = {"normal_stiffness": 1.0, "shear_stiffness": 0.0} | options
     pairs_file = _find_beside(path, pairs, "atoms", "pairs")
     options = {"keep_rattlers": True} | options
-    return _write_atoms(ContactNetwork.from_lammps(path, pairs_file, **options))
+    return _make_atoms(ContactNetwork.from_lammps(path, pairs_file, **options))
 
 
 def __getattr__(name: str) -> Any:

@@ -17,27 +17,28 @@ from granphon.dynamics.contact_lattice import ContactLattice
 
 #: width of a gap, over the top frequency, below which two branches may touch between the points of
 #: the mesh, so that a crossing is sought
-_NEAR = 1e-2
+_TOUCHING_WIDTH = 1e-2
 #: largest number of steps along group velocities to an extreme
 _MOST_STEPS = 30
 #: largest number of steps towards a crossing of two branches
 _MOST_CROSSING_STEPS = 12
 #: number of points of the mesh at which two branches are closest, for each start of an edge
-_CLOSEST = 4
+_POINTS_PER_START = 4
 #: distance of two points of the mesh, over its longest step, below which they are neighbours; those
 #: across a diagonal are
-_NEIGHBOUR = 1.5
-#: number of branches beyond which edges are sought from fewer points, as many edges are near
-_FEW_BRANCHES = 120
+_NEIGHBOUR_DISTANCE = 1.5
+#: number of branches beyond which an edge is sought from one point alone, as many edges are near;
+#: with fewer branches the number of points goes as the inverse of theirs
+_BRANCHES_OF_ONE_START = 120
 #: direction, along no axis of symmetry, of the first step from a point without a slope
-_ASIDE = np.array([1.0, 0.37, 0.22])
+_FIRST_DIRECTION = np.array([1.0, 0.37, 0.22])
 #: step, 1/d, after which the frequency is that of the extremum to rounding
-_LEVEL = 1e-8
+_LAST_STEP = 1e-8
 #: half the distance, 1/d, of the two wave vectors whose D(q) give the slope of D by difference
 _SLOPE_STEP = 1e-4
 #: singular value of the slopes of D between two branches, over the largest, up to which the
 #: branches do not separate along its direction, as along a line of touching
-_FLATTEST = 1e-6
+_LEAST_SLOPE = 1e-6
 
 
 class ZoneSample(NamedTuple):
@@ -140,11 +141,11 @@ class EdgeSearch(NamedTuple):
         """
         starts = self._choose_starts(edges, most_starts)
         ends = self._climb_edges(edges, np.arange(len(starts)), starts)
-        tops = edges.find_near(ends.heights, _NEAR * float(self.zone.frequencies.max()))
+        tops = edges.find_near(ends.heights, _TOUCHING_WIDTH * float(self.zone.frequencies.max()))
         if not tops.size:
             return ends
         bottoms = edges.bottoms_of_tops[tops]
-        closest = self._find_closest(edges.branch[tops], _CLOSEST * starts.shape[1])
+        closest = self._find_closest(edges.branch[tops], _POINTS_PER_START * starts.shape[1])
         near_starts = np.concatenate([starts[tops], starts[bottoms], closest], axis=1)
         crossings, widths = self._approach_crossings(near_starts, edges.branch[tops])
         for numbers in (tops, bottoms):
@@ -162,7 +163,7 @@ class EdgeSearch(NamedTuple):
         nearest to each of the e ``edges``, the nearest first; n_starts is ``most_starts`` or less.
         """
         frequencies = self.zone.frequencies
-        n_starts = max(1, min(most_starts, _FEW_BRANCHES // frequencies.shape[1]))
+        n_starts = max(1, min(most_starts, _BRANCHES_OF_ONE_START // frequencies.shape[1]))
         return self._choose_points(-edges.sign * frequencies[:, edges.branch], n_starts)
 
     def _find_closest(self, branch: Index, count: int) -> Array:
@@ -208,7 +209,7 @@ class EdgeSearch(NamedTuple):
         for equivalent in (point, -point):
             step = self.zone.points - equivalent
             distance = np.linalg.norm(self.lattice.wavevectors(step - np.rint(step)), axis=1)
-            is_neighbour |= distance < _NEIGHBOUR * self.zone.spacing
+            is_neighbour |= distance < _NEIGHBOUR_DISTANCE * self.zone.spacing
         return is_neighbour
 
     def _choose_highest(self, edges: BandEdges, numbers: Index, points: Array, count: int) -> Index:
@@ -277,7 +278,7 @@ class EdgeSearch(NamedTuple):
             np.divide(slope, steepness[:, None], out=uphill, where=is_steep[:, None])
             if turn == 0:
                 # at a q equivalent to -q no branch has a slope, whether q is an extreme or a saddle
-                uphill[~is_steep] = _ASIDE[:p] / np.linalg.norm(_ASIDE[:p])
+                uphill[~is_steep] = _FIRST_DIRECTION[:p] / np.linalg.norm(_FIRST_DIRECTION[:p])
                 step = 0.5 * longest_step
             else:
                 last_step = q[paths] - last_q[paths]
@@ -286,7 +287,7 @@ class EdgeSearch(NamedTuple):
             last_q[paths] = q[paths]
             last_slope[paths] = slope
             q[paths] += step[:, None] * uphill
-            paths = paths[step > _LEVEL]
+            paths = paths[step > _LAST_STEP]
             if not paths.size:
                 break
         return Extremes(heights, points)
@@ -313,9 +314,9 @@ class EdgeSearch(NamedTuple):
             size = np.linalg.norm(splitting, axis=1)
             width = np.divide(size, steepest, out=np.zeros_like(size), where=steepest > 0.0)
             widths[searches] = width
-            shortening = np.minimum(1.0, self.zone.spacing / np.maximum(length, _LEVEL))
+            shortening = np.minimum(1.0, self.zone.spacing / np.maximum(length, _LAST_STEP))
             q[searches] += shortening[:, None] * step
-            searches = searches[length > _LEVEL]
+            searches = searches[length > _LAST_STEP]
             if not searches.size:
                 break
         return q.reshape(n, n_starts, p), widths.reshape(n, n_starts)
@@ -352,7 +353,7 @@ def _solve_least(matrices: Array, values: Array) -> Array:
     """Return the shortest of the vectors (n, p) whose products with ``matrices`` (n, 3, p) are
     nearest to ``values`` (n, 3).
     """
-    inverses = np.linalg.pinv(matrices, rcond=_FLATTEST)  # (n, p, 3)
+    inverses = np.linalg.pinv(matrices, rcond=_LEAST_SLOPE)  # (n, p, 3)
     return np.asarray((inverses @ values[..., None])[..., 0])
 
 

@@ -48,15 +48,15 @@ from granphon.phonons.phonopy_atoms import (
 )
 
 #: difference of frequencies, over the top frequency, up to which branches coincide
-_COINCIDE = 1e-6
+_DEGENERACY = 1e-6
 #: difference of the heights of balls, over the largest component of the cell, up to which there are
 #: no edges
-_FLAT = 1e-9
+_LEAST_HEIGHT = 1e-9
 #: part of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
 #: highest frequency that bands may have, in units of their scales: that of a stiff contact,
 #: (k/M)^(1/2), is of order one
-_HIGHEST = 1e3
+_LARGEST_FREQUENCY = 1e3
 #: largest deviation of the length of an eigenvector from one
 _LENGTH_ERROR = 1e-6
 
@@ -124,7 +124,9 @@ class Bands(Result):
     gyration: Any = held(Any, "n", default=None)  # an array from the constructor on
 
     def __post_init__(self) -> None:
-        """Fill in the defaults of ``gyration`` and ``pbc``, and check the fields."""
+        """Fill in the defaults of ``gyration`` and ``pbc``, and make arrays read-only. The fields
+        are checked when they are read from a file or from plain data.
+        """
         if self.gyration is None:
             object.__setattr__(self, "gyration", np.full(len(self.masses), GYRATION))
         super().__post_init__()
@@ -152,15 +154,15 @@ class Bands(Result):
         _require(self.frequencies.size > 0, "there is no frequency")
         # the periods are along the first axes; components along the others must be zero
         across = (self.qpoints[..., d:], self.cell[:d, d:], self.cell[d:, :d])
-        lies_along = not any(np.any(components) for components in across)
+        is_inside = not any(np.any(components) for components in across)
         shape = ("line", "plane", "space")[d - 1]
-        _require(lies_along, f"a wave vector or a lattice vector leaves the {shape} of {d} periods")
+        _require(is_inside, f"a wave vector or a lattice vector leaves the {shape} of {d} periods")
         _require(np.all(self.frequencies >= 0.0), "a frequency is below zero")
         # the lowest frequencies are roots of rounding errors, which may put neighbours out of order
         falls = -np.diff(self.frequencies, axis=2)
         largest_fall = _ROUNDING * self.frequencies.max(initial=0.0)
         _require(np.all(falls <= largest_fall), "the frequencies at a point do not ascend")
-        highest = _HIGHEST * self.scales.frequency
+        highest = _LARGEST_FREQUENCY * self.scales.frequency
         _require(
             np.all(self.frequencies <= highest), "a frequency is far above those of the scales"
         )
@@ -205,8 +207,8 @@ class Bands(Result):
     @property
     def rotational_fraction(self) -> Array:
         """Fraction of the kinetic energy that is rotation, (s, p, b), 0 to 1."""
-        turned = self.motion[:, :, :, self.motions.turning]
-        return np.asarray(np.sum(np.abs(turned) ** 2, axis=(2, 3)))
+        rotations = self.motion[:, :, :, self.motions.turning]
+        return np.asarray(np.sum(np.abs(rotations) ** 2, axis=(2, 3)))
 
     @property
     def longitudinal_fraction(self) -> Array:
@@ -258,11 +260,11 @@ class Bands(Result):
 
         Where branches coincide, the fractions are those of the combinations of their modes that are
         most at one edge. Raises :class:`~granphon.base.errors.InputError` for a lattice that is not
-        a cut, whose balls are all at one height.
+        a cut, whose balls are all at one height, and without eigenvectors.
         """
         axis_across = min(sum(self.pbc), 2)  # the periods of a cut are along the first axes
         heights = (self.positions @ self.cell)[:, axis_across]
-        has_edges = np.ptp(heights) > _FLAT * float(np.abs(self.cell).max())
+        has_edges = np.ptp(heights) > _LEAST_HEIGHT * float(np.abs(self.cell).max())
         if not has_edges:
             raise InputError(
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
@@ -271,9 +273,9 @@ class Bands(Result):
         energy = np.abs(self.motion) ** 2
         # at each edge e the sum over its balls i and their motions c
         weights = np.einsum("ei,spicb->spbe", masks.astype(float), energy, optimize=True)
-        coincide = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
-        for s, p in np.argwhere(np.any(coincide, axis=2)):
-            set_ends = np.flatnonzero(~coincide[s, p]) + 1
+        is_degenerate = np.diff(self.frequencies, axis=2) <= _DEGENERACY * self.frequencies.max()
+        for s, p in np.argwhere(np.any(is_degenerate, axis=2)):
+            set_ends = np.flatnonzero(~is_degenerate[s, p]) + 1
             for branches in np.split(np.arange(self.n_branches), set_ends):
                 if len(branches) > 1:
                     motion = self.motion[s, p][..., branches]
@@ -322,8 +324,9 @@ class Bands(Result):
 
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
         wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Errors of another
-        shape, and a ``pad`` that is not true or false, raise
-        :class:`~granphon.base.errors.InputError`.
+        shape or below zero, a ``pad`` that is not true or false, and what is no path raise
+        :class:`~granphon.base.errors.InputError`. Where the file system refuses the file,
+        :class:`~granphon.base.errors.OutputError` is raised.
         """
         unit = HertzPrefix.for_top(float(self.frequencies.max()))
         n_still = 0
@@ -423,8 +426,8 @@ class Bands(Result):
         heads = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", points.tolist())
         labels = list[str]()
         for ends in self._segment_ends:
-            named = [f"  label: {json.dumps(name)}\n" for name in ends]
-            labels += [named[0], *[""] * (p - 2), named[1]][:p]
+            first, last = [f"  label: {json.dumps(name)}\n" for name in ends]
+            labels += [first, *[""] * (p - 2), last][:p]
         numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
         bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
         bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it
@@ -461,7 +464,7 @@ class Bands(Result):
         another program has read a band.yaml of granphon and written it again: a change is then
         noticed only where numbers no longer fit together.
         """
-        text, verified = read_sealed(path)
+        text, is_verified = read_sealed(path)
         with require_own_file(path, "band.yaml"):
             data = plain_yaml(text, path)
             hertz, scales = read_header(path, data["granphon"])
@@ -470,7 +473,7 @@ class Bands(Result):
             reciprocal = read_numbers("reciprocal_lattice", data["reciprocal_lattice"])
             if not np.allclose(reciprocal, np.linalg.inv(bands.cell).T):
                 raise InputError("Its reciprocal_lattice is not that of its lattice")
-        if not verified:
+        if not is_verified:
             warn_unverified(path)
         return bands
 
@@ -661,14 +664,14 @@ def _read_counts(data: Any) -> tuple[int, int, int]:
         counts[key] = require(key, partial(whole, low=1), data[key])
     s = counts["npath"]
     count = counts["nqpoint"]
-    listed = len(data["phonon"])
-    p = listed // s
-    are_points = count == listed == s * p and p > 0
+    n_listed = len(data["phonon"])
+    p = n_listed // s
+    are_points = count == n_listed == s * p and p > 0
     are_segments = data["segment_nqpoint"] == [p] * s and len(data["labels"]) == s
     if not (are_points and are_segments):
         raise InputError(
             f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not fit the"
-            f" {listed} points of phonon"
+            f" {n_listed} points of phonon"
         )
     n_atoms = len(data["points"])
     if counts["natom"] != n_atoms:

@@ -46,6 +46,7 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.base.validation import is_one_of, one_of, require_instance
 from granphon.dynamics.compatibility import GYRATION, put_in_space
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -53,12 +54,14 @@ from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import (
+    LEAST_EXTENT,
     BallContacts,
     ContactCalculator,
     list_stress,
     require_apart,
+    require_independent,
 )
-from granphon.phonons.phonopy_atoms import choose_symbols, name_balls, place_in_space
+from granphon.phonons.phonopy_atoms import name_balls, name_symbols, place_in_space
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -70,7 +73,7 @@ if TYPE_CHECKING:
 _LEAST_OVERLAP = 1e-10
 #: largest displacement of two balls in contact against each other, in diameters, for which a
 #: harmonic energy is found
-_FAR = 0.5
+_LARGEST_DISPLACEMENT = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
 #: words for the measure of the cell of a lattice with 1, 2 or 3 periods
@@ -88,8 +91,6 @@ _TURN_PER_SPACING = 1e-4
 #: ball has moved by half of this distance. On the triangular lattice a list reaches 1.55, and so no
 #: second neighbours, which are at 1.73
 _SKIN = 0.3
-#: length, area or volume of a cell, in units of the diameter, below which it counts as zero
-_FLAT = 1e-12
 
 
 def atoms(state: Any) -> Atoms:
@@ -106,8 +107,9 @@ def atoms(state: Any) -> Atoms:
     the cell is that of its network. The Atoms are then the balls that move, with their masses,
     radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``. A
     kind whose name is a chemical symbol has that symbol; ``info["kinds"]`` has the name of each
-    symbol. If kinds are not known, each mass has a symbol of its own. The calculator is
-    :class:`HarmonicContacts`, as a network has stiffnesses and no contact law.
+    symbol. If kinds are not known, or more than symbols, each mass has a symbol of its own; more
+    than 12 masses have one. The calculator is :class:`HarmonicContacts`, as a network has
+    stiffnesses and no contact law.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
     network without a period.
@@ -151,8 +153,9 @@ def _make_network_atoms(state: NetworkState) -> Atoms:
     balls.set_masses(lattice.masses)
     balls.set_array("radius", network.radii[network.moving] / state.scales.length)
     balls.info.update(state.scales.to_info())
-    if kinds:
-        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
+    names = name_symbols(kinds)
+    if names:
+        balls.info["kinds"] = names
     axes = lattice.motions.rotations
     if axes == (2,):  # balls turn about z alone
         balls.set_array("rotations", np.zeros(len(balls)))
@@ -181,8 +184,9 @@ class HarmonicContacts(ContactCalculator):
     :func:`~granphon.atoms` attaches the calculator to the Atoms of a network, whose positions it
     keeps as those at rest. The calculator serves the same balls in the same order; the Atoms
     ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
-    :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter,
-    and for a stress where bodies without motion, or springs to the ground, hold the balls.
+    :class:`~granphon.base.errors.InputError` for other Atoms, for numbers that are not finite, for
+    an array ``rotations`` of another shape, for displacements of more than half a diameter, and for
+    a stress where bodies without motion, or springs to the ground, hold the balls.
     """
 
     follows = ("rotations",)
@@ -206,8 +210,7 @@ class HarmonicContacts(ContactCalculator):
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
 
-        Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements that are
-        not small, and if ASE asks for a stress and there is none.
+        Raises :class:`~granphon.base.errors.InputError` as the class says.
         """
         from granphon.contacts.placed import ContactForces  # bands move no balls
 
@@ -251,8 +254,11 @@ class HarmonicContacts(ContactCalculator):
         """Return the displacement (n_c, 3), in diameters, of ball j of each contact against ball i,
         from the positions at rest to those of ``balls``.
 
-        Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small.
+        Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small, and
+        for a position or cell that is not finite.
         """
+        if not (np.all(np.isfinite(balls.positions)) and np.all(np.isfinite(balls.cell.array))):
+            raise InputError("the Atoms hold a number that is not finite, in positions or cell")
         reference = self._reference
         lattice = self.state.contact_lattice()
         table = lattice.contacts
@@ -267,9 +273,10 @@ class HarmonicContacts(ContactCalculator):
         change_of_periods = (balls.cell - reference.cell)[: lattice.periods]
         displacement = displacements[table.j] - displacements[table.i]
         displacement = displacement + table.shift @ change_of_periods
-        if np.max(np.abs(displacement), initial=0.0) > _FAR:
+        if np.max(np.abs(displacement), initial=0.0) > _LARGEST_DISPLACEMENT:
             raise InputError(
-                f"balls in contact have moved against each other by more than {_FAR} diameters",
+                f"balls in contact have moved against each other by more than"
+                f" {_LARGEST_DISPLACEMENT} diameters",
                 "Displacements must be small",
                 "Compare the order of the balls, and the cell",
             )
@@ -277,17 +284,27 @@ class HarmonicContacts(ContactCalculator):
 
     def _find_rotations(self, balls: Atoms) -> Array:
         """Return w = R_g phi (n + 1, r), in diameters, of the n ``balls`` about the r axes of their
-        motions; the last row, of zeros, is that of bodies that do not move.
+        motions; the last row, of zeros, is that of bodies that do not move. R_g is the radius of
+        gyration of a ball, and phi its rotation, rad, zero without an array ``rotations``.
+
+        Raises :class:`~granphon.base.errors.InputError` for an array of another shape than (n, 3),
+        or (n,) if balls turn about one axis, and for a number that is not finite.
         """
         lattice = self.state.contact_lattice()
         axes = list(lattice.motions.rotations)
         n = len(balls)
-        # the array is (n,) if balls turn about z alone, else (n, 3)
-        angles = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
-        if angles.shape[1] != len(axes):
-            angles = angles[:, axes]
+        angles = balls.arrays.get("rotations", np.zeros((n, 3)))
+        is_about_one_axis = angles.shape == (n,) and len(axes) == 1
+        if not is_about_one_axis and angles.shape != (n, 3):
+            shapes = f"({n},) or ({n}, 3)" if len(axes) == 1 else f"({n}, 3)"
+            raise InputError(
+                f"the array rotations has the shape {angles.shape}", mend=f"Give {shapes}"
+            )
+        if not np.all(np.isfinite(angles)):
+            raise InputError("the array rotations holds a number that is not finite")
+        about_axes = angles[:, None] if is_about_one_axis else angles[:, axes]
         rotations = np.zeros((n + 1, len(axes)))
-        rotations[:n] = lattice.gyration[:, None] * angles
+        rotations[:n] = lattice.gyration[:, None] * about_axes
         return rotations
 
     def _find_static_stress(self) -> Array:
@@ -315,14 +332,16 @@ class HarmonicContacts(ContactCalculator):
     def contact_network(self, atoms: Atoms) -> ContactNetwork:
         """Return the network of the state, whose balls ``atoms`` must be.
 
-        Raises :class:`~granphon.base.errors.InputError` for Atoms with other periods or masses.
+        Raises :class:`~granphon.base.errors.InputError` for what are no Atoms, and for Atoms of
+        another number, or with other periods or masses.
         """
+        require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         reference = self._reference
         have_periods = np.array_equal(atoms.pbc, reference.pbc)
         have_masses = np.array_equal(atoms.get_masses(), reference.get_masses())
         if not (have_periods and have_masses):
             raise InputError(
-                f"the Atoms are not the {len(reference)} balls of the network",
+                f"the Atoms are not the {counted(len(reference), 'ball')} of the network",
                 "Its calculator serves these alone",
                 "Use gp.atoms(network.repeat(...)), or of another network",
             )
@@ -387,7 +406,7 @@ class _PairSearch(NamedTuple):
         if not np.array_equal(cell, self.cell):
             # F; a matrix of zeros, with which no list serves, if the old cell cannot be inverted
             change: Any = np.zeros_like(cell)
-            if abs(np.linalg.det(self.cell)) >= _FLAT:
+            if abs(np.linalg.det(self.cell)) >= LEAST_EXTENT:
                 change = np.linalg.solve(self.cell, cell)
             stretch = float(np.linalg.svd(change, compute_uv=False)[-1])
             expected = expected @ change
@@ -408,18 +427,7 @@ def _search_pairs(
     """
     axes = np.flatnonzero(periodic)
     periods = cell[axes]
-    if not np.all(np.any(periods, axis=1)):
-        raise InputError(
-            "the balls are periodic along a cell vector of zero length", "The period is not known"
-        )
-    # the product of the singular values is the length, area or volume; 1 without periods
-    extent = np.prod(np.linalg.svd(periods, compute_uv=False)) if len(axes) else 1.0
-    if extent < _FLAT:
-        measure = ("a length", "an area", "a volume")[len(axes) - 1]
-        raise InputError(
-            f"the balls are periodic in a cell without {measure}",
-            f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}",
-        )
+    require_independent(periods)
     i, j, steps, vector = find_pairs(positions, periods, reach)
     shift = np.zeros((len(i), len(cell)), np.intp)
     shift[:, axes] = steps
@@ -537,10 +545,10 @@ class HertzMindlin(ContactCalculator):
     ------
     InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses
         or an array that :func:`~granphon.atoms` gives (:meth:`adopt` adds what is missing), or that
-        belong to another state; a cell that is tilted out of the line or plane of the lattice, or
-        periodic across it; balls that touch in directions other than those of the lattice, as when
-        it is turned (allowed with ``finite_overlap`` where balls do not rotate); two balls at one
-        place.
+        belong to another state; numbers that are not finite, and diameters that are not above zero;
+        a cell that is tilted out of the line or plane of the lattice, or periodic across it; balls
+        that touch in directions other than those of the lattice, as when it is turned (allowed with
+        ``finite_overlap`` where balls do not rotate); two balls at one place.
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -615,10 +623,12 @@ class HertzMindlin(ContactCalculator):
         lattice, with masses (1 + deviation)^3. Positions and cell must be in units of the mean
         diameter.
 
-        Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or
-        if the Atoms belong to another state.
+        Raises :class:`~granphon.base.errors.InputError` for what are no Atoms, if ``like`` has
+        another number of balls, and if the Atoms belong to another state.
         """
         require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
+        if like is not None:
+            require_instance("like", like, Atoms, "Give an ase.Atoms")
         kind = FINITE if self.finite_overlap else LATTICE
         balls = adopt(atoms, self.scales, kind, like, self._coordinates)
         find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
@@ -764,9 +774,9 @@ class HertzMindlin(ContactCalculator):
         ball j to ball i.
         """
         normal = self.state.packing.structure.contacts.normal
-        both_ways = np.concatenate([normal, -normal])
+        directions = np.concatenate([normal, -normal])
         n_missing = self._coordinates - normal.shape[1]  # components across the lattice, zero
-        return np.pad(both_ways, ((0, 0), (0, n_missing)))
+        return np.pad(directions, ((0, 0), (0, n_missing)))
 
     @cached_property
     def _midway(self) -> float:
@@ -815,12 +825,12 @@ class HertzMindlin(ContactCalculator):
         turn = _find_turn(normal, vector, distance, is_touching)
         # a turn shortens the part of a vector along its normal, and so adds to the overlap
         added_overlap = 0.5 * turn**2
-        largest_added = _TURN_PER_OVERLAP * (self._overlap - self._least_overlap)
+        largest_added_overlap = _TURN_PER_OVERLAP * (self._overlap - self._least_overlap)
         if at_sites:
-            largest_added = _TURN_PER_SPACING
+            largest_added_overlap = _TURN_PER_SPACING
         if np.any(~is_near & (distance < reach)):
             raise _make_turn_error("balls touch in directions that are not those of the lattice")
-        if added_overlap > largest_added:
+        if added_overlap > largest_added_overlap:
             raise _make_turn_error(
                 f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
                 " degrees on average"
@@ -865,8 +875,8 @@ class HertzMindlin(ContactCalculator):
         """Return the contact law of these balls: that of two balls for the Atoms of a sample, else
         that of the state.
 
-        Raises :class:`~granphon.base.errors.InputError` if the balls cannot belong to the state, or
-        if their arrays hold numbers that are not finite.
+        Raises :class:`~granphon.base.errors.InputError` if the balls cannot belong to the state, if
+        their arrays hold numbers that are not finite, and for a diameter that is not above zero.
         """
         require_instance("atoms", balls, Atoms, "Give an ase.Atoms")
         self._require_known_sample(balls)
@@ -878,13 +888,19 @@ class HertzMindlin(ContactCalculator):
                 "the Atoms hold a number that is not finite, in positions, cell or an array that"
                 " granphon added"
             )
+        deviations = balls.arrays["diameter_deviations"]
+        if np.any(deviations <= -1.0):
+            raise InputError(
+                f"a ball of the Atoms has the diameter {1.0 + float(np.min(deviations)):.3g}",
+                "Diameters, 1 plus diameter_deviations, are above zero",
+                "Set this array",
+            )
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         # contacts open at an overlap below zero if the law is a mean over diameters, or if balls
         # adhere
-        has_diameters = np.any(balls.arrays["diameter_deviations"])
-        if self._least_overlap < 0.0 and has_diameters:
+        if self._least_overlap < 0.0 and np.any(deviations):
             raise InputError(
                 f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is"
                 f" the mean over all",
@@ -934,17 +950,17 @@ class HertzMindlin(ContactCalculator):
         stiffness = np.ones(overlap.shape)
         torsion = np.full(overlap.shape, self._torsion)
         packing = self.state.packing
-        differs = (overlap != self._overlap) | (law is not self.state.law)
-        if not np.any(differs):
+        is_different = (overlap != self._overlap) | (law is not self.state.law)
+        if not np.any(is_different):
             return stiffness, self._torsion
         # the law of a simulation solves an equilibrium for each overlap, so it is evaluated only
         # for contacts that differ from those of the state
-        depth = overlap[differs] * self.scales.length
+        depth = overlap[is_different] * self.scales.length
         slopes = law.stiffness(depth)
-        stiffness[differs] = slopes / self.scales.stiffness
+        stiffness[is_different] = slopes / self.scales.stiffness
         if packing.torsion != MINDLIN:
             return stiffness, self._torsion
-        torsion[differs] = packing.find_torsion(law.force(depth), slopes)
+        torsion[is_different] = packing.find_torsion(law.force(depth), slopes)
         return stiffness, torsion
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
@@ -982,9 +998,9 @@ class HertzMindlin(ContactCalculator):
         positions = np.zeros((len(atoms), 3))
         positions[:, : lattice.dimension] = d * atoms.positions[:, : lattice.dimension]
         force = np.full(overlap.shape, self.state.force)
-        differs = (overlap != self._overlap) | (law is not self.state.law)
-        if np.any(differs):
-            force[differs] = law.force(overlap[differs] * d)
+        is_different = (overlap != self._overlap) | (law is not self.state.law)
+        if np.any(is_different):
+            force[is_different] = law.force(overlap[is_different] * d)
         return lattice.contact_network(
             self.scales,
             force / self.scales.force,
@@ -1120,7 +1136,6 @@ class HertzMindlin(ContactCalculator):
         """
         layout = one_of("format", format, ("dense", "csr"))
         lattice = self.contact_lattice(atoms, motions)
-        table = lattice.contacts
         n = lattice.n_balls
         blocks = contact_blocks(lattice)
         # `size` is the number of coordinates of a ball in the blocks; `slots` are those returned
@@ -1129,12 +1144,7 @@ class HertzMindlin(ContactCalculator):
         slots = list(lattice.motions.slots)
         if lattice.motions.name == IN_PLANE.name:
             slots = all_slots
-        # row and column of each entry of the blocks, from the coordinates (n_c, 2 size) of both
-        # balls of each contact
-        balls = np.stack([table.i, table.j], axis=1)
-        coordinates = (size * balls[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
-        row = np.broadcast_to(coordinates[:, :, None], blocks.shape).ravel()
-        column = np.broadcast_to(coordinates[:, None, :], blocks.shape).ravel()
+        row, column = _list_places(lattice, size)
         shape = (size * n, size * n)
         if layout == "csr":
             from scipy.sparse import coo_array
@@ -1154,6 +1164,21 @@ class HertzMindlin(ContactCalculator):
         np.add.at(dense, (row, column), blocks.ravel())
         by_ball = dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)
         return by_ball[:, :, slots][..., slots]
+
+
+def _list_places(lattice: ContactLattice, size: int) -> tuple[Index, Index]:
+    """Return the rows and columns (n_c 4 size^2,), in the force constants of all balls of a
+    ``lattice``, of the entries of :func:`contact_blocks`, which has ``size`` coordinates of each
+    ball.
+    """
+    table = lattice.contacts
+    balls = np.stack([table.i, table.j], axis=1)
+    # the coordinates of both balls of each contact
+    coordinates = (size * balls[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
+    shape = (len(table), 2 * size, 2 * size)
+    row = np.broadcast_to(coordinates[:, :, None], shape).ravel()
+    column = np.broadcast_to(coordinates[:, None, :], shape).ravel()
+    return row, column
 
 
 def _make_turn_error(fault: str) -> InputError:

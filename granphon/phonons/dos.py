@@ -76,7 +76,7 @@ class DensityOfStates(Result):
             (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
             (np.all(np.diff(self.frequencies) > 0.0), "the frequencies do not ascend"),
             (np.all(densities >= lowest), "a density is below zero"),
-            (min(self.mesh) > 0, "the mesh has no point"),
+            (min(self.mesh, default=0) > 0, "the mesh has no point"),
         ):
             if not holds:
                 raise InputError(fault, mend="Compute the density of states again")
@@ -92,8 +92,12 @@ class DensityOfStates(Result):
         """Write the columns frequency, total, translational and rotational to the file ``path``,
         with all digits, and with the units in the heading. ``errors`` are standard errors (n,),
         1/Hz, by the names of the densities, "total", "translational" and "rotational", for further
-        columns, as total_error_per_Hz. Raises :class:`~granphon.base.errors.InputError` for errors
-        of another name or length.
+        columns, as total_error_per_Hz, nan where an error is not known. A table that this method
+        wrote is replaced.
+
+        Raises :class:`~granphon.base.errors.InputError` for errors of another name or length or
+        below zero, for what is no mapping or no path, and
+        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
         delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of
@@ -131,7 +135,7 @@ class DensityOfStates(Result):
         :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has no digest: a change is
         then noticed only where numbers no longer fit together.
         """
-        text, verified = read_sealed(path)
+        text, is_verified = read_sealed(path)
         with require_own_file(path, "density of states"):
             table = Table.parse(str(path), text.encode())
             columns = tuple(heading.name for heading in table.headings)
@@ -145,7 +149,7 @@ class DensityOfStates(Result):
             density._check()
             if not np.array_equal(density.total, total):
                 raise InputError("The total is not the sum of its parts")
-        if not verified:
+        if not is_verified:
             warn_unverified(path)
         return density
 

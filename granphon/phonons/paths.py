@@ -38,7 +38,7 @@ MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: mesh on which the edges of bands are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: number of balls of a cell up to which the whole of such a mesh is used
-_FEW_BALLS = 16
+_MOST_BALLS_OF_MESH = 16
 #: greatest coordinate of a path in a scene, with either sign: larger ones are mistakes
 _LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and the coordinates of the
@@ -50,9 +50,9 @@ _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 _FACE_CENTRED_PATH = "GXWKGL"
 #: difference of the products of cell vectors from those of a hexagonal or square cell, over the
 #: square of its side, up to which the cell is hexagonal or square
-_SAME = 1e-6
+_CELL_TOLERANCE = 1e-6
 #: corners of the zone that are closer than this part of its size are one corner
-_SAME_CORNER = 1e-6
+_CORNER_DISTANCE = 1e-6
 #: words for the balls of a lattice with one, two or three periods
 _SHAPES = ("row", "layer", "crystal")
 #: words for the coordinates of a corner, for one, two and three periods
@@ -69,7 +69,7 @@ def choose_gap_mesh(balls: int, periods: int) -> tuple[int, ...]:
     for a cell with a number of ``balls`` and p = ``periods``.
     """
     # the zone of a large cell is small, so fewer points do: along each axis by the p-th root
-    coarsening = (balls / 4.0) ** (1.0 / periods) if balls > _FEW_BALLS else 1.0
+    coarsening = (balls / 4.0) ** (1.0 / periods) if balls > _MOST_BALLS_OF_MESH else 1.0
     return tuple(max(2, round(number / coarsening)) for number in _GAP_MESHES[periods - 1])
 
 
@@ -175,8 +175,10 @@ def interpolate_path(
     Raises
     ------
     InputError : an unknown letter; a path that is not letters or finite numbers, has fewer than two
-        corners, leaves the lattice or has the same corner twice in a row; ``npoints`` below 2;
-        another number of labels than corners.
+        corners, leaves the lattice or has the same corner twice in a row; ``npoints`` that is no
+        whole number from 2 on, or does not fit into memory; another number of labels than corners,
+        or labels that are no texts.
+    PrecisionError : a corner of more than 1e15 reciprocal vectors.
     """
     count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
     if isinstance(path, str):
@@ -253,13 +255,13 @@ def _read_corners(path: Any, periods: int) -> list[Array]:
         raise InputError(
             f"the path is {brief(path)}", "It has no corners", "Give letters or numbers"
         )
-    padded = []
+    pieces_in_space = []
     for piece in pieces:
         are_corners = piece.ndim == 2 and piece.shape[1] in (periods, 3)
         if not are_corners or not np.all(np.isfinite(piece)):
             raise InputError(f"a path is a list of corners of {_COUNTS[periods - 1]}")
-        padded.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
-    return padded
+        pieces_in_space.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
+    return pieces_in_space
 
 
 def _name_corner(corner: Array) -> str:
@@ -510,7 +512,8 @@ class BandPath:
         count = sum(len(piece) for piece in pieces)
         if len(labels) != count:
             raise InputError(
-                f"found {len(labels)} labels; allowed: {count}, one for each point of the band."
+                f"found {counted(len(labels), 'label')}; allowed: {count}, one for each point of"
+                " the band."
             )
 
     @classmethod
@@ -564,11 +567,11 @@ class BandPath:
         cell = structure.vectors
         # scalar products of the vectors, over the square of the first
         gram = cell @ cell.T / cell[0].dot(cell[0])
-        has_equal_sides = structure.periods == 2 and abs(gram[1, 1] - 1.0) < _SAME
+        has_equal_sides = structure.periods == 2 and abs(gram[1, 1] - 1.0) < _CELL_TOLERANCE
         if has_equal_sides:
             # the paths of hexagonal and square cells are known without ASE
             for cosine, (letters, points) in ((-0.5, _HEXAGONAL_PATH), (0.0, _SQUARE_PATH)):
-                if abs(gram[0, 1] - cosine) < _SAME:
+                if abs(gram[0, 1] - cosine) < _CELL_TOLERANCE:
                     return cls.parse(points, tuple(letters))
         return cls.read(default_letters(cell), structure)
 
@@ -625,7 +628,7 @@ def zone_polygon(reciprocal: ArrayLike) -> Array:
     corners = corners[anticlockwise]
     # for a rectangular lattice two of the six corners coincide with others, and are left out
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    return np.asarray(corners[sides > _SAME_CORNER * np.linalg.norm(shortest)])
+    return np.asarray(corners[sides > _CORNER_DISTANCE * np.linalg.norm(shortest)])
 
 
 def zone_faces(reciprocal: ArrayLike) -> list[Array]:
@@ -650,13 +653,13 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
             continue
         ring = cells.vertices[vertices]
         sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
-        corners = ring[sides > _SAME_CORNER]
+        corners = ring[sides > _CORNER_DISTANCE]
         # where the zone touches a neighbour along an edge or at a corner, their face has no area
         if len(corners) < 3:
             continue
         spokes = corners[1:] - corners[0]
         area = np.sum(np.cross(spokes[:-1], spokes[1:]), axis=0)
-        if not np.linalg.norm(area) > _SAME_CORNER:
+        if not np.linalg.norm(area) > _CORNER_DISTANCE:
             continue
         # from Gamma, the origin, to the neighbour
         outward = points[pair].sum(axis=0)

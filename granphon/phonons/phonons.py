@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import one_direction
 from granphon.balls.layers import find_axes
@@ -38,10 +38,11 @@ from granphon.base.validation import (
 from granphon.dynamics.bloch_waves import (
     LEAST_FACTOR,
     BlochWaves,
+    Couplings,
     find_bloch_waves,
     require_bloch_memory,
 )
-from granphon.dynamics.compatibility import MOST_BYTES
+from granphon.dynamics.compatibility import MOST_BYTES, require_digits
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import DampedModes, GivenLosses, Losses, damp_evenly, damp_unevenly
 from granphon.dynamics.half_space import HalfSpace
@@ -83,13 +84,13 @@ _MESH_POINTS = 4096
 #: largest number of components of eigenvectors that are held in memory at a time
 _MESH_NUMBERS = 2**26
 #: largest standard deviation of a smeared density of states, over the top frequency
-_WIDEST = 1e6
+_LARGEST_WIDTH = 1e6
 #: number of standard deviations above the top frequency at which a smeared density of states ends
 _TAIL = 5.0
-#: end of an interpolated density of states, over the top frequency
-_ABOVE_TOP = 1.02
+#: highest frequency of an interpolated density of states, over the top frequency
+_END = 1.02
 #: least standard deviation of a smeared density of states by default, over the top frequency
-_NARROWEST = 0.01
+_LEAST_WIDTH = 0.01
 #: width of a gap, over the top frequency, up to which branches touch
 _NO_GAP = 1e-6
 #: number of points of the mesh from which an edge of a gap is sought
@@ -103,7 +104,10 @@ _FAR_IMAGES = 1e6
 #: contacts across a period are about as long as a diameter
 _MARGIN = 2.0
 #: relative difference of a cell of Atoms from that of the state up to which it is rounding
-_SAME = 1e-9
+_ROUNDING = 1e-9
+#: volume of a cell, over that of a cuboid of its edges or of diameters where edges are shorter, up
+#: to which the vectors do not span space
+_LEAST_VOLUME = 1e-6
 
 
 class _Cell(NamedTuple):
@@ -127,8 +131,9 @@ class _Cell(NamedTuple):
     def of_atoms(cls, atoms: Atoms, periods: int) -> Self:
         """Return the cell of ``atoms``, of which the first ``periods`` vectors may be periods.
 
-        Vectors along which the balls do not repeat become perpendicular to the others, and are one
-        diameter long where the Atoms have none.
+        The other vectors become perpendicular to these, and are one diameter long where the Atoms
+        have none. Of the first, those along which the balls do not repeat become perpendicular to
+        those along which they do.
         """
         vectors = np.array(atoms.cell)
         repeats = np.asarray(atoms.pbc[:periods], bool)
@@ -136,13 +141,21 @@ class _Cell(NamedTuple):
             # phonopy needs three vectors; across its periods the cell is one diameter thick
             if not vectors[axis].any():
                 vectors[axis, axis] = 1.0
-        if np.any(repeats):
-            # a vector along which nothing repeats only spans the cell. If it is perpendicular to
-            # the periods, wave vectors have no component along it
-            along = vectors[np.flatnonzero(repeats)]
-            open_axes = np.flatnonzero(~repeats)
-            vectors[open_axes] -= vectors[open_axes] @ np.linalg.pinv(along) @ along
+        # a vector along which nothing repeats only spans the cell. If it is perpendicular to the
+        # periods, wave vectors have no component along it
+        open_axes = np.flatnonzero(~repeats)
+        vectors[open_axes] = _make_perpendicular(vectors[open_axes], vectors[:periods][repeats])
+        vectors[periods:] = _make_perpendicular(vectors[periods:], vectors[:periods])
         return cls(vectors, atoms.positions.copy(), atoms.get_masses(), np.asarray(atoms.pbc, bool))
+
+    @property
+    def spans_space(self) -> bool:
+        """Whether the vectors are as phonopy needs them, neither in one plane nor far shorter than
+        a diameter.
+        """
+        lengths = np.maximum(np.linalg.norm(self.vectors, axis=1), 1.0)
+        volume = abs(float(np.linalg.det(self.vectors)))
+        return volume > _LEAST_VOLUME * float(np.prod(lengths))
 
     @property
     def scaled_positions(self) -> Array:
@@ -175,16 +188,24 @@ class Phonons:
     ----------
     state, atoms : the state (that of the network, if a network is given), and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
-    lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and
-        velocities.
+    lattice : the :class:`~granphon.ContactLattice` of the cell, whose compatibility matrix C(q)
+        gives frequencies and velocities.
     phonopy : the :class:`ContactPhonopy` object.
     dim : numbers of cells (p,) of its supercell.
 
+    Wave vectors are (n_q, p) or (n_q, 3), in fractions of the reciprocal cell, where p is the
+    number of periods of the lattice. Methods raise InputError for no wave vector, another shape,
+    numbers that are not finite, and wave vectors with a component across the periods; and
+    PrecisionError for wave vectors of more than 1e15 reciprocal vectors.
+
     Raises
     ------
-    InputError : a state with several loads; a network that repeats nowhere, or is too large for the
-        memory; atoms without masses, a cell or contacts, of other scales, or otherwise refused by
-        :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
+    InputError : what is no state, or a state with several loads; a network that repeats nowhere, or
+        is too large for the memory; balls that do not touch; what are no Atoms; Atoms without
+        masses, with a cell that is none or flat, of other scales, or otherwise refused by
+        :class:`HertzMindlin`; a ``dim`` that is not whole numbers from 1 on, does not fit into
+        memory, has several cells along an axis without period, or is so small that two balls would
+        touch through two images.
     """
 
     def __init__(
@@ -208,6 +229,12 @@ class Phonons:
             self._cell = _Cell.of_atoms(atoms, self.state.reference_lattice.periods)
             self.atoms = self._cell.put_on(atoms.copy())
             self.lattice = self.calculator.contact_lattice(self.atoms)
+        if not self._cell.spans_space:
+            raise InputError(
+                "the cell of the Atoms is flat",
+                "A vector across the periods lies along them, or is next to zero",
+                "Set this vector to zero",
+            )
         if not len(self.lattice.contacts):
             raise InputError(
                 "no two of these balls touch",
@@ -244,9 +271,9 @@ class Phonons:
         return self.lattice.periods
 
     @property
-    def _repeats(self) -> NDArray[np.bool_]:
+    def _repeats(self) -> Flags:
         """(p,) whether the cell repeats along each of the periods of the lattice."""
-        return self._cell.pbc[: self.state.reference_lattice.periods]
+        return self._cell.pbc[: self._periods]
 
     def _read_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of cells (p,) in the supercell of phonopy: those ``requested``, or if
@@ -260,26 +287,24 @@ class Phonons:
         p = self._periods
         example = " ".join(map(str, _pad((3,) * p)))
         dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
-        is_open = ~self._cell.pbc[:p]
         has_several_cells = np.array(dim) > 1
-        if np.any(has_several_cells & is_open):
+        if np.any(has_several_cells & ~self._repeats):
             raise InputError(
                 f"dim is {requested!r}",
                 "An axis that is not periodic has one cell",
                 "Give 1 for it",
             )
         dim_text = " x ".join(map(str, dim))
+        cells = counted(dim[0], "cell") if p == 1 else f"{dim_text} cells"
         if not touch_once_at_most(self._image_cell, dim, self._longest_contact):
             raise InputError(
-                f"a supercell of {dim_text} cells is too small",
+                f"a supercell of {cells} is too small",
                 "Two balls would touch through more than one image, and their contacts could not be"
                 " told apart",
                 f"Use at least {' x '.join(map(str, self._choose_dim()))}",
             )
         memory = costs.force_constants(dim, self.lattice.n_balls).working
-        require_memory(
-            f"force constants of a supercell of {dim_text} cells", memory, "Take a smaller dim"
-        )
+        require_memory(f"force constants of a supercell of {cells}", memory, "Take a smaller dim")
         return dim
 
     def _choose_dim(self) -> tuple[int, ...]:
@@ -295,8 +320,7 @@ class Phonons:
             # lengthen the shortest side, so that the sides stay about equal
             shortest = int(np.argmin(numbers * lengths))
             numbers[shortest] += 1
-        repeats_along_all = np.all(self._cell.pbc[:p])
-        if self.lattice.n_balls == 1 and repeats_along_all:
+        if self.lattice.n_balls == 1 and np.all(self._repeats):
             return (max(numbers),) * p
         return tuple(numbers)
 
@@ -315,8 +339,7 @@ class Phonons:
         Along an axis without period there are no images; its vector is made very long, so that
         images are too far away to matter.
         """
-        is_period = self._cell.pbc[: self._periods]
-        return np.where(is_period[:, None], self.lattice.cell, _FAR_IMAGES * self.lattice.cell)
+        return np.where(self._repeats[:, None], self.lattice.cell, _FAR_IMAGES * self.lattice.cell)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh of ``numbers`` (p,) of
@@ -337,7 +360,7 @@ class Phonons:
         arrays = _list_arrays(self.lattice, with_stiffness)
         for array, expected in zip(arrays, arrays_of_state, strict=True):
             has_shape = array.shape == expected.shape
-            if not has_shape or not np.allclose(expected, array, rtol=_SAME, atol=_SAME):
+            if not has_shape or not np.allclose(expected, array, rtol=_ROUNDING, atol=_ROUNDING):
                 raise InputError(
                     "the Atoms are another cell than that of the state",
                     mend="Leave atoms out, or give a network",
@@ -351,7 +374,8 @@ class Phonons:
 
         Its force constants are those of the contacts. The documentation lists which of its methods
         may be used; methods that would give a wrong answer raise
-        :class:`~granphon.base.errors.UnsupportedError`.
+        :class:`~granphon.base.errors.UnsupportedError`. Raises
+        :class:`~granphon.base.errors.MissingPackageError` if phonopy is not installed.
 
         Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane
         and (w_x, w_y, u_z) out of it. Coordinates without a motion give flat branches at zero. A
@@ -467,12 +491,11 @@ class Phonons:
         ``qpoints`` are fractions of the reciprocal cell. There is a branch for each motion of each
         ball of the cell.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape, for a number that is not
-        finite, and for results that do not fit into memory,
-        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma, and
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for results that do not fit into memory,
+        and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        :class:`Phonons` says which wave vectors are refused.
         """
-        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
+        q = self.lattice.wavevectors(_read_qpoints(qpoints, self._periods))
         return self.lattice.frequencies(q) * self.scales.frequency
 
     def damped(
@@ -496,14 +519,15 @@ class Phonons:
 
         Raises
         ------
-        InputError : a loss is below zero, or the contacts of the Atoms are not those of the state,
-            in their order; or their masses or stiffnesses are not, and a ``dashpot`` or
-            ``restitution`` is given, whose times c/k follow from those of the state.
+        InputError : a loss is out of range, no number, or of another shape; the contacts of the
+            Atoms are not those of the state, in their order; or their masses or stiffnesses are
+            not, and a ``dashpot`` or ``restitution`` is given, whose times c/k follow from those of
+            the state. :class:`Phonons` says which wave vectors are refused.
         InstabilityError : a squared frequency is negative.
         PrecisionError : losses are not the same everywhere, and dashpots or drag resist far more
             than springs.
         """
-        points = _check_qpoints(qpoints, self._periods)
+        points = _read_qpoints(qpoints, self._periods)
         network = given_network(self.state)
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(network, given)
@@ -539,11 +563,12 @@ class Phonons:
         or (n_q, p), Cartesian and of any length. The direction is by default that of q, and is
         required at Gamma.
 
-        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, for another
-        shape and for a number that is not finite, and
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, for a
+        direction that is zero, not finite or of another shape, and for results that do not fit into
+        memory; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is
+        negative. :class:`Phonons` says which wave vectors are refused.
         """
-        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
+        q = self.lattice.wavevectors(_read_qpoints(qpoints, self._periods))
         modes = self.lattice.modes(q, direction)
         scales = self.scales
         return PhononModes(
@@ -573,18 +598,19 @@ class Phonons:
 
         Raises
         ------
-        InputError : a branch does not exist, the arrays are larger than the memory, or the Atoms
-            are another cell than that of the state.
+        InputError : a branch does not exist or is named twice, ``branches`` are empty, the arrays
+            are larger than the memory, or the Atoms are another cell than that of the state.
+            :class:`Phonons` says which wave vectors are refused.
         InstabilityError : a squared frequency is negative.
         """
-        q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
+        q = self.lattice.wavevectors(_read_qpoints(qpoints, self._periods))
         chosen = np.arange(self.lattice.n_branches)
         if branches is not None:
             chosen = index_array("branches", branches, chosen.size, "branches")
-        energies = self._measure(q, np.broadcast_to(chosen, (len(q), chosen.size)))
+        energies = self._find_mode_energies(q, np.broadcast_to(chosen, (len(q), chosen.size)))
         return self._make_sensitivities(energies)
 
-    def _measure(self, q: Array, branches: Index) -> ModeEnergies:
+    def _find_mode_energies(self, q: Array, branches: Index) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at wave vectors q (n_q, p),
         1/d, along the axes of the network.
 
@@ -647,9 +673,9 @@ class Phonons:
 
         Raises
         ------
-        InputError : :func:`~granphon.phonons.paths.interpolate_path` refuses the path or the
-            labels, ``eigenvectors`` is not true or false, or the bands are too large for the
-            memory.
+        InputError : :func:`~granphon.phonons.paths.interpolate_path` refuses the path,
+            ``npoints`` or the labels, ``eigenvectors`` is not true or false, or the bands are too
+            large for the memory.
         InstabilityError : a squared frequency is negative.
         """
         has_eigenvectors = require("eigenvectors", truth, eigenvectors)
@@ -658,25 +684,25 @@ class Phonons:
             chosen_path = default_letters(self._lattice_vectors, self._repeats.tolist())
         letters = self.special_points if isinstance(chosen_path, str) else {}
         segments, names = interpolate_path(chosen_path, npoints, letters, labels, self._periods)
-        s, p, _ = segments.shape
+        shape = segments.shape[:2]  # numbers of segments and of points of each
         b = self.lattice.n_branches
-        d = self._periods
-        wavevectors = self.lattice.wavevectors(segments)  # (s, p, d), over the mean diameter
-        q = wavevectors.reshape(-1, d)
+        # (segments, points, periods), 1/d
+        wavevectors = self.lattice.wavevectors(segments)
+        q = wavevectors.reshape(-1, self._periods)
         self._require_memory_of_bands(len(q), has_eigenvectors)
         velocities = None
         vectors = None
         if has_eigenvectors:
             modes = self.lattice.modes(q, _directions_along(wavevectors))
             frequencies = modes.frequencies
-            vectors = modes.eigenvectors.reshape(s, p, b, b)
-            velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
+            vectors = modes.eigenvectors.reshape(*shape, b, b)
+            velocities = modes.group_velocities.reshape(*shape, b, -1) * self.scales.velocity
         else:
             frequencies = self.lattice.frequencies(q)
         return Bands(
             qpoints=segments,
             distances=_distances_along(wavevectors),
-            frequencies=frequencies.reshape(s, p, b) * self.scales.frequency,
+            frequencies=frequencies.reshape(*shape, b) * self.scales.frequency,
             group_velocities=velocities,
             eigenvectors=vectors,
             labels=names,
@@ -716,8 +742,8 @@ class Phonons:
         The attribute :attr:`~granphon.media.cost.Cost.text` of the result says the cost in words;
         ``memory`` is in bytes, and ``seconds`` is the time of the processor. For cells with
         hundreds of branches the time is extrapolated from that of a small matrix. Raises
-        :class:`~granphon.base.errors.InputError` for another number of points than a whole one from
-        1 on, and for ``eigenvectors`` that is not true or false.
+        :class:`~granphon.base.errors.InputError` for ``points`` that is no whole number from 1 to
+        1e9, and for ``eigenvectors`` that is not true or false.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
         has_eigenvectors = require("eigenvectors", truth, eigenvectors)
@@ -752,8 +778,11 @@ class Phonons:
         PrecisionError : a frequency is at the very edge of a band, or so high that a wave decays by
             more than 1e12 from layer to layer; or some motions are passed on to the next layers
             across the axis and no further.
-        InputError : the Atoms are another cell than that of the state, the axis has no period or no
-            contacts across it, a number is not allowed, or the waves do not fit into memory.
+            Or ``q`` is more than 1e15 reciprocal vectors.
+        InputError : the Atoms are another cell than that of the state; the ``axis`` has no period
+            or no contacts across it; a number is not allowed, or of another shape; the waves do not
+            fit into memory; or under prestress there are static tangential forces or torques, or
+            slip by levers that exceed the arms.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -762,19 +791,8 @@ class Phonons:
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(half_space.cut, given)
         wavevector = half_space.read_wavevector(q)
-        if losses.is_none:
-            require_bloch_memory(hertz.size, half_space.size)
-            blocks = half_space.couplings(wavevector)
-        else:
-            require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
-            normal, other = losses.soften(2.0 * np.pi * hertz)
-            blocks = half_space.couplings(wavevector, (normal, other))
-            # drag acts on the motions of a block as an imaginary stiffness, -i omega gamma M
-            drags = losses.drag_of(half_space.motions) / (2.0 * np.pi * half_space.units.frequency)
-            of_block = np.diag(np.tile(drags, half_space.size // drags.size))
-            reduced = hertz / half_space.units.frequency
-            inner = blocks.inner - 1j * reduced[:, None, None] * of_block
-            blocks = blocks._replace(inner=inner)
+        require_digits(wavevector)
+        blocks = _couple_layers(half_space, wavevector, hertz, losses)
         squares = (hertz / half_space.units.frequency) ** 2
         # far above all bands the factor by which a wave decays from layer to layer is about the
         # couplings over omega^2
@@ -814,7 +832,8 @@ class Phonons:
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
-        the memory, for a ``sigma`` with the tetrahedron method, and if every branch vanishes; and
+        the memory, for another ``method``, for a ``sigma`` with the tetrahedron method, and if
+        every branch vanishes; and
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         numbers = self._read_mesh(mesh)
@@ -836,7 +855,7 @@ class Phonons:
         frequencies, rotation = self._find_modes_on(q)
         shares = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         if width is None:
-            omega = np.linspace(0.0, _ABOVE_TOP * top, count)
+            omega = np.linspace(0.0, _END * top, count)
             densities = self._interpolate_density(grid, omega, frequencies, shares)
         else:
             omega = np.linspace(0.0, top + _TAIL * width, count)
@@ -924,11 +943,12 @@ class Phonons:
         if sigma is None:
             # with few frequencies the width is a little above their spacing, w = (top + 5 w)/(count
             # - 1), which is top/(count - 6)
-            return max(_NARROWEST, 1.0 / (count - 7)) * top
+            return max(_LEAST_WIDTH, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
-        if width > _WIDEST * top:
+        if width > _LARGEST_WIDTH * top:
             raise InputError(
-                f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top frequency",
+                f"sigma = {brief(sigma)} Hz is more than {_LARGEST_WIDTH:.0e} times the top"
+                " frequency",
                 "Nothing would be left of the density of states",
                 "Lower sigma",
             )
@@ -974,8 +994,9 @@ class Phonons:
         ----------
         direction : (p,) Cartesian, of any length, along which the curvatures are; by default x.
 
-        Raises :class:`~granphon.base.errors.InputError` for another direction, and
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for a direction that is zero, not finite or
+        of another shape, and :class:`~granphon.base.errors.InstabilityError` if a squared frequency
+        is negative.
         """
         axis = np.eye(self._periods)[0] if direction is None else direction
         along = one_direction(axis, self._periods)
@@ -1022,7 +1043,7 @@ class Phonons:
             return self._make_sensitivities(energies, np.zeros((0, 2, 3)))
         has_edge = branches >= 0
         points = gaps.points.reshape(-1, self._periods)
-        energies = self._measure(points, np.maximum(branches, 0).reshape(-1, 1))
+        energies = self._find_mode_energies(points, np.maximum(branches, 0).reshape(-1, 1))
         by_edge = energies.reshape((count, 2))
         energies_of_edges = by_edge._replace(
             frequencies=np.where(has_edge, by_edge.frequencies, 0.0)
@@ -1162,7 +1183,10 @@ class Phonons:
         it does not exist.
 
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
-        wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised.
+        wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Raises
+        :class:`~granphon.base.errors.InputError` for what is no path,
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file, and
+        :class:`~granphon.base.errors.MissingPackageError` if phonopy is not installed.
         """
         bridge = self.phonopy  # raises first if phonopy is not installed: the import below is safe
         from granphon.phonons.phonopy_bridge import write_phonopy
@@ -1171,6 +1195,13 @@ class Phonons:
         top = lattice.top_frequency * self.scales.frequency
         kinds = self.state.kinds
         write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
+
+
+def _make_perpendicular(vectors: Array, others: Array) -> Array:
+    """Return ``vectors`` (m, 3) without their components along the ``others`` (n, 3)."""
+    if not len(others):
+        return vectors
+    return np.asarray(vectors - vectors @ np.linalg.pinv(others) @ others)
 
 
 class _Gaps(NamedTuple):
@@ -1222,26 +1253,46 @@ def find_bands(state: State, path: BandPath, npoints: int) -> Bands:
 
 
 def _directions_along(paths: Array) -> Array:
-    """Return a vector (s * p, periods) along the path at each wave vector of ``paths``
-    (s, p, periods), both in 1/d: that from the first to the last point of a segment, and its
-    opposite at the last point.
+    """Return a vector (n_s n, p) along the path at each wave vector of ``paths`` (n_s, n, p), n
+    points in each of n_s segments, both in 1/d: that from the first to the last point of a segment,
+    and its opposite at the last point.
     """
-    points = paths.shape[1]
-    along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
+    n_points = paths.shape[1]
+    along = np.repeat(paths[:, -1] - paths[:, 0], n_points, axis=0)
     # limits at the last point of a segment are taken from inside the segment
-    along[points - 1 :: points] *= -1.0
+    along[n_points - 1 :: n_points] *= -1.0
     return along
 
 
 def _distances_along(paths: Array) -> Array:
-    """Return the distances (s, p) along the ``paths`` (s, p, periods) of wave vectors, 1/d, over
-    2 pi. The distance at the beginning of a segment is that at the end of the segment before.
+    """Return the distances (n_s, n) along the ``paths`` (n_s, n, p) of wave vectors, 1/d, n points
+    in each of n_s segments, over 2 pi. The distance at the beginning of a segment is that at the
+    end of the segment before.
     """
     steps = np.linalg.norm(np.diff(paths, axis=1), axis=2) / (2.0 * np.pi)
     starts = np.zeros((len(paths), 1))
     distances = np.concatenate([starts, np.cumsum(steps, axis=1)], axis=1)
     distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
     return distances
+
+
+def _couple_layers(space: HalfSpace, q: Array, hertz: Array, losses: Losses) -> Couplings:
+    """Return the blocks of the layers of ``space`` at one wave vector q (p - 1,) along them, in
+    k/M; with ``losses``, those at each of the frequencies ``hertz`` (n_f,), Hz.
+
+    Raises :class:`~granphon.base.errors.InputError` if waves at these frequencies do not fit into
+    memory.
+    """
+    if losses.is_none:
+        require_bloch_memory(hertz.size, space.size)
+        return space.couplings(q)
+    require_bloch_memory(hertz.size, space.size, space.cut.n_contacts)
+    blocks = space.couplings(q, losses.soften(2.0 * np.pi * hertz))
+    # drag acts on the motions of a block as an imaginary stiffness, -i omega gamma M
+    drags = losses.drag_of(space.motions) / (2.0 * np.pi * space.units.frequency)
+    of_block = np.diag(np.tile(drags, space.size // drags.size))
+    reduced = hertz / space.units.frequency
+    return blocks._replace(inner=blocks.inner - 1j * reduced[:, None, None] * of_block)
 
 
 def _decays_too_fast(upward: BlochWaves, downward: BlochWaves) -> bool:
@@ -1339,7 +1390,7 @@ def _pad(numbers: tuple[int, ...]) -> list[int]:
     return [*numbers, *(1,) * (3 - len(numbers))]
 
 
-def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
+def _read_qpoints(qpoints: ArrayLike, periods: int) -> Array:
     """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell.
 
     Raises :class:`~granphon.base.errors.InputError` for another shape, numbers that are not finite,

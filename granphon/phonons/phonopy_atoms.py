@@ -102,14 +102,24 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     return {name: symbols[name] for name in names}
 
 
-def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
-    """Return a chemical symbol for each of n balls: that of its kind among ``kinds`` (n,), or
-    without kinds that of its mass among ``masses`` (n,), see :func:`number_kinds`.
+def name_symbols(kinds: Iterable[str]) -> dict[str, str]:
+    """Return the names of ``kinds`` of balls by their symbols; an empty dictionary without kinds,
+    and if there are more kinds than symbols.
     """
-    if not kinds:
-        return [KINDS[number] for number in number_kinds(masses)]
     symbols = choose_symbols(kinds)
-    return [symbols[kind] for kind in kinds]
+    names = {symbol: name for name, symbol in symbols.items()}
+    return names if len(names) == len(symbols) else {}
+
+
+def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
+    """Return a chemical symbol for each of n balls: that of its kind among ``kinds`` (n,). Without
+    kinds, or if there are more kinds than symbols, it is that of its mass among ``masses`` (n,),
+    see :func:`number_kinds`.
+    """
+    symbol_of = {name: symbol for symbol, name in name_symbols(kinds).items()}
+    if not symbol_of:
+        return [KINDS[number] for number in number_kinds(masses)]
+    return [symbol_of[kind] for kind in kinds]
 
 
 def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
@@ -123,10 +133,10 @@ def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> li
 
 def write_kinds(kinds: Sequence[str]) -> list[str]:
     """Return the line of the head of a file that names the kind of balls of each symbol, as a list;
-    an empty list without ``kinds``.
+    an empty list without ``kinds``, and if there are more kinds than symbols.
     """
-    symbols = {symbol: name for name, symbol in choose_symbols(kinds).items()}
-    return [f"  kinds: {json.dumps(symbols, ensure_ascii=False)}"] if kinds else []
+    names = name_symbols(kinds)
+    return [f"  kinds: {json.dumps(names, ensure_ascii=False)}"] if names else []
 
 
 def read_kinds(header: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, ...]:
@@ -237,11 +247,12 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     if numbers.dtype.kind not in "if":
         # the message shows the first value that is not a number
         leaves = np.array(values, object).ravel().tolist()
-        wrong = [
+        other_values = [
             leaf for leaf in leaves if isinstance(leaf, bool) or not isinstance(leaf, int | float)
         ]
-        if wrong:
-            raise InputError(f"It has {show(wrong[0])} under {name}, where a number is needed")
+        if other_values:
+            fault = f"It has {show(other_values[0])} under {name}, where a number is needed"
+            raise InputError(fault)
         try:
             numbers = np.array(values, float)  # of whole numbers beyond 64 bits
         except OverflowError:
@@ -251,7 +262,7 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     if shape is None:
         return numbers.astype(float)
     lengths = zip(shape, numbers.shape, strict=False)
-    fits = all(expected in (-1, length) for expected, length in lengths)
-    if numbers.ndim != len(shape) or not fits:
+    has_lengths = all(expected in (-1, length) for expected, length in lengths)
+    if numbers.ndim != len(shape) or not has_lengths:
         raise InputError(f"Its values of {name} have the shape {numbers.shape} instead of {shape}")
     return numbers.astype(float)

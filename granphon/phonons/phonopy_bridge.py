@@ -255,12 +255,12 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     UnverifiedFileWarning : the file has no digest: a change is then noticed only where numbers no
         longer fit together.
     """
-    text, verified = read_sealed(path)
+    text, is_verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
         _, scales = read_header(path, data["granphon"])
         bridge = _make_bridge(data)
-    if not verified:
+    if not is_verified:
         warn_unverified(path)
     return bridge, scales
 
@@ -272,29 +272,15 @@ def _make_bridge(data: Any) -> ContactPhonopy:
     Raises :class:`~granphon.base.errors.InputError` for data that do not fit together.
     """
     header = data["granphon"]
-    masses = read_numbers("masses", header["masses"], (-1,))
     scale = float(read_numbers("force_constants_scale", header["force_constants_scale"], ()))
-    n = len(masses)
-    atoms = data["unit_cell"]["points"]
-    symbols = [atom["symbol"] for atom in atoms]
+    if scale <= 0.0:
+        raise InputError("Its scale of force constants is not above zero")
     motions, periods = read_motions(header)
-    per_ball = motions.atoms_per_ball
-    # the last of the symbols is that of the auxiliary atom
-    kinds = read_kinds(header, symbols[:-1:per_ball])
-    ball_symbols = name_atoms(masses[::per_ball], motions, kinds)
-    expected_symbols = [*ball_symbols, free_symbol(_AUXILIARY, ball_symbols)]
-    if len(atoms) != n + 1 or symbols != expected_symbols:
-        raise InputError("Its cell does not consist of balls and the auxiliary atom")
+    cell = _read_cell(data["unit_cell"], header, motions)
+    n = len(cell)
     numbers = _read_supercell(data["supercell_matrix"], periods)
-    if masses.min() <= 0.0 or scale <= 0.0:
-        raise InputError("Its masses and scales are not above zero")
     cells = math.prod(numbers)  # of Python's integers, whose product does not overflow
     constants = _read_constants(data["force_constants"], n + 1, cells)
-    positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms[:n]], (n, 3))
-    vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
-    cell = PhonopyAtoms(
-        symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
-    )
     bridge = ContactPhonopy(
         cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
     )
@@ -302,6 +288,33 @@ def _make_bridge(data: Any) -> ContactPhonopy:
     # the auxiliary atom, last in the cell and in the supercell, is left out
     bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
     return bridge
+
+
+def _read_cell(unit_cell: Any, header: Any, motions: Motions) -> PhonopyAtoms:
+    """Return the cell of the atoms that hold the ``motions`` of balls, without the auxiliary atom,
+    from the block ``unit_cell`` and the ``header`` of a file.
+
+    Raises :class:`~granphon.base.errors.InputError` for other atoms, and for a mass that is not
+    above zero.
+    """
+    masses = read_numbers("masses", header["masses"], (-1,))
+    n = len(masses)
+    atoms = unit_cell["points"]
+    symbols = [atom["symbol"] for atom in atoms]
+    per_ball = motions.atoms_per_ball
+    # the last of the symbols is that of the auxiliary atom
+    kinds = read_kinds(header, symbols[:-1:per_ball])
+    ball_symbols = name_atoms(masses[::per_ball], motions, kinds)
+    expected_symbols = [*ball_symbols, free_symbol(_AUXILIARY, ball_symbols)]
+    if not n or len(atoms) != n + 1 or symbols != expected_symbols:
+        raise InputError("Its cell does not consist of balls and the auxiliary atom")
+    if np.any(masses <= 0.0):
+        raise InputError("Its masses are not above zero")
+    positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms[:n]], (n, 3))
+    vectors = read_numbers("lattice", unit_cell["lattice"], (3, 3))
+    return PhonopyAtoms(
+        symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
+    )
 
 
 def _read_supercell(listed: Any, periods: int) -> list[int]:

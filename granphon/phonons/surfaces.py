@@ -4,6 +4,7 @@ velocity of long ones.
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Sequence
 from contextlib import suppress
@@ -18,12 +19,13 @@ from granphon.balls.ball import Wall
 from granphon.balls.lattices import one_direction
 from granphon.balls.layers import read_edge
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, InstabilityError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
 from granphon.base.standard_errors import read_errors
 from granphon.base.tables import Heading, table_text
+from granphon.base.text import counted
 from granphon.base.validation import (
     finite_array,
     positive,
@@ -32,6 +34,7 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
+from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.edge_energies import EdgeEnergies
 from granphon.dynamics.half_space import HalfSpace
 from granphon.dynamics.sensitivities import FrequencySensitivities
@@ -43,14 +46,17 @@ from granphon.phonons.paths import default_letters, interpolate_path, special_po
 
 #: memory of a spectrum at one q and frequency over the square of the motions of a block, bytes
 _SPECTRUM_BYTES = 320.0
-#: frequencies at which poles are sought at one q, about
-_POLES = 30
-#: angular frequency, over the highest, that stands for zero in a spectrum: its limit
-_ZERO = 1e-7
+#: number of frequencies at which the search for waves solves for the outer layer at one q, about
+_N_SEARCHED = 30
+#: lowest angular frequency of a spectrum, over the highest; it stands for zero, where the spectrum
+#: is a quotient of zeros
+_LOWEST_FREQUENCY = 1e-7
 #: number of frequencies of a map
 N_FREQUENCIES = 241
 #: highest frequency of a map over the highest of the bands
-_ABOVE = 1.05
+_TOP_OF_MAP = 1.05
+#: -omega^2, over the highest of a wave vector, up to which it is the rounding of zero
+_ROUNDED_SQUARE = 1e-7
 #: component of a unit vector up to which it is the rounding of zero
 _ROUNDING = 1e-9
 
@@ -80,10 +86,12 @@ class SurfaceBranches(Result):
         return len(self.qpoints)
 
     def __getitem__(self, index: int) -> Array:
-        """Return the frequencies of all waves at the wave vector of this number, (n,) Hz; a number
-        below zero counts from the last. Raises IndexError beyond the wave vectors.
+        """Return the frequencies of all waves at the wave vector of number ``index``, (n,) Hz; a
+        number below zero counts from the last. Raises IndexError beyond the wave vectors, and
+        TypeError for a slice.
         """
-        return np.asarray(self.frequencies[self.place == range(len(self))[index]])
+        place = range(len(self))[operator.index(index)]
+        return np.asarray(self.frequencies[self.place == place])
 
 
 @result_class
@@ -150,10 +158,11 @@ class SurfaceSpectrum(Result, array="values"):
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance
         along the path, nan of wave vectors that are no path; with ``errors`` (n,), Hz, also the
         standard error of each frequency, and with ``weight_errors`` (n,) that of each weight, nan
-        where it is not known.
+        where it is not known. A table with the same headings is replaced.
 
         Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves, and for
-        errors of another number than waves.
+        errors of another number than waves or below zero, and
+        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there.
         """
         waves = self.waves
         if waves is None:
@@ -203,13 +212,18 @@ class Surface:
     network : the network of the crystal. Contacts at the edge have its stiffnesses.
     half_space : the half space in reduced units, from which all results are computed.
 
-    Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of
-    ``network.cut(axis, layers)``; (n_q, 0) at the end of a chain, for which they may be left out.
+    Wave vectors q are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of
+    ``network.cut(axis, layers)``, where p is the number of periods of the network. They are
+    (n_q, 0) at the end of a chain, for which they may be left out. Methods raise InputError for no
+    wave vector, another shape, numbers that are not finite, and wave vectors that leave the edge;
+    and PrecisionError for wave vectors of more than 1e15 reciprocal vectors.
 
     Raises
     ------
-    InputError : something without a network; an axis without a period; layers that no contact
-        joins; static tangential forces that act.
+    InputError : something without a network; another ``edge``; an ``axis`` that
+        :meth:`ContactNetwork.cut` refuses; layers that no contact joins, or too large for the
+        memory; and under prestress, static tangential forces or torques, and slip by levers that
+        exceed the arms.
     """
 
     def __init__(self, x: Any, axis: Any, edge: str | Wall = "free") -> None:
@@ -220,7 +234,7 @@ class Surface:
     def __repr__(self) -> str:
         half = self.half_space
         return (
-            f"Surface({half.edge}, {half.per_layer} balls in a layer,"
+            f"Surface({half.edge}, {counted(half.per_layer, 'ball')} in a layer,"
             f" {', '.join(half.motions.letters)} of each ball)"
         )
 
@@ -240,10 +254,12 @@ class Surface:
         return self.half_space.cut
 
     def _read_wave_vectors(self, q: ArrayLike | None) -> tuple[Array, Array]:
-        """Return wave vectors as (n_q, p - 1) and as (n_q, 3), in fractions of the reciprocal cell.
+        """Return wave vectors q as (n_q, p - 1) and as (n_q, 3), in fractions of the reciprocal
+        cell; at the end of a chain, the only one there is if q is None.
 
         Raises :class:`~granphon.base.errors.InputError` for no wave vector, another shape, numbers
-        that are not finite, and wave vectors that leave the edge.
+        that are not finite, and wave vectors that leave the edge, and
+        :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma.
         """
         n_along = len(self.cell)  # periods along the edge
         at_chain_end = q is None and n_along == 0
@@ -255,7 +271,7 @@ class Surface:
         if not are_vectors:
             raise InputError(
                 f"the wave vectors have the shape {fractions.shape}",
-                f"There are {n_along} periods along this edge",
+                f"This edge has {counted(n_along, 'period')}",
                 f"Give (n, {n_along}) fractions",
             )
         if not np.all(np.isfinite(fractions)):
@@ -263,6 +279,7 @@ class Surface:
         if np.any(fractions[:, n_along:]):
             raise InputError("a wave vector leaves the edge", mend=f"Give (n, {n_along}) fractions")
         along_edge = fractions[:, :n_along]
+        require_digits(along_edge)
         return along_edge, np.pad(along_edge, ((0, 0), (0, 3 - n_along)))
 
     def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
@@ -272,8 +289,8 @@ class Surface:
         The path is that of the bands of a cut. Returned are wave vectors (n_q, 3) in fractions of
         the reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
         distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
-        and no corner. Raises :class:`~granphon.base.errors.InputError` for ``npoints`` below 2,
-        except at the end of a chain.
+        and no corner. Raises :class:`~granphon.base.errors.InputError` for ``npoints`` that is no
+        whole number from 2 on, or that does not fit into memory, except at the end of a chain.
         """
         p = len(self.cell)
         if not p:
@@ -309,10 +326,27 @@ class Surface:
         crystal over all wave vectors across the edge, at each q along it.
 
         Branches are ordered by frequency, and are those of a cell that spans as many layers as
-        contacts reach across. Raises :class:`~granphon.base.errors.InputError` for wave vectors of
-        another shape or that leave the edge.
+        contacts reach across. Raises :class:`~granphon.base.errors.InstabilityError` if static
+        forces make a squared frequency negative. :class:`Surface` says which wave vectors are
+        refused.
         """
-        squares = self.half_space.bands(self._read_wave_vectors(q)[0])
+        return self._find_band_edges(self._read_wave_vectors(q)[0])
+
+    def _find_band_edges(self, fractions: Array) -> Array:
+        """Return what :meth:`continuum` does, at wave vectors ``fractions`` (n_q, p - 1) of the
+        reciprocal cell, with the same error.
+        """
+        squares = self.half_space.bands(fractions)
+        lowest = squares[:, 0, 0]
+        is_unstable = lowest < -_ROUNDED_SQUARE * squares[:, -1, 1]
+        if np.any(is_unstable):
+            number = int(np.argmin(np.where(is_unstable, lowest, np.inf)))
+            raise InstabilityError(
+                f"the crystal buckles: at q = {fractions[number].tolist()} along the edge a squared"
+                f" frequency is negative, {lowest[number]:.3g} k/M",
+                "The contact forces push the balls sideways more than the contacts hold them",
+                "Lower the load, or leave static forces out (prestress=False)",
+            )
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
 
     def spectrum(
@@ -327,11 +361,15 @@ class Surface:
         damping : full width at half maximum of an undamped wave's line, Hz, by default the largest
             step of the frequencies. Each mass M feels the drag -M gamma v, with gamma = 2 pi times
             the damping. The spectrum is (2 omega/pi) times the imaginary part of -G(omega^2 + i
-            gamma omega); each line has the integral 1 over positive frequencies.
+            gamma omega), where G is the Green's function; each line has the integral 1 over
+            positive frequencies. At zero it is that of the lowest frequency with digits, at most
+            1e-7 of an upper bound of all frequencies.
 
-        Raises :class:`~granphon.base.errors.InputError` for a wrong shape of wave vectors or
-        frequencies, numbers out of range, frequencies without a step from which the damping would
-        follow, and spectra that do not fit into memory.
+        Raises :class:`~granphon.base.errors.InputError` for frequencies of another shape than
+        (n_f,), numbers out of range, frequencies without a step from which the damping would
+        follow, and spectra that do not fit into memory; and
+        :class:`~granphon.base.errors.InstabilityError` as :meth:`continuum` does. :class:`Surface`
+        says which wave vectors are refused.
         """
         fractions, points = self._read_wave_vectors(q)
         half = self.half_space
@@ -346,8 +384,8 @@ class Surface:
         n_points = len(points)
         n_frequencies = len(hertz)
         self._require_memory(n_points, n_frequencies)
-        # reduced frequencies; at zero itself the spectrum is a quotient of zeros
-        reduced = np.maximum(hertz / unit, _ZERO * np.sqrt(half.highest))
+        edges = self._find_band_edges(fractions)
+        reduced = np.maximum(hertz / unit, _LOWEST_FREQUENCY * np.sqrt(half.highest))
         damped_squares = reduced * (reduced + 1j * width / unit)  # omega^2 + i gamma omega
         numbers = np.repeat(np.arange(n_points), n_frequencies)
         inverse = half.inverse_green(fractions, numbers, np.tile(damped_squares, n_points))
@@ -362,7 +400,7 @@ class Surface:
             by_motion=by_motion,
             letters=tuple(half.motions.letters),
             damping=width,
-            edges=np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit,
+            edges=edges,
         )
 
     def map(
@@ -379,16 +417,18 @@ class Surface:
         ----------
         npoints : wave vectors in each segment of the path, both ends counted.
         frequencies : (n_f,) Hz; by default 241 from zero to just above the crystal's bands.
-        damping, leaky : as in :meth:`spectrum` and :meth:`branches`, with the same errors.
+        damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
+
+        Errors are those of these three methods.
         """
+        wants_leaky_waves = require("leaky", truth, leaky)
         q, distances, corners, labels = self.path(npoints)
         if frequencies is None:
             self._require_memory(len(q), N_FREQUENCIES)
-            highest = float(np.sqrt(np.max(self.half_space.bands(self._read_wave_vectors(q)[0]))))
-            frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, N_FREQUENCIES)
+            highest = float(np.max(self.continuum(q)))
+            frequencies = np.linspace(0.0, _TOP_OF_MAP * highest, N_FREQUENCIES)
         spectrum = self.spectrum(q, frequencies, damping)
-        # waves that do not leak are kept, as a figure and a data set need the same
-        waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)
+        waves = self.branches(q, leaky=True) if wants_leaky_waves else self.along_path(npoints)
         return replace(spectrum, waves=waves, distances=distances, corners=corners, labels=labels)
 
     def branches(
@@ -404,16 +444,21 @@ class Surface:
         is in the outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer
         to Gamma than 1e-4 of the zone lose digits.
 
-        Raises :class:`~granphon.base.errors.InputError` for wave vectors of another shape or that
-        leave the edge, for flags that are not true or false, and for waves that do not fit into
-        memory.
+        Raises :class:`~granphon.base.errors.InputError` for flags that are not true or false, and
+        for waves that do not fit into memory; and, under prestress,
+        :class:`~granphon.base.errors.InstabilityError` as :meth:`continuum` does. :class:`Surface`
+        says which wave vectors are refused.
         """
         fractions, points = self._read_wave_vectors(q)
-        self._require_memory(len(points), _POLES)
+        wants_leaky_waves = require("leaky", truth, leaky)
+        wants_free_motions = require("free", truth, free)
+        self._require_memory(len(points), _N_SEARCHED)
+        if self.network.prestress:
+            self._find_band_edges(fractions)  # refuses a crystal that buckles
         waves = [self.half_space.find_waves(fractions)]
-        if require("leaky", truth, leaky):
+        if wants_leaky_waves:
             waves.append(self.half_space.find_leaky_waves(fractions))
-        if require("free", truth, free):
+        if wants_free_motions:
             waves.append(self.half_space.find_free_motions(fractions))
         number = np.concatenate([kind.point for kind in waves])
         squares = np.concatenate([kind.squares for kind in waves])
@@ -432,11 +477,13 @@ class Surface:
         inertia of all balls.
 
         Waves of one frequency, to 1e-8 of it, have the derivative of their mean. Leaky waves, whose
-        frequencies are complex, and motions without energy are not among them. Raises
-        :class:`~granphon.base.errors.InputError` for wave vectors that :meth:`branches` refuses and
-        for arrays larger than the memory, and
+        frequencies are complex, and motions without energy are not among them.
+
+        Raises :class:`~granphon.base.errors.InputError` for waves or derivatives that do not fit
+        into memory, :class:`~granphon.base.errors.InstabilityError` as :meth:`branches` does, and
         :class:`~granphon.base.errors.PrecisionError` for a wave so near to an edge of a band that
-        it cannot be told from waves of the bulk.
+        it cannot be told from waves of the bulk. :class:`Surface` says which wave vectors are
+        refused.
         """
         fractions, _ = self._read_wave_vectors(q)
         waves = self.branches(q)
@@ -460,23 +507,26 @@ class Surface:
 
     def along_path(self, npoints: int) -> SurfaceBranches:
         """Return :meth:`branches` along :meth:`path`, with ``npoints`` in each segment. The
-        branches are kept, as a figure and a data set need the same.
+        branches are kept, as a figure and a data set need the same. Errors are those of both.
         """
-        if npoints not in self._along_path:
-            self._along_path[npoints] = self.branches(self.path(npoints)[0])
-        return self._along_path[npoints]
+        q = self.path(npoints)[0]
+        if len(q) not in self._along_path:
+            self._along_path[len(q)] = self.branches(q)
+        return self._along_path[len(q)]
 
     @cached_property
     def _along_path(self) -> dict[int, SurfaceBranches]:
-        """The results of :meth:`along_path`, by the number of points of a segment."""
+        """The results of :meth:`along_path`, by the number of wave vectors of the path."""
         return {}
 
     def follow(self, q: ArrayLike, frequency: float) -> Array:
         """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this
         ``frequency``, Hz, at the first.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency inside of the crystal's
-        bands, one that no wave of the edge has, and where the wave enters the bands.
+        Raises :class:`~granphon.base.errors.InputError` for a frequency that is not above zero or
+        lies inside of the crystal's bands, and where no wave of the edge is in the gap of the
+        frequency, as where the wave enters the bands. :class:`Surface` says which wave vectors are
+        refused.
         """
         start = positive("frequency", frequency, "Hz")
         points = self._read_wave_vectors(q)[1]
@@ -513,10 +563,18 @@ class Surface:
         balls. Where symmetry leaves only 0 and pi, pi means a wave of the edge in the gap above the
         ``below`` lowest branches.
 
-        Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge
-        under prestress.
+        Raises :class:`~granphon.base.errors.InputError` for a crystal with one branch, which has
+        no gap; for another number ``below`` than 1 to one less than all branches; where the gap
+        closes; and at a free edge under prestress. :class:`Surface` says which wave vectors are
+        refused.
         """
         half_space = self.half_space
+        if half_space.size == 1:
+            raise InputError(
+                "the crystal has one branch",
+                "There is no gap between branches",
+                "Take a crystal of more balls in a cell, or of more motions",
+            )
         n_below = whole_number("below", below, 1, half_space.size - 1)
         points = self._read_wave_vectors(q)[0]
         return np.array([find_zak_phase(half_space, point, n_below) for point in points])
@@ -525,8 +583,11 @@ class Surface:
         """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free
         edge that cost nothing.
 
+        C is the compatibility matrix, from motions of balls to deformations of contacts.
+
         Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations
-        as balls have motions (an isostatic lattice), and where det C vanishes.
+        as balls have motions (an isostatic lattice), where det C vanishes, and where springs to the
+        ground hold balls. :class:`Surface` says which wave vectors are refused.
         """
         points = self._read_wave_vectors(q)[0]
         return np.array([find_winding(self.half_space, point) for point in points], np.intp)
@@ -541,7 +602,8 @@ class Surface:
 
         Raises :class:`~granphon.base.errors.InputError` for a chain, whose edge is a single ball;
         for an edge that is held, for balls that do not move along it and across it, for a
-        mechanism, and for a direction that leaves the edge;
+        mechanism, for two periods in space that are not in the xy plane, and for a direction that
+        leaves the edge, is zero, has another shape or is not finite;
         :class:`~granphon.base.errors.GranphonError` if no long wave runs along the direction.
         """
         n_along = len(self.cell)  # periods along the edge
@@ -567,7 +629,7 @@ def estimate_waves_memory(size: int, points: int) -> float:
     """Return the memory of the waves of an edge at a number of wave vectors, ``points``, of a half
     space whose blocks have ``size`` motions, bytes.
     """
-    return _estimate_memory(size, points, _POLES)
+    return _estimate_memory(size, points, _N_SEARCHED)
 
 
 def _estimate_memory(size: int, points: int, frequencies: int) -> float:
@@ -603,10 +665,10 @@ def observe_surface(
 
     The names are "surface_frequency", Hz, and "surface_weight" (n, n_q, n_w) along
     :meth:`Surface.path` with ``points`` in each segment, nan where a wave vector has fewer waves;
-    the path itself, "surface_qpoint" (n, n_q, 3) and "surface_distance" (n, n_q); and where there
-    is a long wave "surface_velocity" (n,), m/s, along the first segment of the path. ``axis`` and
-    ``edge`` are those of :class:`Surface`. ``distinct_states`` are the ``states``, or the first
-    state alone if all have one lattice in reduced units.
+    the path itself, "surface_qpoint" (n, n_q, 3) and "surface_distance" (n, n_q); and if there is a
+    long wave at all loads, "surface_velocity" (n,), m/s, along the first segment of the path.
+    ``axis`` and ``edge`` are those of :class:`Surface`. ``distinct_states`` are the ``states``, or
+    the first state alone if all have one lattice in reduced units.
     """
     surfaces = [state.cached(Surface, axis, edge) for state in distinct_states]
     paths = [surface.path(points) for surface in surfaces]

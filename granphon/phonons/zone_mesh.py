@@ -27,13 +27,13 @@ from granphon.base.errors import needing
 
 #: number of simplices about points of the mesh, times frequencies, that are held in memory at a
 #: time
-_HELD = 2**20
+_BATCH_SIZE = 2**20
 #: width that stands for that between equal knots, far below any frequency that is not zero
-_TINY = 1e-200
+_LEAST_WIDTH = 1e-200
 #: distance, in diameters, up to which balls are at one position
-_SAME_POSITION = 1e-5
+_POSITION_TOLERANCE = 1e-5
 #: relative difference of numbers that are equal but for rounding
-_EQUAL = 1e-10
+_ROUNDING = 1e-10
 #: wave vector without symmetry, fractions of the reciprocal cell, at whose images frequencies are
 #: compared
 _PROBE = np.array([0.1234, 0.2871, 0.3917])
@@ -117,7 +117,7 @@ class ZoneMesh(NamedTuple):
         addresses = np.rint(self.qpoints * numbers).astype(int)
         share = parts * self.weights[:, None] / (numbers.prod() * len(steps))
         counts = np.zeros((len(parts), len(limits) + 1))
-        n_batches = math.ceil(len(addresses) * len(steps) * len(limits) / _HELD)
+        n_batches = math.ceil(len(addresses) * len(steps) * len(limits) / _BATCH_SIZE)
         for points in np.array_split(np.arange(len(addresses)), n_batches):
             corner_addresses = (addresses[points, None, None] + steps) % numbers
             corners = self.irreducible[corner_addresses @ stride]  # (n, n_steps, p + 1)
@@ -141,7 +141,7 @@ class ZoneMesh(NamedTuple):
         # the diagonals, as signs (n, p) of the edges of the cell; the first of the shortest is used
         senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
         lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
-        is_shortest = lengths <= (1.0 + _EQUAL) * lengths.min()
+        is_shortest = lengths <= (1.0 + _ROUNDING) * lengths.min()
         sense = senses[np.argmax(is_shortest)].astype(int)
         # the corners of a simplex lie on a way along the edges of the cell, from one end of the
         # diagonal to the other; there is one simplex for each order of the axes
@@ -185,7 +185,7 @@ def _integrate_splines(x: Array, knots: Array) -> Array:
     for degree in range(1, len(knots)):
         for k in range(len(knots) - degree):
             # between equal knots the spline is a step
-            width = np.maximum(knots[k + degree] - knots[k], _TINY)
+            width = np.maximum(knots[k + degree] - knots[k], _LEAST_WIDTH)
             weight = np.clip((x - knots[k]) / width, 0.0, 1.0)
             below[k] = below[k + 1] + weight * (below[k] - below[k + 1])
     return np.asarray(below[0], float)
@@ -216,12 +216,12 @@ def find_point_group(
     if periods == 2:
         find_dataset = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2)
     try:
-        dataset = find_dataset(cell, symprec=_SAME_POSITION)
+        dataset = find_dataset(cell, symprec=_POSITION_TOLERANCE)
     except spglib.SpglibError:
         return None
     if dataset is None:
         return None
     rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
     at_images = frequencies(_PROBE[:periods] @ rotations)
-    are_equal = np.ptp(at_images, axis=0).max() <= _EQUAL * at_images.max()
+    are_equal = np.ptp(at_images, axis=0).max() <= _ROUNDING * at_images.max()
     return rotations if are_equal else None

@@ -1274,3 +1274,8 @@ def test_one_error_and_nothing_written(folder, capsys, words, told):
     assert captured.err.count("\n") == 1
     assert captured.out == ""
     assert sorted(folder.iterdir()) == before
+
+
+def test_a_folder_that_is_no_path_is_refused():
+    with pytest.raises(InputError, match="path"):
+        fit_width(BALLS, [4.0] * 3, [480.0] * 3, 5.0).write(5)

@@ -339,3 +339,15 @@ def test_measured_data_have_a_source_and_a_scene(table):
         direction=None if scene.direction is None else scene.directions[0],
     )
     assert 0.5 < fit.values[0] / scene.packing.material.young_modulus < 2.0
+
+
+def test_columns_and_periods_that_are_none_are_refused(tmp_path):
+    table = tmp_path / "data.csv"
+    table.write_text("force (N),velocity (m/s)\n1,500\n2,600\n")
+    for columns in (5, [("velocity", "v")], {"velocity": 5}):
+        with pytest.raises(InputError, match="columns"):
+            gp.Measurements.read(table, columns)
+        with pytest.raises(InputError, match="columns"):
+            gp.TransferFunction.read(table, columns)
+    with pytest.raises(InputError, match="periods"):
+        gp.Measurements.read(table, periods=0)

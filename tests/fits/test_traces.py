@@ -222,7 +222,7 @@ def test_bad_traces_are_refused() -> None:
         gp.Traces(times, signals, places[::-1])
     with pytest.raises(InputError, match="cut off"):
         gp.Traces(times, np.minimum(signals, 0.6), places)
-    with pytest.raises(InputError, match="distances"):
+    with pytest.raises(InputError, match="1 distance"):
         gp.Traces(times, signals, [0.0])
 
 
@@ -442,3 +442,15 @@ def test_a_fit_takes_traces(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "loads" in capsys.readouterr().err
     assert main([*words, "--sigma", "5 m/s"]) == 2
     assert "--sigma" in capsys.readouterr().err
+
+
+def test_arguments_of_another_kind_are_named():
+    times = 1e-6 * np.arange(100)
+    traces = gp.Traces(times, np.sin(1e5 * times), 0.0)
+    with pytest.raises(InputError, match="method"):
+        traces.velocity(5)
+    with pytest.raises(InputError, match="names"):
+        gp.Traces(times, np.sin(1e5 * times), 0.0, 5)
+    for path in (5, None, [5]):
+        with pytest.raises(InputError, match="path"):
+            gp.Traces.read(path)

@@ -723,3 +723,14 @@ def test_numbers_are_read_as_a_transmissibility_if_it_is_named(tmp_path, heading
         1.03,
         1.1,
     ]
+
+
+def test_one_frequency_is_a_number_too_and_none_is_refused():
+    one = gp.TransferFunction(100.0, 1e-6)
+    assert one.frequencies.shape == one.magnitude.shape == (1,)
+    with pytest.raises(InputError, match="frequencies"):
+        gp.TransferFunction(None, [1e-6])
+    with pytest.raises(InputError, match="1 number of magnitude"):
+        gp.TransferFunction([1.0, 2.0], 1e-6)
+    with pytest.raises(InputError, match="calibrated"):
+        gp.TransferFunction([1.0], [1e-6], calibrated=1)

@@ -313,3 +313,25 @@ def test_radii_are_numbers_above_zero_for_each_ball(radius):
     pair.set_array("radius", radius)
     with pytest.raises(InputError, match="radius"):
         gp.HertzMindlin({"X": STEEL}).find_radii(pair)
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ([np.inf, 1.0, 1.0], "not finite"),
+        ([np.nan, 1.0, 1.0], "not finite"),
+        ([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "without a volume"),
+    ],
+)
+def test_cells_that_span_no_space_are_refused(cell, words):
+    balls = ase.Atoms("X", cell=cell, pbc=True)
+    balls.set_array("kinds", np.array(["A"]))
+    balls.calc = gp.HertzMindlin(BALLS)
+    with pytest.raises(InputError, match=words):
+        balls.get_potential_energy()
+
+
+def test_readers_for_viewers_refuse_what_is_no_path():
+    for read in (read_granphon_tables, read_granphon_lammps):
+        with pytest.raises(InputError, match="path"):
+            read(5)

@@ -1461,3 +1461,13 @@ def test_only_atoms_are_atoms():
     ):
         with pytest.raises(InputError, match="atoms"):
             take("Fe")
+
+
+def test_diameters_that_are_not_above_zero_are_refused():
+    state = at_overlap()
+    balls = gp.atoms(state)
+    balls.arrays["diameter_deviations"][0] = -1.0
+    with pytest.raises(InputError, match="diameter"):
+        balls.get_potential_energy()
+    with pytest.raises(InputError, match="like"):
+        gp.HertzMindlin(state).adopt(gp.atoms(state), 5)

@@ -260,3 +260,8 @@ def test_at_no_frequency_there_are_no_waves():
     )
     couplings = half_space.couplings(np.array([0.1]))
     assert find_bloch_waves(couplings, np.zeros(0), half_space.size) == []
+
+
+def test_wave_vectors_without_digits_are_refused():
+    with pytest.raises(PrecisionError, match="reciprocal"):
+        gp.Phonons(bulk("triangular")).complex_bands([1e3], 0, [1e16])

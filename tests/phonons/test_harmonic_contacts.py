@@ -222,3 +222,23 @@ def test_whole_periods_count_nothing_and_other_balls_are_refused():
         wrong.calc = atoms.calc
         with pytest.raises(InputError, match=r"2 balls .*network\.repeat"):
             wrong.get_potential_energy()
+
+
+def test_numbers_that_are_not_finite_and_rotations_of_another_shape_are_refused():
+    at_rest = gp.atoms(square())
+    for name in ("positions", "rotations"):
+        balls = at_rest.copy()
+        balls.calc = at_rest.calc
+        balls.arrays[name][0] = np.nan
+        with pytest.raises(InputError, match="not finite"):
+            balls.get_potential_energy()
+    balls = at_rest.copy()
+    balls.calc = at_rest.calc
+    balls.arrays["rotations"] = np.zeros((len(balls), 2))
+    with pytest.raises(InputError, match="shape"):
+        balls.get_potential_energy()
+    for no_atoms in (5, [balls]):
+        with pytest.raises(InputError, match="Atoms"):
+            balls.calc.contact_network(no_atoms)
+        with pytest.raises(InputError, match="Atoms"):
+            balls.calc.get_torques(no_atoms)

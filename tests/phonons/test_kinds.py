@@ -4,6 +4,7 @@ phononwebsite read them.
 
 import json
 import re
+from dataclasses import replace
 
 import ase.io
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.page.phononwebsite import write_phononwebsite
 from granphon.phonons.phonopy_atoms import choose_symbols
+from tests.networks.test_cuts import bulk
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
 LARGE = gp.Ball(STEEL, 8e-3, name="large")
@@ -168,3 +170,12 @@ def test_phononwebsite_has_each_balls_own_symbol_and_gyration():
             + (shift + kind.inertia / bands.scales.length**2 * np.abs(phi) ** 2) / bands.scales.mass
         )
     assert_allclose(energy, 1.0, rtol=1e-9)
+
+
+def test_more_kinds_than_symbols_are_not_taken_for_one(tmp_path):
+    base = bulk("triangular").repeat((12, 11))
+    network = replace(base, kinds=tuple(f"sort {n}" for n in range(base.n_balls)))
+    assert "kinds" not in gp.atoms(network).info
+    bands = gp.Phonons(network).bands([[0.0, 0.0], [0.5, 0.0]], 2, eigenvectors=False)
+    bands.write(tmp_path / "band.yaml")
+    assert gp.Bands.read(tmp_path / "band.yaml").kinds == ()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from ase.build import make_supercell
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
@@ -264,6 +265,15 @@ def test_open_edges_have_no_images(repeat, pbc):
         gp.Phonons(state, balls, dim=(5, 5))
 
 
+def test_a_vector_across_the_plane_may_be_tilted():
+    state = at_overlap()
+    sheared = gp.atoms(state)
+    sheared.cell[2] = [1.0, 0.5, 5.0]
+    bands = gp.Phonons(state, sheared).bands("GM", 3)
+    assert_allclose(bands.cell[2], [0.0, 0.0, 5.0], atol=1e-15)
+    assert_allclose(bands.frequencies, gp.Phonons(state).bands("GM", 3).frequencies, rtol=1e-12)
+
+
 def test_atoms_that_cannot_be():
     state = at_overlap()
     lost = gp.atoms(state)
@@ -273,6 +283,11 @@ def test_atoms_that_cannot_be():
     lost.set_cell(np.zeros((3, 3)))
     with pytest.raises(InputError, match="no cell"):
         gp.Phonons(state, lost)
+    for vector in ([1.0, 0.0, 0.0], [0.0, 0.0, 1e-9]):
+        flat = gp.atoms(state)
+        flat.cell[2] = vector
+        with pytest.raises(InputError, match="flat"):
+            gp.Phonons(state, flat)
     turned.rotate(30, "z", rotate_cell=True)
     with pytest.raises(InputError, match="turned"):
         gp.Phonons(state, turned)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from tests.networks.test_cuts import BALL, bulk, chain, squares
 
 ETA = 0.84
@@ -520,3 +520,48 @@ def test_a_surface_refuses_errors_of_other_waves_and_frequencies_without_a_step(
     for frequencies in ([5.0], [5.0, 5.0]):
         with pytest.raises(InputError, match="no step"):
             surface.spectrum([[0.1]], frequencies)
+
+
+# -- refusals at the edges of what is allowed ------------------------------------------------------
+
+
+def test_wave_vectors_without_digits_are_refused():
+    surface = gp.Surface(balls("triangular"), 1)
+    with pytest.raises(PrecisionError, match="reciprocal"):
+        surface.branches([[1e300]])
+    with pytest.raises(PrecisionError, match="reciprocal"):
+        surface.continuum([[1.7e308]])
+
+
+def test_a_crystal_that_buckles_has_no_spectrum():
+    network = bulk("triangular")
+    pushed = replace(
+        network,
+        normal_force=0.9 * network.normal_stiffness * network.distance,
+        prestress=True,
+    )
+    surface = gp.Surface(pushed, 1)
+    for find in (surface.continuum, surface.branches, lambda q: surface.spectrum(q, [1.0, 2.0])):
+        with pytest.raises(InstabilityError, match="buckles"):
+            find([[0.25]])
+    assert np.all(surface.continuum([[0.5]]) > 0.0)
+
+
+def test_messages_count_what_there_is_one_of():
+    surface = gp.Surface(balls("triangular"), 1)
+    assert "1 ball in" in repr(surface)
+    with pytest.raises(InputError, match="1 period"):
+        surface.branches([[0.1, 0.1]])
+    one_ball = gp.Crystal.on("chain", [BALL], law=gp.PowerLaw(1.0, 1e6)).at_force(10.0)
+    with pytest.raises(InputError, match="one branch"):
+        gp.Surface(one_ball, 0).zak_phase()
+
+
+def test_numbers_of_waves_and_of_points_are_whole():
+    surface = gp.Surface(balls("triangular"), 1)
+    waves = surface.along_path(2)
+    with pytest.raises(TypeError):
+        waves[0:2]
+    for npoints in ([2], 2.0):
+        with pytest.raises(InputError, match="npoints"):
+            surface.along_path(npoints)
