@@ -145,6 +145,11 @@ def test_a_lattice_and_a_medium_are_known_to_sweeps():
         gp.register_medium(type("Again", (Equal,), {"name": "equal"}))
 
 
+class Scale:
+    def find(self, of):
+        return 1.0
+
+
 def test_only_the_same_is_registered_twice():
     def reader(path):
         return path
@@ -167,14 +172,20 @@ def test_only_the_same_is_registered_twice():
     gp.register_observable("mine", "1", "one", first)
     for _ in range(2):
         gp.register_observable("again", "1", "one", lambda of: np.ones_like(of.state.force))
+    gp.register_observable("scaled", "1", "one", lambda of, scale=1.0: scale)
+    scales = [Scale(), Scale()]
+    gp.register_observable("bound", "1", "one", scales[0].find)
+    gp.register_observable("bound", "1", "one", scales[0].find)
     for register in (
         lambda: gp.register_reader("mine", lambda path: path),
+        lambda: gp.register_observable("scaled", "1", "one", lambda of, scale=2.0: scale),
+        lambda: gp.register_observable("bound", "1", "one", scales[1].find),
         lambda: gp.register_law(
             "mine", gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 8.0])
         ),
         lambda: gp.register_observable("mine", "1", "one", lambda of: 2.0),
     ):
-        with pytest.raises(InputError, match=r"'mine' exists .*program"):
+        with pytest.raises(InputError, match=r"'(mine|scaled|bound)' exists .*program"):
             register()
 
 
@@ -218,6 +229,13 @@ def test_a_reader_that_fails_is_named():
                 f"name {name!r}",
             )
             for name in ("load", "medium", "dos", "motion", "response_frequency")
+        ),
+        *(  # the summary would lose one of the two; without its schema it cannot be read
+            (
+                lambda name=name: gp.register_observable(name, "1", "x", len),
+                f"name {name!r}.*summaries",
+            )
+            for name in ("schema", "files", "local_field")
         ),
         (lambda: gp.register_law("mine", object()), "is no contact law"),
         (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),

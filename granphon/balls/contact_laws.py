@@ -36,7 +36,7 @@ from granphon.balls.hertz import (
     require_finite,
     require_pushing,
 )
-from granphon.base.arrays import ROUNDED, Array, Flags
+from granphon.base.arrays import ROUNDING, Array, Flags
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
@@ -368,7 +368,7 @@ class JKRLaw(EnergyLaw):
         with np.errstate(all="ignore"):
             reduced_overlap = delta / self.length
             # an overlap that is no number counts as unbroken, so that the result is no number
-            is_broken = reduced_overlap < _JKR_LEAST * (1.0 + ROUNDED)
+            is_broken = reduced_overlap < _JKR_LEAST * (1.0 + ROUNDING)
             target = np.maximum(reduced_overlap, _JKR_LEAST)
             # u^4 - u is convex, and the first guess is not below the root: Newton's steps descend
             # to the root
@@ -378,7 +378,7 @@ class JKRLaw(EnergyLaw):
             for _ in range(_STEPS):
                 step = (u**4 - u - target) / (4.0 * u**3 - 1.0)
                 u = u - step
-                if not np.any(np.abs(step) > 0.5 * ROUNDED * u):
+                if not np.any(np.abs(step) > 0.5 * ROUNDING * u):
                     break
         return np.maximum(u, _JKR_ROOT), ~is_broken
 
@@ -631,7 +631,7 @@ class TabulatedLaw(EnergyLaw):
             fallback = np.where(np.isfinite(middle), middle, x)
             is_between = (newton_x >= low) & (newton_x <= high)
             next_x = np.where(is_between, newton_x, fallback)
-            is_settled = np.abs(next_x - x) <= ROUNDED * np.maximum(1.0, np.abs(x))
+            is_settled = np.abs(next_x - x) <= ROUNDING * np.maximum(1.0, np.abs(x))
             x = next_x
             if np.all(is_settled):
                 break

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from granphon.balls.neighbours import TOUCH, ContactTable, find_contacts
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
-from granphon.base.registry import Registry, describe_failures
+from granphon.base.registry import Registry
 from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
 from granphon.base.validation import is_one_of, label, real_array, require
@@ -375,7 +375,7 @@ def find_lattice(lattice: str | Lattice, names: Iterable[str] = LATTICES) -> Lat
     if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
     mend = "Use " + ", ".join(names) + ", or a granphon.Lattice"
-    raise InputError(f"unknown lattice {brief(lattice)}", describe_failures(), mend)
+    raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.describe_failures(), mend)
 
 
 def name_structure(name: Any) -> str | None:

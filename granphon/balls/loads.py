@@ -231,12 +231,21 @@ def _require_memory(loads: Any, bytes_of_load: float) -> None:
     require_memory(f"states at {count:,} loads", bytes_of_load * count, "Take fewer loads")
 
 
+def given_load(load: Any) -> Load:
+    """Return ``load``, the argument of a public call, if it is a :class:`Load`; raise
+    :class:`InputError` for anything else.
+    """
+    if not isinstance(load, Load):
+        raise InputError(f"load is {brief(load)}", mend="Give a Load, or call at_force")
+    return load
+
+
 def require_of_packing(load: Load) -> None:
-    """Raise :class:`InputError` for a ``load`` that crystals alone bear: a stress or a strain, or a
-    load with gravity.
+    """Raise :class:`InputError` for something that is no :class:`Load`, and for a ``load`` that
+    crystals alone bear: a stress or a strain, or a load with gravity.
     """
     problem = ""
-    if load.tensor is not None:
+    if given_load(load).tensor is not None:
         problem = f"a packing is not loaded by a {load.kind}"
     elif load.gravity:
         problem = "a packing has no gravity"

@@ -16,7 +16,7 @@ Complex = NDArray[np.complex128]
 
 #: relative change of a number in double precision that is no larger than rounding: two neighbouring
 #: numbers are up to 2.2e-16 apart
-ROUNDED = 4e-16
+ROUNDING = 4e-16
 
 
 def pad_columns(arrays: Sequence[Array]) -> list[Array]:
@@ -25,12 +25,12 @@ def pad_columns(arrays: Sequence[Array]) -> list[Array]:
     stays as it is.
     """
     n_columns = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
-    padded = list[Array]()
+    padded_arrays = list[Array]()
     for array in arrays:
         if array.ndim > 1 and array.shape[-1] < n_columns:
             # numbers of values that are added before and after, for each axis
             widths = [(0, 0)] * (array.ndim - 1) + [(0, n_columns - array.shape[-1])]
-            padded.append(np.pad(array, widths, constant_values=np.nan))
+            padded_arrays.append(np.pad(array, widths, constant_values=np.nan))
         else:
-            padded.append(array)
-    return padded
+            padded_arrays.append(array)
+    return padded_arrays

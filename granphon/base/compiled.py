@@ -37,8 +37,12 @@ def find_why_uncompiled() -> str:
     consequence = "The same takes hundreds of times longer"
     try:
         from numba import config
-    except ImportError:
-        return message("numba is not installed", consequence, "Install it: pip install numba")
+    except ImportError as error:  # also of a version of numba that does not fit that of NumPy
+        is_missing = isinstance(error, ModuleNotFoundError) and error.name == "numba"
+        if is_missing:
+            return message("numba is not installed", consequence, "Install it: pip install numba")
+        problem = f"numba cannot be imported: {error}"
+        return message(problem, consequence, "Install a version that can: pip install -U numba")
     if config.DISABLE_JIT:
         problem = "numba compiles nothing, as NUMBA_DISABLE_JIT is set"
         return message(problem, consequence, "Unset it")

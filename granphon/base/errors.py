@@ -18,7 +18,7 @@ from typing import Any, Self, TypeGuard
 
 #: the least whole number that is too large for a float: a smaller whole number is rounded to the
 #: largest float at most
-TOO_LARGE = 2**1024 - 2**970
+LEAST_TOO_LARGE = 2**1024 - 2**970
 #: the extras of granphon, each with the packages that it brings, by their names when they are
 #: imported
 EXTRAS = {
@@ -61,6 +61,7 @@ class GranphonError(Exception):
     reached: Any = None
 
     def __init__(self, what: str = "", why: str = "", mend: str = "") -> None:
+        """Make the text of the error from its sentences."""
         # args is set here, as OSError would take several arguments for a number and a file
         self.args = (message(what, why, mend),)
 
@@ -113,10 +114,12 @@ class Refused(InputError):
         return Refused, arguments, attributes
 
     def under(self, *keys: str | int) -> Refused:
-        """Return the same refusal with ``keys`` before its path: the keys lead to the value from
-        the block or list around the value.
+        """Return the same refusal, with its attributes, and with ``keys`` before its path: the keys
+        lead to the value from the block or list around the value.
         """
-        return Refused(self.found, self.allowed, self.mend, (*keys, *self.path))
+        refused = copy(self)
+        refused.path = (*keys, *self.path)
+        return refused
 
 
 class SceneError(InputError):
@@ -219,13 +222,16 @@ def needing(what: str) -> Iterator[None]:
     """Raise :class:`MissingPackageError` where a block imports a package that is not installed.
 
     ``what`` is the subject of the message: a file or feature that needs the package. The message
-    names the extra of granphon that brings the package, or else the package itself.
+    names the extra of granphon that brings the package, or else the package itself. A module that
+    granphon or an installed package lacks is another error, which passes as it is.
     """
     try:
         yield
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         if package in ("None", "granphon"):  # a module of granphon itself, or an unnamed one
+            raise
+        if error.name != package and package in sys.modules:  # a module of an installed package
             raise
         to_install = package
         for extra, packages in EXTRAS.items():
@@ -247,7 +253,9 @@ def require_installed(what: str, *packages: str) -> None:
 
 
 def warn_caller(text: str, category: type[Warning]) -> None:
-    """Issue a warning at the line, outside of granphon, from which granphon was called."""
+    """Issue a warning at the line, outside of granphon, from which granphon was called, or at the
+    outermost line if all are granphon's.
+    """
     level = 1
     frame = sys._getframe()
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == "granphon":
@@ -305,7 +313,7 @@ def brief(value: object, most: int = 80) -> str:
 
 def _is_too_large(value: object) -> TypeGuard[int]:
     """Whether a value is a whole number beyond the range of floats."""
-    return isinstance(value, int) and abs(value) >= TOO_LARGE
+    return isinstance(value, int) and abs(value) >= LEAST_TOO_LARGE
 
 
 def one_line(text: str) -> str:

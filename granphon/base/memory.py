@@ -121,11 +121,11 @@ def _free_of_group(folder: Path, controller: str) -> float:
     """
     _, limit_file, use_file, cache_entry = _GROUPS[controller]
     limit = _read_number(folder / limit_file)
-    used = _read_number(folder / use_file)
-    if limit is None or used is None:
+    use = _read_number(folder / use_file)
+    if limit is None or use is None:
         return math.inf
-    cached = _read_number(folder / "memory.stat", cache_entry) or 0.0
-    return max(limit - used + cached, 0.0)
+    cache = _read_number(folder / "memory.stat", cache_entry) or 0.0
+    return max(limit - use + cache, 0.0)
 
 
 def require_memory(what: str, needed: float, mend: str) -> None:

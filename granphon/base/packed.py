@@ -9,8 +9,9 @@ from typing import Any
 from granphon.base.errors import InputError, MissingPackageError
 from granphon.base.text import write_limit
 
-_GZIP = b"\x1f\x8b"
-_ZSTANDARD = b"\x28\xb5\x2f\xfd"
+#: first bytes of a file packed by gzip, and by Zstandard
+_GZIP_HEAD = b"\x1f\x8b"
+_ZSTANDARD_HEAD = b"\x28\xb5\x2f\xfd"
 #: modules with a ZstdDecompressor of the standard library's form: from Python 3.14 on its own, and
 #: the same for older ones
 _ZSTANDARD_MODULES = ("compression.zstd", "backports.zstd")
@@ -21,16 +22,16 @@ _GZIP_WINDOW = 31
 def unpack(name: str, raw: bytes, limit: int) -> tuple[bytes, bool]:
     """Return the content of the bytes ``raw`` of a file called ``name``, which may be packed, and
     whether the file is whole: of a packed file that is cut, the content before the cut. Bytes that
-    are not packed are returned as they are, whatever their number.
+    are not packed are returned as they are, whatever their number, and count as whole.
 
     Raises
     ------
     InputError : a packed file holds more than ``limit`` bytes of content, or is damaged.
     MissingPackageError : the file is packed by Zstandard, and nothing is installed that reads it.
     """
-    if raw.startswith(_GZIP):
+    if raw.startswith(_GZIP_HEAD):
         return _unpack_members(name, raw, limit, lambda: zlib.decompressobj(_GZIP_WINDOW))
-    if raw.startswith(_ZSTANDARD):
+    if raw.startswith(_ZSTANDARD_HEAD):
         return _unpack_members(name, raw, limit, _find_zstandard(name).ZstdDecompressor)
     return raw, True
 
@@ -65,6 +66,7 @@ def _unpack_members(name: str, raw: bytes, limit: int, make_unpacker: Any) -> tu
             raise InputError(fault, "The packed file is damaged", "Make it again") from None
         parts.append(content)
         n_left -= len(content)
+        # at the limit the unpacker stops before the end of a member, which need not be cut
         is_cut = not member.eof and n_left > 0
         if is_cut:
             return b"".join(parts), False

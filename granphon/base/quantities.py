@@ -52,7 +52,8 @@ _UNITS = {
     "mi mile": "1609.344 m",
     "angstrom Å": "1e-10 m",
     "mph mile_per_hour": "1 mi/h",
-    "knot": "1852 m/h",
+    "nmi nautical_mile": "1852 m",
+    "knot": "1 nmi/h",
     "fps foot_per_second": "1 ft/s",
     "t tonne": "1e6 g",
     "lb pound": "453.59237 g",
@@ -62,7 +63,7 @@ _UNITS = {
     "dyn dyne": "1e-5 N",
 }
 _NAMES = {name: value for names, value in _UNITS.items() for name in names.split()}
-#: the empty prefix comes first, as "ft" is a foot
+#: the powers of ten of the prefixes; the empty one comes first, as "ft" is a foot
 _PREFIXES = {
     "": 0,
     "p": -12,
@@ -93,9 +94,10 @@ NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 LIGHT_VELOCITY = 299_792_458.0
 #: longest text of a quantity, in characters; a longer one is refused
 _MOST_SIGNS = 100
-#: numbers between this and its inverse stay far from the ends of the floating range when any unit
-#: is applied to them
-_TINY = 1e-200
+#: the least size of numbers that, up to the inverse of this size, stay far from the ends of the
+#: floating range when any unit is applied to them
+_LEAST_SAFE_SIZE = 1e-200
+#: a number, the space behind it, and what follows
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 #: what stands between a quantity and its standard error, and both before the unit that they share
 PLUS_MINUS = re.compile(r"\+-|\+/-|±")
@@ -110,7 +112,8 @@ _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
 #: one factor of a unit: what stands before it, its name, and its power
 _FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
 #: number of letters of a name, above which a last s may be that of the plural
-_PLURAL = 3
+_MOST_LETTERS_OF_SINGULAR = 3
+#: a whole unit: factors with signs between them, or one over such factors
 _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 _SUPERSCRIPTS = {"²": "2", "³": "3"}
 #: what messages say of the numbers that are taken
@@ -150,10 +153,12 @@ class Quantity:
         return f"{words}{sign} {unit}"
 
     def read(self, value: Any) -> float:
-        """Return the SI value of a text such as "8 mm": the float nearest to the exact number.
+        """Return the SI value of a text such as "8 mm": the float nearest to the exact number, in
+        which a zero has no sign.
 
-        Raises :class:`~granphon.base.errors.Refused` for anything else, for a number without a unit
-        too.
+        Raises :class:`~granphon.base.errors.Refused` for anything else: a number without a unit, a
+        unit of another kind, a number that ``least`` does not allow, or one that double precision
+        cannot hold.
         """
         number, unit = self._split(value)
         factor = self._require_factor(value, number, unit)
@@ -239,7 +244,7 @@ class Quantity:
         texts_of_zeros = {numbers[index] for index in np.flatnonzero(is_zero).tolist()}
         if not all(_is_zero(text) for text in texts_of_zeros):
             return None  # a number below the floating range was rounded to zero
-        is_far_from_ends = (sizes > _TINY) & (sizes < 1.0 / _TINY)
+        is_far_from_ends = (sizes > _LEAST_SAFE_SIZE) & (sizes < 1.0 / _LEAST_SAFE_SIZE)
         if self.least == "above zero":
             is_allowed = values > 0.0
         elif self.least == "zero or above":
@@ -344,7 +349,7 @@ def _multiply(text: str, factor: Fraction) -> float:
     whole numbers once. A number near the ends of the floating range is returned without the factor.
     """
     number = float(text)
-    if not _TINY < abs(number) < 1.0 / _TINY:
+    if not _LEAST_SAFE_SIZE < abs(number) < 1.0 / _LEAST_SAFE_SIZE:
         # read_many takes zero alone of such numbers; the exact power of ten of others may be huge
         return number
     digits, _, exponent = text.lower().partition("e")
@@ -394,8 +399,8 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
 
 
 def find_written_unit(text: Any) -> str:
-    """Return the unit of a quantity as text, such as "8 mm"; empty for another value, also for a
-    text that goes on after the unit.
+    """Return the unit of a quantity as text, such as "8 mm", whether the unit is known or not;
+    empty for another value, also for a text that goes on after the unit.
     """
     match = _QUANTITY.fullmatch(text.strip()) if isinstance(text, str) else None
     unit = match.group(3).strip() if match else ""
@@ -406,9 +411,10 @@ def split_error(text: str) -> tuple[Any, str] | None:
     """Split a text such as "211.65 +- 2 GPa", "(211.65 +- 2) GPa", "8 mm +- 4 um" or "8 mm +- 1 %"
     into its value and its standard error.
 
-    Returns the value in the form in which it would stand alone, "8 mm" or a plain number, and the
-    error as a text with its unit, "4 um" or "1 %"; None for a text of another form, or in which
-    either is longer than a quantity may be.
+    Returns the value in the form in which it would stand alone, "8 mm" or a plain number, which is
+    infinite if it is too large for a float, and the error as a text with its unit, "4 um" or "1 %".
+    Neither is checked further. None for a text of another form, or in which either is longer than a
+    quantity may be.
     """
     in_brackets = _IN_BRACKETS.fullmatch(text.strip())
     common_unit = in_brackets[2] if in_brackets else ""
@@ -437,7 +443,7 @@ def split_error(text: str) -> tuple[Any, str] | None:
 def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
     """Return the value of a ``quantity`` and its standard error, SI, of a text such as "8 mm +- 4
     um"; the error of "8 mm" is zero. :class:`~granphon.base.errors.Refused` for another text, and
-    for an error that is below zero or not finite.
+    for an error that is below zero or beyond double precision.
     """
     parts = split_error(text)
     if parts is None:
@@ -445,7 +451,12 @@ def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
     value = quantity.read(parts[0])
     error = parts[1]
     if error.endswith(PERCENT):
-        return value, abs(value) * _PART.read(error)
+        size = abs(value) * _PART.read(error)
+        if math.isinf(size):
+            raise Refused(
+                f"{show(text)}, whose error is too large for double precision", quantity.allowed
+            )
+        return value, size
     of_error = replace(quantity, least="zero or above", negative="negative")
     return value, of_error.read(error)
 
@@ -477,10 +488,17 @@ def _measure_written(unit: str) -> tuple[Fraction, Counter[str]]:
 
 def _join_factors(unit: str) -> str:
     """Return a unit with a sign between its factors, without spaces and brackets: pint's "meter /
-    second ** 2" as "meter/second**2", "kg m^2" as "kg*m^2", and "m/(N s)" as "m/N/s".
+    second ** 2" as "meter/second**2", "kg m^2" as "kg*m^2", and "m/(N s)" as "m/N/s". Brackets that
+    hold another division stay.
     """
+
+    def divide_by_each(divisor: re.Match[str]) -> str:
+        """Return "/N/s" for the match of "/(N s)"."""
+        factors = re.split(r" |(?<!\*)\*(?!\*)", divisor[1].strip())  # not at the ** of a power
+        return "".join(f"/{factor}" for factor in factors)
+
     without_spaces = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())
-    without_brackets = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", without_spaces)
+    without_brackets = re.sub(r"/\(([^()/]*)\)", divide_by_each, without_spaces)
     return without_brackets.replace(" ", "*")
 
 
@@ -505,9 +523,9 @@ def is_si(unit: str, dimension: str = "") -> bool:
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     """Return the factor and the powers, as :func:`_measure` does, of the unit ``name``, which may
-    have a prefix or be in the plural; raise KeyError if the name is not known.
+    have a prefix and be in the plural; raise KeyError if the name is not known.
     """
-    singular = name.removesuffix("s") if len(name) > _PLURAL else name
+    singular = name.removesuffix("s") if len(name) > _MOST_LETTERS_OF_SINGULAR else name
     spellings = dict.fromkeys((name, singular))  # in this order, each once
     for spelling, (prefix, power) in itertools.product(spellings, _PREFIXES.items()):
         unit_name = spelling.removeprefix(prefix)

@@ -33,16 +33,6 @@ _COUNT_OFFSET = 4
 _COUNT_FORMAT = ">i"
 #: size of a number of a variable, bytes
 _FLOAT_BYTES = 8
-#: what scipy raises for a file that is no file of records, or that was cut
-_FAULTS_OF_CONTENT = (
-    OSError,
-    TypeError,
-    ValueError,
-    KeyError,
-    AttributeError,
-    IndexError,
-    struct.error,
-)
 
 
 def lock_file(file: BinaryIO) -> None:
@@ -71,9 +61,10 @@ class RecordFile:
     Parameters
     ----------
     path : the path of the file, or an open binary file, which is not locked.
-    fixed : for each variable that does not grow its array and the names of its dimensions.
+    fixed : for each variable that does not grow its array and the names of its dimensions, of which
+        none is of size zero, and each has one size in all variables.
     growing : for each variable that grows the shape of its entry in one record, and the names of
-        the dimensions of that entry.
+        the dimensions of that entry, with the same rules.
     units : the SI unit of each variable that has one.
     about : texts about the file, by their names.
 
@@ -104,10 +95,16 @@ class RecordFile:
         self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Write a record: of each variable that grows its entry in ``values``, whose shape is that
-        which the constructor was given. The record is in the file when the method returns.
+        """Write a record: of each variable that grows its entry in ``values``. The record is in the
+        file when the method returns.
+
+        Raises KeyError and ValueError, before anything is written, if an entry is missing or has
+        another shape than the constructor was given; OSError if the file cannot be written.
         """
         entries = [np.asarray(values[name]).astype(">f8") for name in self._growing]
+        for entry, (name, (shape, _)) in zip(entries, self._growing.items(), strict=True):
+            if entry.shape != shape:
+                raise ValueError(f"{name} has the shape {entry.shape} instead of {shape}")
         self._file.write(b"".join(entry.tobytes() for entry in entries))
         # the count is raised after the record is in the file: readers see whole records alone
         self._file.flush()
@@ -118,7 +115,7 @@ class RecordFile:
         self._file.flush()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, also one that was open when the constructor was given it."""
         self._file.close()
 
 
@@ -245,7 +242,9 @@ def read_records(
         raise MissingFileError(f"there is no file {name}") from None
     except InputError:  # which is a ValueError, and says what is wrong
         raise
-    except _FAULTS_OF_CONTENT as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # the content may be anything, and scipy raise anything
         mended = _mend(path, name) if isinstance(path, str | os.PathLike) else None
         if mended is not None:
             return read_records(mended, about, frames)

@@ -69,7 +69,8 @@ class Registry(Mapping[str, T]):
         """Add an entry of granphon itself, in place of a former entry of this ``name``."""
         entries: dict[str, Any] = self._entries  # where a Later keeps the place of its entry
         entries[name] = entry
-        self._later.pop(name, None)
+        for notes in (self._later, self._sources, self._identities):  # on a former entry
+            notes.pop(name, None)
         if isinstance(entry, Later):
             self._later[name] = entry
 
@@ -149,12 +150,18 @@ class Registry(Mapping[str, T]):
         words = f"the {self.noun} {name!r}"
         return words if source == _PROGRAM else f"{words} of {source}"
 
-    @property
-    def failures(self) -> str:
-        """The sentence of :func:`describe_failures`, for a rule that takes a registry or any other
-        collection of names.
+    @staticmethod
+    def describe_failures() -> str:
+        """Return the plug-ins that failed, and why, in a sentence for the error about a name that
+        no table has, as one of them may have the name; empty if no plug-in failed. Plug-ins are
+        loaded first.
         """
-        return describe_failures()
+        clauses = []
+        for plugin, why in load_plugins().items():
+            if why:
+                clauses.append(f"{plugin} could not be loaded: {one_line(why)}")
+        sentence = "; ".join(clauses)
+        return sentence[:1].upper() + sentence[1:]
 
     def drop(self, source: str) -> None:
         """Take out all entries that the plug-in ``source``, in words, has added."""
@@ -194,15 +201,18 @@ class Registry(Mapping[str, T]):
 
 def _identify(made: Any) -> Any:
     """Return what identifies an object, and is equal where the object is defined twice: module and
-    name of a function or class, the code of a lambda or local function, or else the object itself.
+    name of a function or class, and of a method also what identifies its object; code, closure and
+    defaults of a lambda or local function; or else the object itself.
     """
     name = getattr(made, "__qualname__", None)
     if name is not None and "<" not in name:  # "<lambda>", "<locals>" are no names
-        return made.__module__, name
+        owner = getattr(made, "__self__", None)
+        return made.__module__, name, None if owner is None else _identify(owner)
     code = getattr(made, "__code__", None)
     if code is None:
         return made
-    return code.co_code, code.co_consts, code.co_names, made.__closure__
+    defaults = made.__defaults__, made.__kwdefaults__
+    return code.co_code, code.co_consts, code.co_names, made.__closure__, defaults
 
 
 #: its attribute ``loading`` names the plug-in that a thread is loading; empty or absent otherwise
@@ -230,8 +240,8 @@ def load_plugins() -> dict[str, str | None]:
 
 
 def _load_plugin(point: EntryPoint) -> None:
-    """Load one plug-in, and call it if it is a function; note in ``_loaded`` why it failed, and
-    take out its entries then.
+    """Load one plug-in, and call it if it can be called, as a function; note in ``_loaded`` why it
+    failed, and take out its entries then.
     """
     source = f"the plug-in {point.name}"
     if point.dist:
@@ -248,19 +258,6 @@ def _load_plugin(point: EntryPoint) -> None:
             registry.drop(source)
     finally:
         _plugins.loading = ""
-
-
-def describe_failures() -> str:
-    """Return the plug-ins that failed, and why, in a sentence for the error about a name that is
-    missing, as one of them may have the name; empty if no plug-in failed. Plug-ins are loaded
-    first.
-    """
-    clauses = []
-    for plugin, why in load_plugins().items():
-        if why:
-            clauses.append(f"{plugin} could not be loaded: {one_line(why)}")
-    sentence = "; ".join(clauses)
-    return sentence[:1].upper() + sentence[1:]
 
 
 def list_added(noun: str) -> tuple[str, ...]:

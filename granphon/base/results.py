@@ -4,6 +4,7 @@ shown as a table.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -16,6 +17,7 @@ import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.text import (
+    counted,
     damage_error,
     digest,
     list_names,
@@ -34,6 +36,8 @@ _ROUNDING = 1e-14
 _ABOUT = ("schema", "units", "digest")
 #: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
 _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
+#: these kinds in words
+_KIND_WORDS = {"b": "truth values", "i": "whole numbers", "f": "numbers", "c": "complex numbers"}
 #: the kinds of entries of arrays, by the classes of one entry
 _DTYPES = {float: np.float64, int: np.intp, bool: np.bool_, complex: np.complex128}
 #: product of the lengths of an empty array that are not zero, at most: NumPy makes no array, not
@@ -49,7 +53,7 @@ _RANGES: dict[str, Callable[[Any], Any]] = {
 #: the kinds of entries that are numbers
 _NUMBER_KINDS = "iufc"
 #: types of values that plain data hold as they are
-_SCALARS = frozenset({str, float, int, bool, NoneType})
+_SCALARS: frozenset[type] = frozenset({str, float, int, bool, NoneType})
 
 
 def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
@@ -81,9 +85,10 @@ def _clean(text: str) -> str:
 def describe_value(value: Any) -> str:
     """Return a short text of a value of any kind: a float with six digits, truth values as "yes"
     and "no", None and an empty list or mapping as "none", a list as :func:`_describe_list` does, an
-    array as :func:`_describe_array` does, a dataclass by its attribute ``name`` or else by its
-    class, and anything else as :func:`~granphon.base.errors.brief` does. Of a long text or mapping
-    the beginning is returned, with dots behind it.
+    array as :func:`_describe_array` does, or its only entry if it has no axes, an object of a
+    dataclass by its attribute ``name`` or else by its class, and anything else as
+    :func:`~granphon.base.errors.brief` does. Of a long text or mapping the beginning is returned,
+    with dots behind it.
     """
     # floats of NumPy are written below: the item of a long double is a long double again
     if isinstance(value, np.generic) and value.dtype.kind in "biuc":
@@ -100,7 +105,7 @@ def describe_value(value: Any) -> str:
     if value is None:
         return "none"
     if isinstance(value, np.ndarray):
-        return _describe_array(value)
+        return _describe_array(value) if value.ndim else describe_value(value.item())
     if isinstance(value, list | tuple):
         return _describe_list(value)
     if isinstance(value, Mapping):
@@ -109,7 +114,7 @@ def describe_value(value: Any) -> str:
         first_entries = list(value.items())[:_MOST_ENTRIES]
         texts = [f"{name}: {describe_value(entry)}" for name, entry in first_entries]
         return ", ".join(texts) + _count_more(len(value))
-    if is_dataclass(value):
+    if _is_object_of_dataclass(value):
         name = getattr(value, "name", None)
         return name.replace("_", " ") if isinstance(name, str) else type(value).__name__
     return brief(value, _MOST_LETTERS)
@@ -128,7 +133,7 @@ def _describe_list(values: Sequence[Any]) -> str:
     if count > _MOST_ENTRIES and all(isinstance(entry, int | float) for entry in values):
         return _describe_array(np.asarray(values))
     classes = {type(entry) for entry in values}
-    if count > 1 and len(classes) == 1 and is_dataclass(values[0]):
+    if count > 1 and len(classes) == 1 and _is_object_of_dataclass(values[0]):
         return f"{count} of {type(values[0]).__name__}"
     texts = [describe_value(entry) for entry in values[:_MOST_ENTRIES]]
     separator = "; " if any(", " in text for text in texts) else ", "
@@ -143,14 +148,15 @@ def _count_more(count: int) -> str:
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
-    """Return the entries of a small array of at most one axis as text, and of other arrays the
-    shape; with it the range of the finite numbers, the range of the magnitudes of complex numbers,
-    or how many truth values are true.
+    """Return the entries of a small array of one axis as text, unless they are complex; of any
+    other array, which has one axis or more, the shape. The shape is followed by the range of the
+    finite numbers, or of their magnitudes if they are complex, and by the number of those that are
+    not finite; of truth values by how many are true.
     """
     kind = values.dtype.kind
     is_small = 0 < values.size <= _MOST_ENTRIES
-    if is_small and values.ndim <= 1 and kind != "c":
-        return ", ".join(describe_value(entry) for entry in np.ravel(values).tolist())
+    if is_small and values.ndim == 1 and kind != "c":
+        return ", ".join(describe_value(entry) for entry in values.tolist())
     shape = " x ".join(map(str, values.shape))
     holds_numbers = kind in "biufc"
     if not values.size or not holds_numbers:
@@ -171,7 +177,7 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
     low = describe_value(ends[0].item())
     high = describe_value(ends[1].item())
     prefix = "magnitudes " if kind == "c" else ""
-    if low == high:
+    if low == high:  # in the digits that are shown
         return f"array {shape}, all {prefix}{low}{ending}"
     return f"array {shape}, {prefix}{low} to {high}{ending}"
 
@@ -192,8 +198,8 @@ def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options
         float, int, bool or complex is the type of the entries of an array.
     shape : the sizes of the axes, parted by spaces. A size is a number; a letter, which means the
         same size in all shapes of the class; or a letter plus a number, as "s+1". "..." at the
-        beginning stands for the shape of the load, "|" parts two shapes that are both allowed, "*"
-        is any shape, and "?" at the end says that the field may be None. Arrays of truth values
+        beginning stands for the shape of the load, "|" parts shapes that are all allowed, "*" is
+        any shape, and "?" at the end says that the field may be None. Arrays of truth values
         have "*": the shapes of other arrays than those of numbers are not checked. Without a shape
         the value is of the ``kind`` itself.
     unit : the SI unit.
@@ -215,11 +221,11 @@ def result_class(cls: type[ResultT]) -> type[ResultT]:
     """Make a subclass of :class:`Result` the dataclass of its fields, each declared by
     :func:`held`; TypeError names fields that are not.
     """
-    made: type[ResultT] = dataclass(frozen=True, eq=False, repr=False)(cls)
-    undeclared = [f.name for f in fields(made) if "kind" not in f.metadata]
-    if undeclared:
-        raise TypeError(f"{cls.__name__} does not declare by held: {', '.join(undeclared)}")
-    return made
+    new_class: type[ResultT] = dataclass(frozen=True, eq=False, repr=False)(cls)
+    undeclared_names = [f.name for f in fields(new_class) if "kind" not in f.metadata]
+    if undeclared_names:
+        raise TypeError(f"{cls.__name__} does not declare by held: {', '.join(undeclared_names)}")
+    return new_class
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -264,8 +270,8 @@ class Result:
 
             def make_array(self: Result, dtype: Any = None, copy: bool | None = None) -> Any:
                 """Return the field ``array`` for ``np.asarray``: a copy, or with ``copy`` False the
-                read-only array itself. ValueError for a ``dtype`` that takes a copy, if ``copy`` is
-                False.
+                read-only array itself. ValueError if ``copy`` is False and only a copy will do: for
+                another ``dtype``, or for a field that is a single number.
                 """
                 return np.array(getattr(self, array), dtype, copy=copy is not False)
 
@@ -390,7 +396,9 @@ class Result:
         return restored
 
     def _field_units(self) -> dict[str, str]:
-        """Return the SI unit of each field and property that has one, as :meth:`to_dict` does."""
+        """Return the SI unit of each field and property that has one; a subclass in which units
+        depend on the values overrides the method.
+        """
         return dict(self.units)
 
     def _check(self) -> None:
@@ -404,7 +412,7 @@ class Result:
             self._check_shape(name, layout, sizes)
         for name, allowed_range in self._ranges.items():
             values = np.asarray(getattr(self, name))
-            if values.dtype.kind not in _NUMBER_KINDS:
+            if values.dtype.kind not in _NUMBER_KINDS:  # None, of a field that may be None
                 continue
             is_wrong = ~_RANGES[allowed_range](values)
             if np.any(is_wrong):
@@ -430,7 +438,7 @@ class Result:
         layouts = layout.rstrip("?").split("|")
         if not any(_fits(words.split(), shape, sizes) for words in layouts):
             known_sizes = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
-            allowed = layout.replace("|", ") or (")
+            allowed = ") or (".join(layouts)
             problem = (
                 f"{name} of the {type(self).__name__} has the shape {shape} instead of ({allowed})"
             )
@@ -482,6 +490,8 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
         else:
             letter, _, digits = word.partition("+")
             margin = int(digits or 0)
+            if size < margin:
+                return False
             required_size = tried_sizes.setdefault(letter, size - margin) + margin
         if size != required_size:
             return False
@@ -491,7 +501,7 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
 
 def _are_equal(value: Any, other: Any) -> bool:
     """Whether two values of a field are equal, entry by entry; nan, which stands for "not known",
-    equals nan.
+    equals nan, and a list or an array equals a tuple of the same entries.
     """
     if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
         # NumPy cannot look for nan in arrays of other kinds
@@ -505,10 +515,9 @@ def _are_equal(value: Any, other: Any) -> bool:
         return value.keys() == other.keys() and all(
             _are_equal(value[name], other[name]) for name in value
         )
-    if isinstance(value, float) and isinstance(other, float):
-        return value == other or (math.isnan(value) and math.isnan(other))
-    # is_dataclass is true of the class too, which is compared as it is
-    if is_dataclass(value) and not isinstance(value, type) and type(value) is type(other):
+    if isinstance(value, float | complex) and isinstance(other, float | complex):
+        return value == other or (cmath.isnan(value) and cmath.isnan(other))
+    if _is_object_of_dataclass(value) and type(value) is type(other):
         # objects that hold arrays may differ from their own copies, or refuse to be compared:
         # their plain data decide then
         with suppress(ValueError):
@@ -518,18 +527,22 @@ def _are_equal(value: Any, other: Any) -> bool:
     return bool(value == other)
 
 
+def _is_object_of_dataclass(value: Any) -> bool:
+    """Whether a value is an object of a dataclass: the class itself is none."""
+    return is_dataclass(value) and not isinstance(value, type)
+
+
 def plain(value: Any) -> Any:
-    """Return a value as plain data: a dataclass becomes a mapping of its class name and fields, an
-    array a list, a complex array a mapping of its "real" and "imag" lists. An empty array of
-    several axes, whose lists would not tell its shape, becomes a mapping of its "shape".
+    """Return a value as plain data: an object of a dataclass becomes a mapping of its class name
+    and fields, an array a list, a complex array a mapping of its "real" and "imag" lists. An empty
+    array of several axes, whose lists would not tell its shape, becomes a mapping of its "shape".
 
     A scalar of NumPy becomes one of Python. Lists, tuples and mappings become lists and mappings of
     plain data. Values of other kinds are returned as they are.
     """
     if type(value) in _SCALARS:
         return value
-    # is_dataclass is true of the class too, which has no values of fields
-    if is_dataclass(value) and not isinstance(value, type):
+    if _is_object_of_dataclass(value):
         values_of_fields = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
         return {"class": type(value).__name__, **values_of_fields}
     if isinstance(value, np.ndarray):
@@ -551,18 +564,18 @@ def restore(value: Any, kind: Any, name: str = "the data") -> Any:
     A ``kind`` is one of these:
 
     - a dataclass, whose objects are mappings in plain data;
-    - a scalar type: str, float, int, bool or NoneType;
+    - a scalar type: str, float, int, bool or NoneType; whole numbers become floats for float;
     - a NumPy dtype, for an array of such entries;
     - a tuple of kinds, for a tuple whose entries have these kinds in turn, or a tuple of one kind
       and ``...``, for a tuple of any length;
-    - a list or a union of kinds, for an object of one of them;
+    - a list or a union of kinds, for an object of the first of them that takes the data;
     - Any, for a scalar or an array;
-    - object, for plain data as they are, in which lists become tuples;
+    - object, for a scalar, or a list of such objects, which becomes a tuple;
     - a function without arguments that returns a kind, for a class that is defined later.
 
     An object that is of the dataclass ``kind`` already is returned as it is. Raises
-    :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of
-    another kind.
+    :class:`~granphon.base.errors.InputError` if the data are of another kind, which calls the value
+    ``name``, or if an object of a dataclass cannot be made from its fields.
     """
     if isinstance(kind, FunctionType):
         kind = kind()
@@ -570,43 +583,75 @@ def restore(value: Any, kind: Any, name: str = "the data") -> Any:
         kind = list(kind.__args__)
     if isinstance(kind, list):
         return _restore_one_of(value, kind, name)
-    is_list = isinstance(value, list | tuple)
-    is_array = isinstance(kind, np.dtype)
-    expected = "an array of numbers" if is_array else getattr(kind, "__name__", "a list")
-    may_be_array = kind is Any and (is_list or isinstance(value, Mapping | np.ndarray))
-    if is_array or may_be_array:
-        array = _make_array(value, kind if is_array else None)
-        if array is not None:
-            return array
-    elif kind is object and is_list:
+    if isinstance(kind, np.dtype):
+        return _restore_array(value, kind, name)
+    if isinstance(kind, tuple):
+        return _restore_tuple(value, kind, name)
+    if is_dataclass(kind):
+        return _restore_object(value, kind, name)
+    if kind is Any and isinstance(value, list | tuple | Mapping | np.ndarray):
+        return _restore_array(value, None, name)
+    if kind is object and isinstance(value, list | tuple):
         return tuple(restore(entry, object, name) for entry in value)
-    elif isinstance(kind, tuple) and is_list:
-        kinds = [kind[0]] * len(value) if kind[1:] == (...,) else kind
-        if len(kinds) == len(value):
-            pairs = zip(value, kinds, strict=True)
-            return tuple(restore(entry, entry_kind, name) for entry, entry_kind in pairs)
-    elif is_dataclass(kind):
-        if isinstance(value, kind):  # type: ignore[arg-type]  # a class
-            return value
-        if isinstance(value, Mapping) and _read_class_name(value) == expected:
-            return _restore_object(value, kind)
-    elif _is_scalar_of(value, kind):
-        return value
-    raise InputError(f"{name}: found {_name_kind(value)} where {expected} is needed")
+    return _restore_scalar(value, kind, name)
+
+
+def _make_kind_error(name: str, value: Any, needed: str) -> InputError:
+    """Return the error of a ``value``, called ``name``, that is of another kind than what is
+    ``needed``, in words.
+    """
+    return InputError(f"{name}: found {_name_kind(value)} where {needed} is needed")
+
+
+def _restore_array(value: Any, dtype: np.dtype[Any] | None, name: str) -> np.ndarray[Any, Any]:
+    """Return the array that :func:`_make_array` makes of a ``value``, called ``name``; InputError
+    if it makes none.
+    """
+    array = _make_array(value, dtype)
+    if array is None:
+        entries = "numbers" if dtype is None else _KIND_WORDS[dtype.kind]
+        raise _make_kind_error(name, value, f"an array of {entries}")
+    return array
+
+
+def _restore_tuple(value: Any, kinds: tuple[Any, ...], name: str) -> tuple[Any, ...]:
+    """Return the list ``value``, called ``name``, as a tuple. Each entry is restored by the kind at
+    its place in ``kinds``, or all by the first kind if ``...`` follows it. InputError for what is
+    no list, and for a list that has not one entry for each kind.
+    """
+    if not isinstance(value, list | tuple):
+        raise _make_kind_error(name, value, "a list")
+    kinds_of_entries = (kinds[0],) * len(value) if kinds[1:] == (...,) else kinds
+    if len(kinds_of_entries) != len(value):
+        needed = f"a list of {counted(len(kinds), 'entry', 'entries')}"
+        raise _make_kind_error(name, value, needed)
+    pairs = zip(value, kinds_of_entries, strict=True)
+    return tuple(restore(entry, kind, name) for entry, kind in pairs)
+
+
+def _restore_scalar(value: Any, kind: Any, name: str) -> Any:
+    """Return the scalar ``value``, called ``name``: a float for the ``kind`` float, and as it is
+    for others; InputError if it is none of the ``kind``, or too large for a float.
+    """
+    if _is_scalar_of(value, kind):
+        # for float, a whole number that is too large is no float
+        with suppress(OverflowError):
+            return float(value) if kind is float else value
+    needed = {Any: "a scalar or an array", object: "a scalar or a list", NoneType: "nothing"}
+    raise _make_kind_error(name, value, needed.get(kind) or kind.__name__)
 
 
 def _is_scalar_of(value: Any, kind: Any) -> bool:
-    """Whether a value is a scalar of a ``kind``, one of ``_SCALARS``, Any or object: a whole number
-    is a float too, and a truth value is no number.
+    """Whether a value is a scalar of a ``kind``: one of ``_SCALARS``, or Any or object for all of
+    these; false for any other ``kind``. A whole number is a float too, and a truth value no number.
     """
-    allowed: tuple[Any, ...] = (kind,) if kind in _SCALARS else ()
     if kind in (Any, object):
-        allowed = (*_SCALARS, np.generic)
-    elif kind is float:
-        allowed = (float, int)
+        return isinstance(value, (*_SCALARS, np.generic))
     if isinstance(value, bool):  # which isinstance takes for a whole number
-        return bool in allowed
-    return isinstance(value, allowed)
+        return kind is bool
+    if kind not in _SCALARS:
+        return False
+    return isinstance(value, float | int if kind is float else kind)
 
 
 def _restore_one_of(value: Any, kinds: list[Any], name: str) -> Any:
@@ -626,13 +671,26 @@ def _restore_one_of(value: Any, kinds: list[Any], name: str) -> Any:
     return restore(value, candidates[-1], name)
 
 
-def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
-    """Build an object of the dataclass ``kind`` from the mapping of its fields; InputError if no
-    such object can be made.
+def _restore_object(value: Any, kind: Any, name: str) -> Any:
+    """Return the object of the dataclass ``kind`` that the plain data ``value``, called ``name``,
+    describe, or ``value`` itself if it is such an object; InputError if the value is neither, or no
+    object can be made from its fields.
     """
-    is_from_to_dict = any(key in data for key in _ABOUT)  # of the object itself
-    if issubclass(kind, Result) and is_from_to_dict:
-        return kind.from_dict(data)
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping) or _read_class_name(value) != kind.__name__:
+        raise _make_kind_error(name, value, kind.__name__)
+    # a result in the field of another one is stored without these keys, and has nothing to check
+    is_from_to_dict = any(key in value for key in _ABOUT)
+    if is_from_to_dict and issubclass(kind, Result):
+        return kind.from_dict(value)
+    return _build_object(value, kind)
+
+
+def _build_object(data: Mapping[str, Any], kind: Any) -> Any:
+    """Return the object of the dataclass ``kind`` with the fields in ``data``, a mapping of the
+    class name and each field; InputError if no such object can be made.
+    """
     names = [f.name for f in fields(kind)]
     subject = f"the {kind.__name__} data"
     missing = [name for name in names if name not in data]
@@ -661,10 +719,13 @@ def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
 
 
 def _name_kind(value: Any) -> str:
-    """Return the kind of plain data, in words for a message."""
+    """Return the kind of plain data in words for a message, and the value itself of a scalar."""
     if isinstance(value, Mapping):
         return f"data of a {show(value['class'])}" if "class" in value else "a mapping"
-    kind = f"a {type(value).__name__}"
+    if value is None:
+        return "nothing"
+    name = type(value).__name__
+    kind = f"an {name}" if name[0] in "aeiou" else f"a {name}"
     return kind if isinstance(value, list | tuple) else f"{kind}, {show(value)},"
 
 
@@ -680,7 +741,8 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
 
     The value is an array; lists of any depth; {"shape": ...} of an empty array; or {"real": ...,
     "imag": ...}. Any other value gives None. So do ragged lists, entries of another kind than
-    ``dtype``, truth values among numbers, and whole numbers that 64 bits or ``dtype`` cannot hold.
+    ``dtype``, truth values among numbers, and whole numbers that ``dtype``, or without one a float,
+    cannot hold. A list with a whole number beyond 64 bits becomes an array of floats.
     """
     if isinstance(value, Mapping) and set(value) == {"shape"}:
         return _make_empty_array(value["shape"], dtype)
@@ -689,14 +751,8 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
         return _make_complex_array(value)
     if not isinstance(value, list | tuple | np.ndarray):
         return None
-    try:
-        array = np.asarray(value)
-        if not isinstance(value, np.ndarray) and array.dtype.kind != "b":
-            # NumPy would make numbers of truth values that stand among numbers
-            entries = np.asarray(value, object).ravel()
-            if any(isinstance(entry, bool) for entry in entries):
-                return None
-    except (ValueError, OverflowError):  # the lists are ragged, or a number is too large
+    array = value if isinstance(value, np.ndarray) else _make_array_of_lists(value)
+    if array is None:
         return None
     allowed_kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
     if array.size and array.dtype.kind not in allowed_kinds:
@@ -708,6 +764,28 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
     return None if is_wrapped else converted
 
 
+def _make_array_of_lists(lists: Sequence[Any]) -> np.ndarray[Any, Any] | None:
+    """Return lists of any depth as an array of the type that NumPy finds for the entries, or of
+    floats if there is a whole number beyond 64 bits; None for ragged lists, for truth values among
+    numbers, and for a whole number that is too large for a float.
+    """
+    try:
+        array = np.asarray(lists)
+        if array.dtype.kind == "b":
+            return array
+        # NumPy would make numbers of truth values that stand among numbers
+        entries = np.asarray(lists, object).ravel()
+        if any(isinstance(entry, bool) for entry in entries):
+            return None
+        # NumPy keeps whole numbers of more than 64 bits as objects
+        holds_large_numbers = array.dtype.kind == "O" and all(
+            isinstance(entry, int | float) for entry in entries
+        )
+        return array.astype(float) if holds_large_numbers else array
+    except (ValueError, OverflowError):  # the lists are ragged, or a number is too large
+        return None
+
+
 def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
     """Return the empty array of a ``shape`` and ``dtype``, float if that is None; None if the
     ``shape`` is no list of lengths, or not that of an empty array that NumPy can make.
@@ -717,7 +795,9 @@ def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any
     )
     if not is_shape or 0 not in shape or math.prod(filter(None, shape)) >= _MOST_OF_EMPTY:
         return None
-    return np.zeros(shape, dtype or float)
+    with suppress(ValueError):  # more axes than NumPy has
+        return np.zeros(shape, dtype or float)
+    return None
 
 
 def _make_complex_array(data: Mapping[str, Any]) -> np.ndarray[Any, Any] | None:

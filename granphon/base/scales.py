@@ -26,9 +26,10 @@ _INFO = {
     "stiffness": "granphon_stiffness_N_per_m",
     "mass": "granphon_mass_kg",
 }
-#: range of the sizes of numbers that are written in the unit that a user has chosen
-_LEAST_SHORT = 1e-3
-_MOST_SHORT = 1e4
+#: the least size of numbers that are written in the unit that a user has chosen, and the least size
+#: above it of those that are not
+_LEAST_CHOSEN_SIZE = 1e-3
+_LEAST_SIZE_BEYOND = 1e4
 #: sizes of the decimal prefixes, ascending; ``_PREFIXES`` holds their names in the same order
 _SIZES = (
     1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21,
@@ -79,22 +80,23 @@ def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str
     ``written`` that a user has chosen; ``value`` is in the SI ``unit``.
 
     The text is that of :func:`write_quantity`, with a decimal prefix, if ``written`` is empty or
-    has another dimension than ``unit``, or if the number in ``written`` is below 1e-3 or not below
-    1e4.
+    has another dimension than ``unit``, or if the rounded number in ``written`` is below 1e-3 or
+    not below 1e4, but not zero.
     """
     factor = find_factor(unit, written) if written else None
     if factor is None:
         return write_quantity(value, unit, digits)
-    number = value * factor
-    if number and not _LEAST_SHORT <= abs(number) < _MOST_SHORT:
+    rounded = float(f"{value * factor:.{digits}g}")
+    if rounded and not _LEAST_CHOSEN_SIZE <= abs(rounded) < _LEAST_SIZE_BEYOND:
         return write_quantity(value, unit, digits)
-    return f"{number:.{digits}g} {written}"
+    # fewer than four digits would be written with an exponent, as 1.2e+03 mm
+    return f"{rounded:.{max(digits, 4)}g}{write_unit(written)}"
 
 
 def write_error(error: float, value: float, unit: str) -> str:
     """Return the text of a standard ``error``, with two digits, in the multiple of the SI ``unit``
     in which the ``value`` beside the error is written. An error below a thousandth of that
-    multiple, or of ten thousand and more, has a multiple of its own.
+    multiple, or of ten thousand and more once it is rounded, has a multiple of its own.
     """
     _size, name = prefixed(value, unit)
     return write_in(error, unit, name, 2)
@@ -140,9 +142,10 @@ class HertzPrefix:
 
     @classmethod
     def for_top(cls, frequency: float) -> HertzPrefix:
-        """Return the unit in which a ``frequency``, Hz, lies between 1 and 1000.
+        """Return the unit in which a ``frequency``, Hz, such as that of the top of bands, lies
+        between 1 and 1000.
 
-        The unit is yHz for all lower frequencies, and YHz for all higher ones.
+        The unit is yHz for all lower frequencies, also for zero, and YHz for all higher ones.
         """
         hertz, name = _find_multiple(frequency, "Hz")
         return cls(name, hertz)
@@ -153,7 +156,7 @@ class HertzPrefix:
         such unit.
         """
         sizes = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
-        if name not in sizes:
+        if name not in tuple(sizes):  # of a file a name may be anything, also a list
             raise InputError(
                 f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(sizes)
             )
@@ -193,7 +196,7 @@ class Units:
     @property
     def angular_frequency(self) -> float:
         """Scale of angular frequency (k/M)^(1/2), rad/s."""
-        # dividing the roots neither overflows nor underflows, where k/M itself could
+        # k/M itself may be beyond the floating range where its root is not
         return math.sqrt(self.stiffness) / math.sqrt(self.mass)
 
     @property
@@ -227,7 +230,8 @@ class Units:
 
     @classmethod
     def from_info(cls, info: Mapping[str, Any]) -> Units:
-        """Read the scales, SI, from the ``info`` of Atoms that :func:`~granphon.atoms` made.
+        """Read the scales, SI, from a mapping that has the entries of :meth:`to_info`, such as the
+        ``info`` of Atoms that :func:`~granphon.atoms` made.
 
         Raises :class:`InputError` if a scale is missing, or is not a finite number above zero.
         """
@@ -244,11 +248,11 @@ class WidthUnits:
     """Reduced units of balls that differ: the width W of the diameters, and the force of equal
     balls at an overlap of W.
 
-    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m, both above zero. Multiply
-    a number in these units by the property of its name to get SI. Powers of W are taken from
-    mantissas and exponents apart: a power may be beyond the floating range where its unit, or a
-    number in that unit, is not. A unit below the range is the nearest float, zero at last; a unit
-    above the range raises :class:`InputError`.
+    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m, both finite and above
+    zero. Multiply a number in these units by the property of its name to get SI. Powers of W are
+    taken from mantissas and exponents apart: a power may be beyond the floating range where its
+    unit, or a number in that unit, is not. A unit below the range is the nearest float, zero at
+    last; a unit above the range raises :class:`InputError`.
     """
 
     coefficient: float
@@ -292,7 +296,8 @@ class WidthUnits:
         except OverflowError:
             problem = f"a width of {self.width:g} m is beyond double precision"
             why = f"c W^({n}/2) is above the largest number, at c = {self.coefficient:g} N/m^(3/2)"
-            raise InputError(problem, why, "Give a smaller width") from None
+            mend = "Give a smaller width" if n > 0 else "Give a larger width"
+            raise InputError(problem, why, mend) from None
 
     def reduced_force(self, force: Any) -> Any:
         """Return the reduced force f* of Section IV; ``force`` in N, a number or an array."""

@@ -47,9 +47,9 @@ SCALES = ("log", "linear")
 _MOST_POINTS = 200_000
 #: size of the largest number that Python may give for a quantity of any sign, far above that of any
 #: such quantity in SI
-_LARGEST = 1e300
+_LARGEST_NUMBER = 1e300
 #: key of the metadata of an attribute under which its declaration stands
-_DECLARED = "setting"
+_DECLARATION_KEY = "setting"
 #: characters in a line of a docstring, without the indentation of its class
 _DOCSTRING_WIDTH = 96
 
@@ -111,7 +111,7 @@ def with_unit(kind: Quantity) -> Kind:
     """
     rule: Rule
     if kind.least == "any":
-        rule = partial(number, low=-_LARGEST, high=_LARGEST)
+        rule = partial(number, low=-_LARGEST_NUMBER, high=_LARGEST_NUMBER)
     elif kind.least == "above zero":
         rule = partial(above_zero, unit=kind.unit)
     else:
@@ -124,7 +124,9 @@ def with_unit(kind: Quantity) -> Kind:
 
 
 def with_unit_unless_zero(kind: Quantity) -> Kind:
-    """Return the kind of :func:`with_unit`, except that zero needs no unit."""
+    """Return the kind of :func:`with_unit` of a quantity that may be zero, except that zero needs
+    no unit.
+    """
     number_kind = with_unit(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
@@ -265,8 +267,9 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
 
 
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a ``scale``, "log" or "linear", from exactly
-    ``first`` to exactly ``last``; of one number, ``first``.
+    """Return ``count`` numbers, one or more, evenly spaced on a ``scale``, "log" or "linear", from
+    exactly ``first`` to exactly ``last``, which on "log" are both above zero; of one number,
+    ``first``. Numbers between ends whose difference is beyond double precision may be nan.
     """
     space = np.geomspace if scale == "log" else np.linspace
     with np.errstate(all="ignore"):
@@ -276,14 +279,16 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
     """Return plain data that :func:`read_values` reads as the same one or more ``values``: a single
-    value, a range whose points are the values to the last bit, or else a list, as of more values
-    than a range may have points. ``write`` returns the plain data of one value.
+    value, a range whose points are the values to the last bit but for the sign of a zero, or else a
+    list, as of more values than a range may have points. ``write`` returns the plain data of one
+    value.
     """
     first = values[0]
     last = values[-1]
     count = len(values)
     if count == 1:
         return write(first)
+    # a list of two is shorter than their range; a range of equal ends has one point
     may_be_range = 2 < count <= _MOST_POINTS and first != last
     for scale in SCALES if may_be_range else ():
         has_scale = scale == "linear" or min(first, last) > 0.0
@@ -333,7 +338,7 @@ def setting(
         quantity = f"{', '.join(texts)} {kind.unit}".rstrip()
         words = f"`{quantity}`"
     declared = Setting(kind, meaning, words, title, is_optional=default is None)
-    return dataclasses.field(default=default, metadata={_DECLARED: declared})
+    return dataclasses.field(default=default, metadata={_DECLARATION_KEY: declared})
 
 
 def _add_attributes(docstring: str, settings: Mapping[str, Setting]) -> str:
@@ -377,13 +382,13 @@ class Block:
         not tell to the docstring.
         """
         super().__init_subclass__()
-        of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
-        ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))
+        new_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
+        ordered_fields = sorted(fields(new_class), key=lambda field: bool(field.kw_only))
         # a subclass of a user may have fields that are declared nowhere
         cls._settings = {
-            field.name: field.metadata[_DECLARED]
-            for field in ordered
-            if _DECLARED in field.metadata
+            field.name: field.metadata[_DECLARATION_KEY]
+            for field in ordered_fields
+            if _DECLARATION_KEY in field.metadata
         }
         docstring = cleandoc(cls.__doc__ or "")
         unsaid_settings = {
@@ -424,7 +429,8 @@ def make_rules(block_class: type[Block], context: ValueContext) -> dict[str, Rul
 
 def read_block(block_class: type[BlockClass], value: Any, context: ValueContext) -> BlockClass:
     """Return the settings of a ``block_class`` that a ``value`` gives: a block of keys, or the
-    settings themselves, which are returned as they are.
+    settings themselves, which are returned as they are. Refused for another value, and errors of
+    the ``block_class``.
     """
     if isinstance(value, block_class):
         return value

@@ -38,7 +38,7 @@ from granphon.base.errors import (
     OutputError,
     require_installed,
 )
-from granphon.base.text import SEAL, read_bytes
+from granphon.base.text import SEAL, read_bytes, require_path
 
 #: the list of the files that granphon wrote into a folder; a list of another version counts as
 #: empty
@@ -74,7 +74,8 @@ else:
 
 
 def has_locks(descriptor: int) -> bool:
-    """Whether the file system of an open file supports the locks of POSIX, which SQLite uses.
+    """Whether the file system of an open file supports the locks of POSIX, which SQLite uses; true
+    on Windows, where SQLite uses others.
 
     The shared lock that shows this stays on the file until this process closes any descriptor of
     the file.
@@ -139,14 +140,19 @@ class ResultFiles:
     Parameters
     ----------
     folder : the folder of the results; it need not exist.
-    names : the files to be written.
+    names : the files to be written, each right in the folder.
     force : whether files of these names may be replaced, if granphon wrote them and nobody has
         changed them since.
-    earlier : files of an earlier result that are to be removed, if granphon wrote them; if one has
-        been changed since, it may not be removed, and an error is raised.
-    inputs : files that the run reads, which are never replaced.
-    known : texts of files; a file with such a text counts as written by granphon, whatever the list
-        of the folder says.
+    earlier : names that files of an earlier result may have. Those that granphon wrote are removed,
+        unless they are among ``names``; if one has been changed since, or is read by the run, an
+        error is raised.
+    inputs : files that the run reads, which are never replaced or removed.
+    known_texts : texts of files; a file with such a text counts as written by granphon, whatever
+        the list of the folder says.
+
+    Raises
+    ------
+    InputError : the folder is neither a text nor a path.
     """
 
     folder: StrPath
@@ -155,7 +161,11 @@ class ResultFiles:
     _: KW_ONLY
     earlier: Sequence[str] = ()
     inputs: Collection[StrPath] = ()
-    known: Collection[str] = ()
+    known_texts: Collection[str] = ()
+
+    def __post_init__(self) -> None:
+        """Check that the folder is a path."""
+        require_path(self.folder)
 
     @property
     def _target(self) -> Path:
@@ -300,13 +310,15 @@ class ResultFiles:
 
     def _require_own(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
         """Raise :class:`FileExistsInRunError` if one of the ``existing`` files is read by this run,
-        was not written by granphon, or has been changed since. A file with one of the texts
-        ``known`` counts as written. ``written`` holds the SHA-256 of each file that granphon wrote,
-        by its name.
+        was not written by granphon, or has been changed since. A file with one of the
+        ``known_texts`` counts as written. ``written`` holds the SHA-256 of each file that granphon
+        wrote, by its name.
         """
         target = self._target
         why = "Such a file is never replaced, not even with --force"
-        known_digests = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
+        known_digests = [
+            hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known_texts
+        ]
         for name in existing:
             if self._is_read(name):
                 problem = f"{target / name} is read by this run, and would be overwritten"
@@ -323,8 +335,8 @@ class ResultFiles:
     def _make_existing_error(
         self, existing: Sequence[str], written: Mapping[str, str]
     ) -> FileExistsInRunError:
-        """Return the error that names the ``existing`` files of an earlier result, and the files
-        that are missing of it.
+        """Return the error that names the ``existing`` files of an earlier result, and those of its
+        files that are missing; ``written`` is that of :meth:`_require_own`.
         """
         missing = [name for name in self.names if name in written and name not in existing]
         problem = f"{_show_folder(self._target)} already holds {', '.join(existing)}"
@@ -522,8 +534,9 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
 
     Raises
     ------
-    FileExistsInRunError : another file is there, which is the user's.
-    OutputError : for any other failure of the file system.
+    FileExistsInRunError : a file of another kind is there, which is the user's.
+    OutputError : a folder, a device or a pipe is there; or any other failure of the file system.
+    InputError : the path is neither a text nor a path, or UTF-8 cannot hold the text.
     """
     write_texts([(path, text)], replace)
 
@@ -536,8 +549,10 @@ def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> 
     Errors are those of :func:`write_text`, and :class:`~granphon.base.errors.InputError` if two of
     the paths are one file.
     """
+    for path, _text in files:
+        require_path(path)
     targets = [Path(path) for path, _text in files]
-    contents = [text.encode("utf-8") for _path, text in files]
+    contents = [_encode(path, text) for path, text in files]
     _require_no_null_character(*targets)
     _require_different(targets)
     for target, content in zip(targets, contents, strict=True):
@@ -550,6 +565,18 @@ def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> 
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
+
+
+def _encode(path: StrPath, text: str) -> bytes:
+    """Return the ``text`` of the file at ``path`` in UTF-8; InputError if UTF-8 cannot hold it."""
+    try:
+        return text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        letter = text[error.start]
+        raise InputError(
+            f"{path} cannot be written: its text holds {letter!r}, half of a pair of UTF-16",
+            mend="Take such letters out of the names in it",
+        ) from None
 
 
 def _require_different(targets: Sequence[Path]) -> None:
@@ -568,20 +595,31 @@ def _require_different(targets: Sequence[Path]) -> None:
 
 
 def _require_no_null_character(*paths: StrPath) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if a null character is part of one of the
-    ``paths``, or names of files, which are to be written.
+    """Raise :class:`~granphon.base.errors.OutputError` if one of the ``paths`` that are to be
+    written, which may be names of files alone, has a null character.
     """
     for path in map(str, paths):
         if "\0" in path:
             raise OutputError(f"{path!r} cannot be written: a null character is part of the name")
 
 
-def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
-    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder or, unless it may
-    ``replace`` any file, a file of another kind than the one that begins with ``new_head``.
+def _require_regular_file(target: Path) -> None:
+    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder, a device or a
+    pipe, whose place a file is not to take.
     """
     if target.is_dir():
         raise OutputError(f"{target} is a folder", "A file of that name is to be written")
+    if target.exists() and not target.is_file():
+        problem = f"{target} is a device or a pipe, where a file is to be written"
+        raise OutputError(problem, mend="Give the name of a file")
+
+
+def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
+    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is no regular file or, unless
+    it may ``replace`` any file, a file of another kind than the one that begins with ``new_head``;
+    OSError if the file cannot be read.
+    """
+    _require_regular_file(target)
     if replace or not os.path.lexists(target):
         return
     with open(target, "rb") as stream:
@@ -608,9 +646,9 @@ def _are_of_one_kind(old_head: bytes, new_head: bytes) -> bool:
 
 
 @contextmanager
-def _null_character_as_fault() -> Iterator[None]:
-    """Raise OSError where the block, which takes a path, raises ValueError: a null character is
-    part of the path.
+def _name_errors_as_oserrors() -> Iterator[None]:
+    """Raise OSError where the block, which takes a path, raises ValueError: the path has a
+    character that no name of a file can have, such as a null character.
     """
     try:
         yield
@@ -623,16 +661,19 @@ def put_beside(target: Path) -> Iterator[Path]:
     """Give the path of a temporary file in the folder of ``target``: the file takes the place of
     ``target`` after the block, or is removed if the block fails.
 
-    The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure
-    of the file system, also one in the block; other errors of the block pass as they are.
+    The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` if ``target``
+    is a folder, a device or a pipe, and for a failure of the file system, also one in the block;
+    other errors of the block pass as they are.
     """
+    with explaining(target), _name_errors_as_oserrors():
+        _require_regular_file(target)
     temporary = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):
         try:
-            with _null_character_as_fault():
+            with _name_errors_as_oserrors():
                 target.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
-            with _null_character_as_fault():
+            with _name_errors_as_oserrors():
                 os.replace(temporary, target)
         finally:
             with suppress(OSError, ValueError):

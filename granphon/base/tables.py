@@ -2,9 +2,10 @@
 granphon makes.
 
 The first line heads the columns by their names and, in brackets, units: ``force (N), velocity
-[m/s]``. Columns are parted by tabs if the first line has one, else by semicolons if it has one,
-else by commas. Empty lines and lines that begin with # are skipped. granphon itself writes commas,
-puts cells that hold a comma in quotes, and writes numbers with all digits.
+[m/s]``. Columns are parted by tabs if the first line has one outside of quotes, else by semicolons
+if it has one there, else by commas. Each row stands on one line. Empty lines and lines that begin
+with # are skipped. granphon itself writes commas, numbers with all digits, and in quotes what would
+be read otherwise without them: cells that hold a comma, and rows that would begin with #.
 
 Errors may quote the content of a table that the caller has named. Of a table that a scene has named
 they quote the content only if it is a table of quantities, with the requested column and a unit for
@@ -29,16 +30,18 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import NUMBER, Quantity, is_plain
 from granphon.base.text import closest, counted, decode, list_names, read_bytes
 
 #: the advice where a decimal comma is the probable fault
-_POINT = "Write decimals with a point"
+_DECIMAL_ADVICE = "Write decimals with a point"
 #: a unit in brackets at the end of a heading: letters, and brackets of its own that are closed
 _UNIT_IN_BRACKETS = re.compile(r"[(\[]((?:[^()\[\]]|\([^()\[\]]*\))*)[)\]]\Z")
 #: the most characters of a cell that a message quotes
-_MOST_QUOTED = 40
+_MOST_QUOTED_CHARACTERS = 40
+#: number of rows that are written at a time, and in quotes if one of them needs quotes
+_WRITTEN_ROWS = 1000
 #: longest cell that csv reads, in characters
 _LONGEST_CELL = csv.field_size_limit()
 
@@ -70,7 +73,7 @@ class Heading:
         return Heading(f"{self.name}_error", self.unit)
 
     def __str__(self) -> str:
-        """Return the heading as it stands in a file, "force (N)"."""
+        """Return the heading as granphon writes it in a file, "force (N)"."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
     @property
@@ -121,9 +124,9 @@ class Table:
     def parse_parts(
         cls, name: str, raw: bytes, most_rows: int, quoted: bool = True
     ) -> Iterator[Self]:
-        """Yield the table in the bytes ``raw`` in parts of ``most_rows`` rows, all under the same
-        headings, so that the cells of a large table are never all in memory; a table without rows
-        is one part. The other arguments and the errors are those of :meth:`parse`.
+        """Yield the table in the bytes ``raw`` in parts of ``most_rows`` rows, one or more, all
+        under the same headings, so that the cells of a large table are never all in memory; a table
+        without rows is one part. The other arguments and the errors are those of :meth:`parse`.
         """
         lines = _list_lines(name, raw)
         head_number, head = next(lines, (0, ""))
@@ -131,11 +134,7 @@ class Table:
             raise InputError(
                 f"{name} is empty", mend="Give each column a heading, with numbers below it"
             )
-        separator = ","
-        if "\t" in head:
-            separator = "\t"
-        elif ";" in head:
-            separator = ";"
+        separator = _find_separator(head)
         headings = _read_headings(f"{name}:{head_number}", head, separator, quoted)
         is_first = True
         rows = list(islice(lines, most_rows))
@@ -229,7 +228,7 @@ class Table:
                 if not cell:
                     content = "found nothing"
                 elif may_quote:
-                    content = f"found {cell[:_MOST_QUOTED]!r}"
+                    content = f"found {cell[:_MOST_QUOTED_CHARACTERS]!r}"
                 else:
                     content = "found a text"
                 mend = _mend_comma(cell)
@@ -241,11 +240,12 @@ class Table:
         return np.array(values)
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """Return the numbers of the column called ``name``, (rows,), in the unit of its heading;
-        nan and inf are taken.
+        """Return the numbers of the column called ``name``, (rows,), in the unit of its heading,
+        whatever unit ``name`` carries; nan and inf are taken.
 
         Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if
-        there are more than one, or if a cell is not a number.
+        there are more than one, or if a cell is not a number. The error does not name the file, as
+        callers do.
         """
         indices = self._find_columns(name)
         if not indices:
@@ -263,7 +263,7 @@ class Table:
         except ValueError:
             # the numbers before the bad cell are in the list
             bad_row = len(values)
-            cell = brief(cells[bad_row], _MOST_QUOTED)
+            cell = brief(cells[bad_row], _MOST_QUOTED_CHARACTERS)
             raise InputError(
                 f"line {self.lines[bad_row]}, {name}: found {cell}, where a number is needed",
                 mend=_mend_comma(cells[bad_row]),
@@ -309,7 +309,7 @@ def _count_columns(number: int) -> str:
 
 def _mend_comma(cell: str) -> str:
     """Return the advice for a cell that is no number, empty unless that is due to a comma."""
-    return _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
+    return _DECIMAL_ADVICE if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
 
 
 def plain_float(cell: str) -> float:
@@ -335,7 +335,7 @@ def read_rows(
     ``body`` is text in UTF-8 of ``count`` lines, the first of which is line ``first_line`` of the
     file called ``name``; ``places`` (m,) are the indices of the cells of a line that are read, and
     ``columns`` (m,) name these cells. Raises :class:`~granphon.base.errors.InputError`, which names
-    the line, for a cell that is missing or no number.
+    the line, for a cell that is no number, and for one that is missing, or whose line is.
     """
     if not count or not places:
         return np.empty((count, len(places)))
@@ -347,13 +347,18 @@ def read_rows(
         if len(rows) == count:
             return rows
     numbers = np.empty((count, len(places)))
-    for row, line in enumerate(body.splitlines()):
-        cells = [cell.decode() for cell in line.split()]
+    lines = body.splitlines()
+    for row in range(count):
+        cells = [cell.decode() for cell in lines[row].split()] if row < len(lines) else []
         for column, place in enumerate(places):
             try:
                 numbers[row, column] = plain_float(cells[place])
             except (IndexError, ValueError):
-                content = brief(cells[place], _MOST_QUOTED) if place < len(cells) else "nothing"
+                content = (
+                    brief(cells[place], _MOST_QUOTED_CHARACTERS)
+                    if place < len(cells)
+                    else "nothing"
+                )
                 where = f"{name}:{first_line + row}: {columns[column]}"
                 raise InputError(f"{where}: found {content}, where a number is needed") from None
     return numbers
@@ -367,11 +372,28 @@ def write_table(
 ) -> None:
     """Write a table, the headings and then the rows, into an open text file; ``comments`` stand
     below the headings, each on a line that begins with #.
+
+    :class:`Table` reads back what is written, but for the spaces around cells, if no cell holds a
+    line feed.
     """
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([str(heading) for heading in headings])
-    stream.writelines(f"# {comment}\n" for comment in comments)
-    writer.writerows(rows)
+    quoting_writer = csv.writer(stream, lineterminator="\n", quoting=csv.QUOTE_ALL)
+    titles = [str(heading) for heading in headings]
+    head_needs_quotes = _look_like_comments([titles]) or _find_separator(",".join(titles)) != ","
+    (quoting_writer if head_needs_quotes else writer).writerow(titles)
+    stream.writelines(f"# {one_line(comment)}\n" for comment in comments)
+    remaining_rows = iter(rows)
+    while some_rows := list(islice(remaining_rows, _WRITTEN_ROWS)):
+        needs_quotes = _look_like_comments(some_rows)
+        (quoting_writer if needs_quotes else writer).writerows(some_rows)
+
+
+def _look_like_comments(rows: Sequence[Sequence[Any]]) -> bool:
+    """Whether some of the ``rows`` would be skipped by :class:`Table` if their first cells had no
+    quotes.
+    """
+    first_texts = [row[0].lstrip() for row in rows if row and isinstance(row[0], str)]
+    return "#" in [text[:1] for text in first_texts]
 
 
 def table_text(
@@ -394,9 +416,21 @@ def _list_lines(name: str, raw: bytes) -> Iterator[tuple[int, str]]:
             yield number, line.rstrip("\n")
 
 
+def _find_separator(head: str) -> str:
+    """Return the character that parts the columns of a table, from its first line ``head``: a tab
+    if one stands there outside of quotes, else a semicolon if one does, else a comma.
+    """
+    without_quoted = re.sub('"[^"]*"', "", head)
+    for separator in ("\t", ";"):
+        if separator in without_quoted:
+            return separator
+    return ","
+
+
 def _read_headings(where: str, head: str, separator: str, may_quote: bool) -> tuple[Heading, ...]:
     """Return the headings in the first line ``head`` of a table; InputError, which names the place
-    ``where``, if a heading is a number, and shows the number if the message ``may_quote``.
+    ``where``, if the line cannot be split at the ``separator``, or if a heading is a number, which
+    the message shows if it ``may_quote`` the file.
     """
     headings = tuple(Heading.parse(title) for title in _split_cells(where, head, separator))
     numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
@@ -445,7 +479,7 @@ def _split_columns(
                 f" {counted(count, 'heading')}"
             )
             raise InputError(
-                problem, mend=f"{_POINT}, and separate all columns by the same character"
+                problem, mend=f"{_DECIMAL_ADVICE}, and separate all columns by the same character"
             )
         n_missing = max(count - len(cells), 0)
         rows.append((*cells[:count], *[""] * n_missing))
@@ -456,14 +490,21 @@ def _split_columns(
 
 def _split_cells(where: str, line: str, separator: str) -> tuple[str, ...]:
     """Return the cells of a line, parted by the ``separator``, without spaces around them;
-    InputError, which names the place ``where``, for a line that csv cannot read, as with a cell
-    that is too long.
+    InputError, which names the place ``where``, for a cell that is too long for csv, or whose
+    quotes are not closed on the line.
     """
     if '"' not in line and len(line) < _LONGEST_CELL:
         # str.split gives the same cells as csv, at a tenth of the cost
         return tuple(map(str.strip, line.split(separator)))
+    # csv asks for the second line if the quotes of a cell are still open at the end of the first
+    reader = csv.reader([line, ""], delimiter=separator, skipinitialspace=True)
     try:
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        cells = next(reader)
     except csv.Error as error:
         raise InputError(f"{where} cannot be split into columns", str(error)) from None
+    if reader.line_num > 1:
+        raise InputError(
+            f"{where}: the quotes of a cell are not closed on its line",
+            mend="Write each row on one line",
+        )
     return tuple(cell.strip() for cell in cells)

@@ -27,7 +27,7 @@ from numbers import Integral
 from typing import Any
 
 from granphon.base.errors import (
-    TOO_LARGE,
+    LEAST_TOO_LARGE,
     GranphonError,
     InputError,
     MissingFileError,
@@ -48,7 +48,7 @@ MOST_SCENE_BYTES = 100_000
 #: the deepest nesting of blocks and lists that is read
 MAX_DEPTH = 12
 #: what is found and allowed where the nesting is deeper
-_TOO_DEEP = f"found more than {MAX_DEPTH} levels of nesting", "plain data"
+_NESTING_REFUSAL = f"found more than {MAX_DEPTH} levels of nesting", "plain data"
 #: the most characters of a value that a message shows, and the most entries of a list
 _MOST_SHOWN = 60
 _MOST_ENTRIES = 8
@@ -59,17 +59,19 @@ _LONGEST_NAME = 60
 _MOST_DIGITS = 640
 
 #: characters that are refused in a scene, also as escapes: control characters and lone surrogates
-_ODD = re.compile(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_REFUSED_IN_SCENES = re.compile(
+    r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
 #: characters that are refused in every text, though not as escapes: control characters, lone
 #: surrogates, and what ends a line in YAML 1.1 alone
-_ODD_IN_TEXTS = re.compile(_ODD.pattern + r"|[\x85\u2028\u2029]")
-_NULL = re.compile(r"(?:|~|null|Null|NULL)")
-_TRUTH = re.compile(r"true|True|TRUE|false|False|FALSE")
-_WHOLE = re.compile(r"[-+]?[0-9]+")
+_REFUSED_IN_TEXTS = re.compile(_REFUSED_IN_SCENES.pattern + r"|[\x85\u2028\u2029]")
+_NO_VALUE = re.compile(r"(?:|~|null|Null|NULL)")
+_TRUTH_VALUE = re.compile(r"true|True|TRUE|false|False|FALSE")
+_WHOLE_NUMBER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
-#: the exponent of a float without a point, as Python writes 1e-06, after a space
-_POINTLESS = re.compile(r"(?<=[ -]\d)e")
-_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+#: the e of a float without a point, as Python writes 1e-06, after a space
+_EXPONENT_SIGN = re.compile(r"(?<=[ -]\d)e")
+_INFINITY_OR_NAN = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 #: what writes texts and floats, which most entries of plain data are, as :func:`canonical` does
 _CANONICAL: dict[type, Callable[[Any], str]] = {str: json.dumps, float: float.hex}
@@ -79,7 +81,7 @@ _MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 SEAL = "# sha256 of all other lines: "
 
 #: keys and list indices that lead to a value of a document
-Path_ = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 
 
 # -- bytes and text --------------------------------------------------------------------------------
@@ -91,19 +93,12 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : the file is a folder, a device or a pipe, is larger than ``limit``, grows while it
-        is read, or may not be read; or ``path`` is not a path.
+    InputError : ``path`` is neither a text nor a path; or the file is a folder, a device or a pipe,
+        is larger than ``limit``, grows while it is read, or cannot be read for another reason.
     """
     require_path(path)
-
-    def open_at_once(name: str, flags: int) -> int:
-        """Return the descriptor of the file ``name``, opened without waiting for a writer."""
-        # without O_NONBLOCK, opening a pipe that nobody writes to would never return
-        more_flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
-        return os.open(name, flags | more_flags)
-
     try:
-        with open(path, "rb", opener=open_at_once) as stream:
+        with open(path, "rb", opener=_open_at_once) as stream:
             status = os.fstat(stream.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise InputError(
@@ -134,14 +129,23 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     return raw
 
 
+def _open_at_once(name: str, flags: int) -> int:
+    """Return the descriptor of the file ``name``, opened with ``flags``, and without waiting for a
+    writer.
+    """
+    # without O_NONBLOCK, opening a pipe that nobody writes to would never return
+    more_flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+    return os.open(name, flags | more_flags)
+
+
 def write_limit(limit: int) -> str:
-    """Return the largest size of a file, ``limit`` bytes, as a message shows it: in whole MB or kB,
-    such as 100 kB, or in bytes.
+    """Return the largest size of a file, ``limit`` bytes, as a message shows it: rounded down to
+    whole MB or kB, such as 100 kB, or in bytes if it is below 1 kB.
     """
     for size, unit in ((1_000_000, "MB"), (1000, "kB")):
         if limit >= size:
             return f"{limit // size} {unit}"
-    return f"{limit} bytes"
+    return counted(limit, "byte")
 
 
 def require_path(path: str | os.PathLike[str]) -> None:
@@ -164,7 +168,9 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
 
 
 def join_numbers(numbers: Iterable[float]) -> str:
-    """Return plain ``numbers`` as text on one line, parted by spaces, with all of their digits."""
+    """Return ``numbers`` of Python, not of NumPy, as text on one line, parted by spaces, with all
+    of their digits.
+    """
     return " ".join(map(repr, numbers))
 
 
@@ -172,8 +178,9 @@ def decode(name: str, raw: bytes) -> str:
     """Return the text of the bytes ``raw`` of a file called ``name`` that is in UTF-8, with or
     without a byte order mark.
 
-    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a
-    guess of the encoding.
+    For bytes of another encoding, and for a null character,
+    :class:`~granphon.base.errors.InputError` names the line, the byte, and a guess of the encoding
+    if there is one.
     """
     if raw.startswith(_MARKS_OF_UTF_16):
         raise _make_encoding_error(name, raw, 0, "UTF-16")
@@ -226,7 +233,7 @@ class Document:
 
     name: str
     data: Any
-    lines: Mapping[Path_, int] = field(repr=False)
+    lines: Mapping[KeyPath, int] = field(repr=False)
 
     def line(self, path: Sequence[str | int]) -> int:
         """Return the number of the line of the key at ``path``, or of the nearest block around the
@@ -252,7 +259,7 @@ class Document:
 
 def read_text(path: str | os.PathLike[str]) -> str:
     """Return the text of a scene file; raises :class:`~granphon.base.errors.SceneError` if the file
-    cannot be read or exceeds 100 kB.
+    cannot be read, is not in UTF-8, or holds more than ``MOST_SCENE_BYTES``.
     """
     try:
         return decode(str(path), read_bytes(path, MOST_SCENE_BYTES))
@@ -268,10 +275,11 @@ def parse_yaml(text: str, name: str) -> Document:
     """Return the data of the YAML of a scene, read as by :func:`plain_yaml`, with the line of each
     key; ``name`` names the text in messages.
 
-    Raises :class:`~granphon.base.errors.SceneError`, also for escapes that stand for control
-    characters.
+    Raises :class:`~granphon.base.errors.SceneError` where :func:`plain_yaml` raises an InputError,
+    and for escapes that stand for control characters; and
+    :class:`~granphon.base.errors.MissingPackageError` if PyYAML is not installed.
     """
-    lines: dict[Path_, int] = {}
+    lines: dict[KeyPath, int] = {}
     builder = _Builder(text, name, lines)
     try:
         data = builder.build()
@@ -294,7 +302,9 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
     Plain values are those of YAML 1.2, see :func:`plain_scalar`. Raises
     :class:`~granphon.base.errors.InputError`, which names file and line, for broken YAML, an empty
     text, a second document, a key given twice, a list or block as a key, a tag
-    (``!!python/object``), an anchor or alias, deep nesting, and control characters.
+    (``!!python/object``), an anchor or alias, deep nesting, a whole number of too many digits, and
+    control characters; :class:`~granphon.base.errors.MissingPackageError` if PyYAML is not
+    installed.
     """
     return _Builder(text, str(path)).build()
 
@@ -308,7 +318,7 @@ class _Builder:
     time.
     """
 
-    def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
+    def __init__(self, text: str, name: str, lines: dict[KeyPath, int] | None = None) -> None:
         """Set the text, which is not read before :meth:`build`."""
         self.text = text
         self.name = name
@@ -322,19 +332,12 @@ class _Builder:
 
     def build(self) -> Any:
         """Return the data of the text; raises :class:`InputError`, with file and line, for a text
-        that is not one document of plain YAML.
+        that is not one document of plain YAML, and MissingPackageError without PyYAML.
         """
         with needing("A YAML file"):
             import yaml
 
-        odd_character = _ODD_IN_TEXTS.search(self.text)
-        if odd_character:
-            self.error_line = self.text.count("\n", 0, odd_character.start()) + 1
-            raise self._make_error(
-                f"found the character {odd_character[0]!r}",
-                "printable text",
-                "Is this the right file?",
-            )
+        self._refuse_characters()
         # libyaml, where it is installed, reads the same events about ten times faster
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         self.events = yaml.parse(self.text, loader)
@@ -344,21 +347,43 @@ class _Builder:
         self.list_end = yaml.SequenceEndEvent
         self.mapping_end = yaml.MappingEndEvent
         try:
-            self._read_event()  # the start of the stream
-            if not isinstance(self._read_event(), yaml.DocumentStartEvent):
-                is_scene = self.lines is not None
-                allowed = "a scene" if is_scene else "plain data"
-                mend = "'granphon init' writes one" if is_scene else ""
-                raise self._make_error("found an empty text", allowed, mend)
-            data = self._build_value(self._read_event())
-            self._read_event()  # the end of the document
-            if not isinstance(self._read_event(), yaml.StreamEndEvent):
-                mend = "Put the second into a file of its own"
-                raise self._make_error("found a second document ('---')", "one document", mend)
+            return self._build_document(yaml.DocumentStartEvent, yaml.StreamEndEvent)
         except InputError:
             raise
         except Exception as error:  # an error of the parser, which is due to the text
             raise self._make_parser_error(error) from None
+
+    def _refuse_characters(self) -> None:
+        """Raise :class:`InputError` if the text has a character that is refused in every text;
+        ``error_line`` is then the line of the character.
+        """
+        refused_character = _REFUSED_IN_TEXTS.search(self.text)
+        if refused_character:
+            self.error_line = self.text.count("\n", 0, refused_character.start()) + 1
+            raise self._make_error(
+                f"found the character {refused_character[0]!r}",
+                "printable text",
+                "Is this the right file?",
+            )
+
+    def _build_document(self, document_start: type[Any], stream_end: type[Any]) -> Any:
+        """Return the data of the only document of the text; ``document_start`` and ``stream_end``
+        are the classes of the events with which a document begins and the text ends.
+
+        Raises :class:`InputError` for a text of no document or of two, and as :meth:`_build_value`
+        does.
+        """
+        self._read_event()  # the start of the stream
+        if not isinstance(self._read_event(), document_start):
+            is_scene = self.lines is not None
+            allowed = "a scene" if is_scene else "plain data"
+            mend = "'granphon init' writes one" if is_scene else ""
+            raise self._make_error("found an empty text", allowed, mend)
+        data = self._build_value(self._read_event())
+        self._read_event()  # the end of the document
+        if not isinstance(self._read_event(), stream_end):
+            mend = "Put the second into a file of its own"
+            raise self._make_error("found a second document ('---')", "one document", mend)
         return data
 
     def _make_parser_error(self, error: Exception) -> InputError:
@@ -376,7 +401,7 @@ class _Builder:
         if "nesting depth" in problem:
             # libyaml has a limit of its own, which it meets before the events come to MAX_DEPTH,
             # because it reads ahead
-            return self._make_error(*_TOO_DEEP)
+            return self._make_error(*_NESTING_REFUSAL)
         mend = self._suggest_mend(problem)
         return self._make_error(f"broken YAML, {problem}", "YAML", mend)
 
@@ -427,7 +452,7 @@ class _Builder:
             except Refused as refused:
                 raise self._make_error(f"found {refused.found}", refused.allowed) from None
         if len(self.path) >= MAX_DEPTH:
-            raise self._make_error(*_TOO_DEEP)
+            raise self._make_error(*_NESTING_REFUSAL)
         return self._build_list() if type(event) is self.list_start else self._build_mapping()
 
     def _build_list(self) -> list[Any]:
@@ -484,10 +509,10 @@ class _Builder:
                 f"found the tag {show(event.tag)}", "plain values", "Leave the tag out"
             )
         if self.lines is not None and type(event) is self.scalar:
-            odd_character = _ODD.search(event.value)
-            if odd_character:
+            refused_character = _REFUSED_IN_SCENES.search(event.value)
+            if refused_character:
                 raise self._make_error(
-                    f"found the character {odd_character[0]!r}", "printable text"
+                    f"found the character {refused_character[0]!r}", "printable text"
                 )
 
 
@@ -500,7 +525,7 @@ def plain_scalar(text: str) -> Any:
     Raises :class:`~granphon.base.errors.Refused` for a whole number of more than ``_MOST_DIGITS``
     digits.
     """
-    if _WHOLE.fullmatch(text):
+    if _WHOLE_NUMBER.fullmatch(text):
         n_digits = len(text.lstrip("+-"))
         if n_digits > _MOST_DIGITS:
             raise Refused(
@@ -510,11 +535,11 @@ def plain_scalar(text: str) -> Any:
         return int(text)
     if _FLOAT.fullmatch(text):
         return float(text)
-    if _NULL.fullmatch(text):
+    if _NO_VALUE.fullmatch(text):
         return None
-    if _TRUTH.fullmatch(text):
+    if _TRUTH_VALUE.fullmatch(text):
         return text.lower() == "true"
-    if _NOT_FINITE.fullmatch(text):  # Python writes .inf and .nan without the point
+    if _INFINITY_OR_NAN.fullmatch(text):  # Python writes .inf and .nan without the point
         return float(text.replace(".", "", 1))
     return text
 
@@ -526,8 +551,9 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     """Return ``data`` as YAML that readers of version 1.1 and 1.2 understand alike, each line after
     the ``indent``; without an entry the text is empty.
 
-    The values may be mappings, lists, strings, numbers, booleans, None and objects with ``tolist``
-    (numpy). Floats are written so that reading them gives the same bits.
+    The values may be mappings, lists, strings, numbers that are not complex, booleans, None and
+    objects with ``tolist`` (numpy); TypeError for any other. Floats are written so that reading
+    them gives the same bits.
     """
     # PyYAML's own writer, even in C, takes more than twice the time, and writes the text "1e5"
     # without quotes, which YAML 1.2 reads as a number
@@ -560,8 +586,8 @@ def _write_key(key: Any) -> str:
 
 
 def _write_flow(value: Any) -> str:
-    """Return a value as YAML on one line: lists in brackets, mappings in braces, texts in
-    quotes.
+    """Return a value as YAML on one line: lists in brackets, mappings in braces, texts in quotes.
+    TypeError as of :func:`dump_yaml`.
     """
     content = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(content, Mapping):
@@ -597,7 +623,7 @@ def fill_floats(template: str, rows: Iterable[list[float]]) -> list[str]:
 
     All floats of a row are written at once, because files of bands hold millions.
     """
-    return [_POINTLESS.sub(".0e", template % tuple(row)) for row in rows]
+    return [_EXPONENT_SIGN.sub(".0e", template % tuple(row)) for row in rows]
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -638,7 +664,7 @@ def require_schema(what: object, found: Any, known: int) -> None:
 def show(value: Any) -> str:
     """Return a value as messages show it: at most 60 characters, on one line, without control
     characters; of a long list the first entries, and three dots. A mapping is "a block of keys",
-    and None "nothing".
+    None "nothing" and True "true"; in a list they are written as Python writes them.
     """
     if isinstance(value, Mapping):
         return "a block of keys"
@@ -649,7 +675,7 @@ def show(value: Any) -> str:
     if not isinstance(value, list | tuple):
         return brief(value, _MOST_SHOWN)
     entries = value[:_MOST_ENTRIES]
-    words = [str(entry) if isinstance(entry, float) else brief(entry) for entry in entries]
+    words = [brief(entry) for entry in entries]
     ellipsis = "..."
     if len(value) > _MOST_ENTRIES:
         words.append(ellipsis)
@@ -660,9 +686,9 @@ def show(value: Any) -> str:
 def closest(word: str, options: Iterable[str]) -> str | None:
     """Return the one of ``options`` that was probably meant by ``word``; None if none is close."""
     candidates = list(options)
-    same = [option for option in candidates if option.lower() == word.lower()]
-    if same:
-        return same[0]
+    namesakes = [option for option in candidates if option.lower() == word.lower()]
+    if namesakes:
+        return namesakes[0]
     # a long word of unknown origin is cut, as the comparison takes the square of its length
     similar = get_close_matches(word[:100], candidates, n=1, cutoff=0.6)
     return similar[0] if similar else None
@@ -670,15 +696,19 @@ def closest(word: str, options: Iterable[str]) -> str | None:
 
 def suggest(word: str, options: Iterable[str]) -> str:
     """Return what to write in place of an unknown ``word``: the option that was probably meant, or
-    else any of the ``options``.
+    else any of the ``options``; empty without options.
     """
     candidates = list(options)
     meant = closest(word, candidates)
-    return f"Did you mean {meant}?" if meant else "Use " + ", ".join(candidates)
+    if meant:
+        return f"Did you mean {meant}?"
+    return f"Use {', '.join(candidates)}" if candidates else ""
 
 
 def spell(name: str) -> str:
-    """Return a name in words, such as "Young modulus" for "young_modulus"."""
+    """Return a name in words, such as "Young modulus" for "young_modulus": the names of Young and
+    Poisson begin with capitals.
+    """
     return name.replace("_", " ").replace("young", "Young").replace("poisson", "Poisson")
 
 
@@ -722,7 +752,8 @@ def list_names(names: Iterable[object], most_names: int = 10) -> str:
 
 def seal(lines: list[str], place: int = 0) -> str:
     """Return the text of ``lines``, with a line feed at its end, and with a comment line that holds
-    their digest, inserted before ``lines[place]``.
+    their digest, inserted before ``lines[place]``. Before that place there must be no comment line
+    with the word sha256, which :func:`open_seal` would take for the seal.
     """
     comment = SEAL + digest_lines([*lines, ""])  # the last line ends with a line feed too
     return "\n".join([*lines[:place], comment, *lines[place:], ""])
@@ -732,8 +763,7 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
     """Read a file: return its text without the line that :func:`seal` gave it, and whether there
     was such a line.
 
-    Raises :class:`~granphon.base.errors.InputError` if the digest is not that of the text, or the
-    file cannot be read.
+    Raises :class:`~granphon.base.errors.InputError` as :func:`read_utf8` and :func:`open_seal` do.
     """
     return open_seal(path, read_utf8(path))
 
@@ -827,8 +857,9 @@ def canonical(data: Any) -> str:
     """Return plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats
     that they equal.
 
-    Takes mappings, lists, tuples, arrays, strings, numbers, booleans and None; raises
-    :class:`~granphon.base.errors.InputError` for anything else.
+    Takes mappings, lists, tuples, arrays, strings, whole numbers, floats, complex numbers, booleans
+    and None; raises :class:`~granphon.base.errors.InputError` for anything else, and for a whole
+    number of more digits than Python writes. RecursionError for data that contain themselves.
     """
     if isinstance(data, Mapping):
         entries = []
@@ -847,8 +878,12 @@ def canonical(data: Any) -> str:
     if data is None or isinstance(data, bool | str):
         return json.dumps(data)
     if isinstance(data, int):
-        equals_float = abs(data) < TOO_LARGE and float(data) == data
-        return float(data).hex() if equals_float else str(data)
+        if abs(data) < LEAST_TOO_LARGE and float(data) == data:
+            return float(data).hex()
+        try:
+            return str(data)
+        except ValueError:
+            raise InputError(f"plain data cannot hold {brief(data)}") from None
     if isinstance(data, float):
         return data.hex()
     raise InputError(f"plain data cannot hold a {type(data).__name__}")

@@ -93,10 +93,12 @@ def single_products() -> Iterator[None]:
 @contextmanager
 def hold_back_signals() -> Iterator[None]:
     """Hold back the signals that stop this process until the end of the block, where the first of
-    them takes its usual course; processes started in the block never take these signals.
+    them takes its usual course. Where the system has masks of signals, processes started in the
+    block never take these signals.
 
-    The mask of this thread does not suffice, so the handlers are replaced too: another thread, with
-    an open mask, may take the signal, and Python then runs the handler in the main thread.
+    The mask of this thread does not suffice: another thread, with an open mask, may take the
+    signal, and Python then runs the handler in the main thread. So the handlers are replaced too,
+    which the main thread alone may do: in another thread the mask is all there is.
     """
     arrived_signals = list[int]()
     handlers = dict[int, Any]()

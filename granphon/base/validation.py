@@ -39,7 +39,7 @@ HIGHEST_FREQUENCY = 1e30
 #: types of plain numbers
 _PLAIN_NUMBERS = frozenset((float, int))
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
-_DEEPEST = 64
+_MOST_LEVELS = 64
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
@@ -54,9 +54,9 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 def spell_out(arguments: Any) -> Callable[[Function], Function]:
     """Return a decorator for a function whose ``**options`` are fields of the dataclass
-    ``arguments``, each with a default. The decorator changes the signature that help and pages
-    show: in place of ``**options`` stand the fields, with their types and defaults, that the
-    function does not name itself.
+    ``arguments``, each with a default that is no factory. The decorator changes the signature that
+    help and pages show: in place of ``**options`` stand the fields, with their types and defaults,
+    that the function does not name itself.
     """
 
     def decorate(function: Function) -> Function:
@@ -162,13 +162,12 @@ def choice(value: Any, options: Collection[str]) -> str:
     if is_one_of(value, options):
         return str(value)
     suggestions = []
-    failures = getattr(options, "failures", "")
-    if failures:
-        suggestions.append(failures)
+    if hasattr(options, "describe_failures"):
+        suggestions.append(options.describe_failures())
     guess = closest(value, options) if isinstance(value, str) else None
     if guess:
         suggestions.append(f"Did you mean {guess!r}?")
-    raise Refused(show(value), ", ".join(options), ". ".join(suggestions))
+    raise Refused(show(value), ", ".join(options), ". ".join(filter(None, suggestions)))
 
 
 def text(value: Any) -> str:
@@ -246,7 +245,7 @@ def real_number(value: Any) -> float:
 
 def _make_number_refusal(value: Any, allowed: str, unit: str = "") -> Refused:
     """Return the refusal of a ``value`` that is no number of the kind that the words ``allowed``
-    describe, in an SI ``unit``; a number without a unit if that is empty.
+    describe, in an SI ``unit``, or without a unit if ``unit`` is empty.
     """
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
     return Refused(show(value), f"{allowed}, {unit}" if unit else allowed, mend)
@@ -262,9 +261,11 @@ def number(value: Any, low: float, high: float) -> float:
 
 def fraction(value: Any, largest: float) -> float:
     """Return the number that ``value`` holds: a plain number, a text such as "0.5", or a text such
-    as "1/3", the quotient of two whole numbers of at most nine digits.
+    as "1/3", the quotient of two whole numbers of at most nine digits, of which the second is not
+    zero.
 
-    The magnitude of the number is at most ``largest``; a quotient may have any magnitude.
+    The magnitude of the number is at most ``largest``; a quotient may have any magnitude. A zero
+    has no sign.
     """
     plain_number = value
     if isinstance(value, str):
@@ -275,7 +276,7 @@ def fraction(value: Any, largest: float) -> float:
             return numerator / denominator
         if re.fullmatch(NUMBER, value):
             plain_number = float(value)
-    return number(plain_number, -largest, largest) + 0.0  # zeros lose their sign
+    return number(plain_number, -largest, largest) + 0.0  # -0.0 + 0.0 is 0.0
 
 
 def above_zero(value: Any, unit: str = "") -> float:
@@ -391,9 +392,12 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     if carried_unit is not None and not is_si(carried_unit, unit):
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
         raise Refused(f"numbers in {carried_unit}", f"numbers in {unit or 'SI units'}", mend)
-    if _is_masked(values):
-        mend = "Leave them out, as .compressed() does."
-        raise _make_numbers_refusal(values, "which has masked entries", mend)
+    if _holds(_is_masked_or_of_truth, values):
+        if _holds(_is_masked, values):
+            mend = "Leave them out, as .compressed() does."
+            raise _make_numbers_refusal(values, "which has masked entries", mend)
+        is_single = isinstance(values, bool | np.bool_)
+        raise _make_numbers_refusal(values, "" if is_single else "which has truth values")
     try:
         array, why = _convert_numbers(values)
     except OverflowError:
@@ -462,8 +466,9 @@ def finite_numbers(values: Any, unit: str = "", low: Low = "") -> NDArray[np.flo
 
 
 def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
-    """Return one index or a list of n as an array (n,): each is from 0 to ``count`` - 1, and stands
-    there once; ``what`` is the plural for the indexed objects in messages.
+    """Return one index or a list of n, one or more, as an array (n,): each is a whole number from 0
+    to ``count`` - 1, of any type, and stands there once; ``what`` is the plural for the indexed
+    objects in messages.
     """
     numbers = finite_numbers(values)
     is_whole_number = numbers == np.rint(numbers)
@@ -479,17 +484,17 @@ def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
 def frequencies(
     values: Any, low: Low = "zero or above", in_order: bool = True
 ) -> NDArray[np.float64]:
-    """Return one frequency or a list of n as an array (n,), Hz, none above
-    :data:`HIGHEST_FREQUENCY`, and of the sign that ``low`` says; with ``in_order`` each must be
-    above the frequency before.
+    """Return one frequency or a list of n, one or more, as an array (n,), Hz, each of the sign that
+    ``low`` says and of a size up to :data:`HIGHEST_FREQUENCY`; with ``in_order`` each must be above
+    the frequency before.
     """
     numbers = finite_numbers(values, "Hz", low)
     if numbers.ndim > 1:
         raise Refused(f"frequencies of the shape {numbers.shape}", "a list of them, (n,)")
     array = np.atleast_1d(numbers)
-    highest = float(array.max())
-    if highest > HIGHEST_FREQUENCY:
-        raise Refused(f"{highest:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
+    largest = float(array[np.argmax(np.abs(array))])
+    if abs(largest) > HIGHEST_FREQUENCY:
+        raise Refused(f"{largest:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
     falls = np.flatnonzero(np.diff(array) <= 0.0)  # places of those that the next is not above
     if in_order and falls.size:
         frequency, following = array[falls[0] : falls[0] + 2].tolist()
@@ -535,23 +540,38 @@ def _is_real(value: Any) -> bool:
     return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
 
 
-def _is_masked(values: Any, depth: int = 0) -> bool:
-    """Whether an array, or a list of numbers and arrays, has a masked entry.
+def _is_masked(value: Any) -> bool:
+    """Whether a value is an array with a masked entry."""
+    return isinstance(value, np.ma.MaskedArray) and bool(np.ma.is_masked(value))
+
+
+def _is_masked_or_of_truth(value: Any) -> bool:
+    """Whether a value is an array with a masked entry, a truth value, or an array of truth
+    values.
+    """
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind == "b" or _is_masked(value)
+    return isinstance(value, bool | np.bool_)
+
+
+def _holds(condition: Callable[[Any], bool], values: Any, depth: int = 0) -> bool:
+    """Whether ``values`` meet a ``condition`` that no plain number meets, or are a list that has an
+    entry that meets it, at any depth.
 
     ``depth`` is the number of lists around ``values``; a list that is nested too deeply, as a list
     that contains itself is, is refused.
     """
-    if isinstance(values, list | tuple):
-        if _PLAIN_NUMBERS.issuperset(map(type, values)):
-            return False
-        if depth == _DEEPEST:
-            raise Refused(
-                f"a list nested more than {_DEEPEST} levels deep",
-                "an array of numbers",
-                "Does it contain itself?",
-            )
-        return any(_is_masked(entry, depth + 1) for entry in values)
-    return isinstance(values, np.ma.MaskedArray) and bool(np.ma.is_masked(values))
+    if not isinstance(values, list | tuple):
+        return condition(values)
+    if _PLAIN_NUMBERS.issuperset(map(type, values)):
+        return False
+    if depth == _MOST_LEVELS:
+        raise Refused(
+            f"a list nested more than {_MOST_LEVELS} levels deep",
+            "an array of numbers",
+            "Does it contain itself?",
+        )
+    return any(_holds(condition, entry, depth + 1) for entry in values)
 
 
 def _named(

@@ -88,7 +88,7 @@ def write_preset(
     # a file with the text of any preset is one that granphon wrote, which --force may replace
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
-    with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
+    with ResultFiles(target.parent, [target.name], force, known_texts=texts.values()).open():
         write_text(target, texts[preset], replace=True)
     say(f"Wrote {path}. Next: granphon check {path}")
 
@@ -360,7 +360,7 @@ def draw_results(
     from granphon.base.quantities import LENGTH, read_with_error
     from granphon.base.validation import require
     from granphon.figures.choices import read_wishes
-    from granphon.scene.redraw import View, draw_together, redraw
+    from granphon.scene.redraw import Comparison, View, draw_together, redraw
 
     require_name("--out", out)
     if distance is not None and not data:
@@ -391,10 +391,7 @@ def draw_results(
             runs,
             out,
             force=force,
-            x=x,
-            y=y,
-            data=data or (),
-            distance=distance_of_data,
+            comparison=Comparison(x, y, data or (), distance_of_data),
             backend=backend,
             view=view,
             tell=say,

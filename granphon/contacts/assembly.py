@@ -137,7 +137,11 @@ class Assembly:
 
     @cached_property
     def free_axes(self) -> list[int]:
-        """The axes along which no wall and nothing held resists a motion of all balls together."""
+        """The axes along which no wall and nothing held resists a motion of all balls together. If
+        no ball moves by itself, there are none.
+        """
+        if not self.n_balls:
+            return []
         has_component = np.abs(self.normal[~self.is_between_balls]) > ROUNDING
         is_resisted = np.any(has_component, axis=0)
         return [axis for axis in range(self.dimension) if not is_resisted[axis]]

@@ -34,7 +34,7 @@ _SHIFT = 0.31 + 0.17j
 #: infinitely fast
 _LEAST_INVERSE = float(np.finfo(float).eps) ** 2
 #: distance of lambda from the unit circle up to which a wave runs
-_ON_CIRCLE = 1e-7
+_CIRCLE_DISTANCE = 1e-7
 #: difference of the lambda of two waves up to which the two have one lambda
 _EQUAL_FACTORS = 1e-7
 #: angle of lambda, rad, up to which a wave is long: the error of an eigenvalue is that of rounding
@@ -42,32 +42,32 @@ _EQUAL_FACTORS = 1e-7
 _LARGEST_LONG_ANGLE = 0.1
 #: part of the motion of a layer that is free, from which a long wave belongs to a branch that ends
 #: at zero, whose motions are all free there
-_MOSTLY_FREE = 0.5
+_LEAST_FREE_PART = 0.5
 #: steps of Newton's method for long waves: each step doubles the digits, and the longest waves that
 #: are told apart start with one digit
 _NEWTON_STEPS = 5
 #: singular value of a coupling, over the largest, up to which it counts as zero
-_UNCOUPLED = 1e-12
+_COUPLING_ROUNDING = 1e-12
 #: condition number of the waves of one sense above which they cannot be told apart
 _LARGEST_CONDITION = 1e11
 #: least |lambda| of a wave that decays: its wavenumber then still has three digits
 LEAST_FACTOR = 1e-12
 #: difference of the lambda of two waves below which both may be at the edge of a band: several
 #: times the root of the rounding of w
-_EDGE = 1e-6
+_EDGE_DISTANCE = 1e-6
 #: least singular value of the motions of waves of one lambda, each of length one, from which these
 #: motions are independent
-_PARALLEL = 1e-5
+_LEAST_INDEPENDENCE = 1e-5
 #: w over the largest entry of D up to which two waves at an edge are long, and have all digits
-_NEAR_ZERO = 1e-12
+_LARGEST_LONG_SQUARE = 1e-12
 #: problem that an error tells if waves are not told apart
-_ALIKE_WAVES = "the waves at a frequency cannot be told apart"
+_PROBLEM = "the waves at a frequency cannot be told apart"
 #: reason and remedy of this error, at the edge of a band, and where a wave decays too fast
-_AT_EDGE = (
+_EDGE_REASON = (
     "At the very edge of a band waves of both senses are one",
     "Shift the frequency by a millionth",
 )
-_TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
+_DECAY_REASON = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
 
 
 class Couplings(NamedTuple):
@@ -100,13 +100,13 @@ class BlochWaves(NamedTuple):
         left out.
     vectors : (n, m) motions of a block in each wave; a wave that runs is scaled such that its
         dw/dk, k being per block, is plus or minus one.
-    running : number of waves that run.
+    n_running : number of waves that run.
     still_motions : (n, n - m) motions of a block that reach no other block in this sense.
     """
 
     factors: Complex
     vectors: Complex
-    running: int
+    n_running: int
     still_motions: Complex
 
     def continue_by(self, steps: int) -> Complex:
@@ -120,11 +120,11 @@ class BlochWaves(NamedTuple):
         return np.asarray(np.linalg.solve(basis.T, image_of_basis.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
-        """Return the amplitudes (running, ...) of the running waves in a ``motion`` (n, ...) of a
+        """Return the amplitudes (n_running, ...) of the running waves in a ``motion`` (n, ...) of a
         block, which is a sum of running waves and of waves that decay.
         """
         basis = np.concatenate([self.vectors, self.still_motions], axis=1)
-        return np.asarray(np.linalg.solve(basis, motion)[: self.running])
+        return np.asarray(np.linalg.solve(basis, motion)[: self.n_running])
 
 
 def require_bloch_memory(count: int, size: int, n_contacts: int = 0) -> None:
@@ -158,7 +158,7 @@ def find_bloch_waves(
     blocks: Couplings, w: Array, layer_size: int
 ) -> list[tuple[BlochWaves, BlochWaves]]:
     """Return a pair for each w (n_f,): the waves towards higher layers, and those towards lower
-    ones.
+    ones. The list is empty if there is no w.
 
     ``w`` is in the unit of the ``blocks``, and a layer has ``layer_size`` motions. Raises
     :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an edge of a
@@ -172,7 +172,7 @@ def find_bloch_waves(
     up = np.broadcast_to(blocks.up, (n_f, size, size))
     down = np.broadcast_to(blocks.down, (n_f, size, size))
     steps = _list_steps(inner, up, down, w, layer_size)
-    scale = float(np.max(np.abs(inner)))
+    scale = float(np.max(np.abs(inner), initial=0.0))
     inverse, vectors = _solve_pencil(steps, size, scale)
     waves = []
     for n in range(n_f):
@@ -182,13 +182,13 @@ def find_bloch_waves(
         finite_waves = _choose_finite(inverse[n], null_spaces)
         smallest_inverse = np.min(np.abs(inverse[n, finite_waves]), initial=1.0)
         if smallest_inverse < _LEAST_INVERSE:
-            raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
+            raise PrecisionError(_PROBLEM, *_DECAY_REASON)
         factors = _SHIFT + 1.0 / inverse[n, finite_waves]
         motions = vectors[n][:size, finite_waves]
         couplings = [step[n] for step in steps]
         couplings[reach] = couplings[reach] + w[n] * np.eye(layer_size)  # D_0 instead of D_0 - w
         factors, motions = _sharpen_long_waves(factors, motions, couplings, w[n])
-        if w[n] > _NEAR_ZERO * scale:
+        if w[n] > _LARGEST_LONG_SQUARE * scale:
             _require_senses(factors, motions)
         waves.append(_sort_senses(factors, motions, up[n], down[n], null_spaces, reach))
     return waves
@@ -230,8 +230,8 @@ def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
     to_lower, to_higher = null_spaces
     fast_upwards = np.argsort(np.abs(inverse + 1.0 / _SHIFT))[: to_lower.shape[1]]
     fast_downwards = np.argsort(np.abs(inverse))[: to_higher.shape[1]]
-    infinitely_fast = np.concatenate([fast_upwards, fast_downwards])
-    return np.setdiff1d(np.arange(len(inverse)), infinitely_fast)
+    fast_waves = np.concatenate([fast_upwards, fast_downwards])
+    return np.setdiff1d(np.arange(len(inverse)), fast_waves)
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
@@ -270,7 +270,7 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
     coupling = to_higher.conj().T @ (inner + scale * np.eye(len(inner))) @ to_lower
     if not coupling.size:
         return
-    if np.linalg.matrix_rank(coupling, tol=_UNCOUPLED * scale) < min(coupling.shape):
+    if np.linalg.matrix_rank(coupling, tol=_COUPLING_ROUNDING * scale) < min(coupling.shape):
         raise PrecisionError(
             "some motions of a layer are passed on to the next ones and no further",
             "They decay infinitely fast, at any frequency",
@@ -297,16 +297,10 @@ def _sharpen_long_waves(
     amplitudes of the free motions stay as they are, as theta depends on the square of their error.
     """
     layer_size = len(couplings[0])
-    is_running = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
+    is_running = np.abs(np.abs(factors) - 1.0) < _CIRCLE_DISTANCE
     is_long = np.abs(np.angle(factors)) < _LARGEST_LONG_ANGLE
     long_waves = np.flatnonzero(is_running & is_long)
-    # without loss of energy D_-s is the adjoint of D_s
-    loss = max(
-        np.max(np.abs(coupling - opposite_coupling.conj().T))
-        for coupling, opposite_coupling in zip(couplings, couplings[::-1], strict=True)
-    )
-    largest = np.max(np.abs(couplings[len(couplings) // 2]))
-    if not long_waves.size or loss > NO_ENERGY * largest:
+    if not long_waves.size or _loses_energy(couplings):
         return factors, vectors
     stiffness, modes = np.linalg.eigh(np.sum(couplings, axis=0))
     is_stiff = np.abs(stiffness) > NO_ENERGY * np.max(np.abs(stiffness))
@@ -319,7 +313,7 @@ def _sharpen_long_waves(
     for wave in long_waves:
         layer_motion = vectors[:layer_size, wave]
         free_part = free_motions @ (free_motions.conj().T @ layer_motion)
-        if np.linalg.norm(free_part) < _MOSTLY_FREE * np.linalg.norm(layer_motion):
+        if np.linalg.norm(free_part) < _LEAST_FREE_PART * np.linalg.norm(layer_motion):
             continue
         start = float(np.angle(factors[wave]))
         theta, motion = _solve_theta(
@@ -330,6 +324,18 @@ def _sharpen_long_waves(
             [motion * factors[wave] ** number for number in layer_numbers]
         )
     return factors, vectors
+
+
+def _loses_energy(couplings: list[Complex]) -> bool:
+    """Return whether the matrices D_s, ``couplings`` of s = -reach ... reach, lose energy: without
+    loss D_-s is the adjoint of D_s.
+    """
+    loss = max(
+        np.max(np.abs(coupling - opposite_coupling.conj().T))
+        for coupling, opposite_coupling in zip(couplings, couplings[::-1], strict=True)
+    )
+    largest_entry = np.max(np.abs(couplings[len(couplings) // 2]))  # entry of D_0
+    return bool(loss > NO_ENERGY * largest_entry)
 
 
 def _solve_theta(
@@ -371,8 +377,8 @@ def _solve_theta(
 
 def _require_senses(factors: Complex, vectors: Complex) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if the motions of running waves of one
-    lambda are linearly dependent. A wave counts as running if |lambda| is 1 within :data:`_EDGE`,
-    and two lambda as one if they differ by less than :data:`_EDGE`.
+    lambda are linearly dependent. A wave counts as running if |lambda| is 1 within
+    :data:`_EDGE_DISTANCE`, and two lambda as one if they differ by less than this.
 
     The motions become dependent at the edge of a band, where the waves of both senses become one.
     At a distance Delta w from the edge, the lambda of both senses differ by the root of Delta w.
@@ -380,17 +386,17 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
 
     ``factors`` (b,) are the lambda of the waves, and ``vectors`` (n, b) their motions.
     """
-    running = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
-    for number, wave in enumerate(running):
-        wave_and_next = running[number:]
-        neighbours = wave_and_next[np.abs(factors[wave_and_next] - factors[wave]) < _EDGE]
+    running_waves = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE_DISTANCE)
+    for number, wave in enumerate(running_waves):
+        wave_and_next = running_waves[number:]
+        neighbours = wave_and_next[np.abs(factors[wave_and_next] - factors[wave]) < _EDGE_DISTANCE]
         motions = vectors[:, neighbours] / np.linalg.norm(vectors[:, neighbours], axis=0)
         # more vectors than components are always dependent
         if neighbours.size > len(motions):
-            raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
+            raise PrecisionError(_PROBLEM, *_EDGE_REASON)
         least_singular_value = np.linalg.svd(motions, compute_uv=False)[-1]
-        if least_singular_value < _PARALLEL:
-            raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
+        if least_singular_value < _LEAST_INDEPENDENCE:
+            raise PrecisionError(_PROBLEM, *_EDGE_REASON)
 
 
 def _null_space(coupling: Complex) -> Complex:
@@ -398,7 +404,9 @@ def _null_space(coupling: Complex) -> Complex:
     zero.
     """
     _, singular_values, right_vectors = np.linalg.svd(coupling)
-    return np.asarray(right_vectors[singular_values <= _UNCOUPLED * singular_values[0]].conj().T)
+    return np.asarray(
+        right_vectors[singular_values <= _COUPLING_ROUNDING * singular_values[0]].conj().T
+    )
 
 
 def _sort_senses(
@@ -416,47 +424,47 @@ def _sort_senses(
     ``up`` and ``down`` (n, n) couple the block to the next and to the one before. ``null_spaces``
     are the motions, as columns, without coupling to lower and to higher layers.
     """
-    is_running = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
+    is_running = np.abs(np.abs(factors) - 1.0) < _CIRCLE_DISTANCE
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     flux = _normalise_running(factors, vectors, np.flatnonzero(is_running), up, down, reach)
     senses = []
     for sign, still_motions in zip((1.0, -1.0), null_spaces, strict=True):
-        running = np.flatnonzero(is_running & (sign * flux > 0.0))
-        running = running[np.argsort(np.angle(factors[running]), kind="stable")]
+        running_waves = np.flatnonzero(is_running & (sign * flux > 0.0))
+        running_waves = running_waves[np.argsort(np.angle(factors[running_waves]), kind="stable")]
         # |lambda| in the sense of the waves; a lambda of zero has no finite inverse
         with np.errstate(divide="ignore"):
             decay = np.abs(factors) ** sign
-        decaying = np.flatnonzero(~is_running & (decay < 1.0))
-        decaying = decaying[np.argsort(-decay[decaying], kind="stable")]
-        numbers = np.concatenate([running, decaying])
-        waves = BlochWaves(factors[numbers], vectors[:, numbers], running.size, still_motions)
-        _require_basis(waves, decay[decaying] ** reach)
+        decaying_waves = np.flatnonzero(~is_running & (decay < 1.0))
+        decaying_waves = decaying_waves[np.argsort(-decay[decaying_waves], kind="stable")]
+        numbers = np.concatenate([running_waves, decaying_waves])
+        waves = BlochWaves(factors[numbers], vectors[:, numbers], running_waves.size, still_motions)
+        _require_basis(waves, decay[decaying_waves] ** reach)
         senses.append(waves)
     upward, downward = senses
     return upward, downward
 
 
 def _normalise_running(
-    factors: Complex, vectors: Complex, running: Index, up: Complex, down: Complex, reach: int
+    factors: Complex, vectors: Complex, running_waves: Index, up: Complex, down: Complex, reach: int
 ) -> Array:
     """Return the flux (b,) of each wave of norm one, dw/dk with k per block; zero for waves that
-    decay. Change the ``vectors`` (n, b) of the ``running`` waves, in place: each is scaled such
+    decay. Change the ``vectors`` (n, b) of the ``running_waves``, in place: each is scaled such
     that its flux is one or minus one, and waves with one lambda become combinations of these waves
     without mutual flux.
 
-    ``running`` are the indices of the waves that run; the other arguments are those of
+    ``running_waves`` are the indices of the waves that run; the other arguments are those of
     :func:`_sort_senses`. Raises :class:`~granphon.base.errors.PrecisionError` if more waves have
     one lambda than a block has motions.
     """
     flux = np.zeros(len(factors))
-    ungrouped_waves = running  # waves that belong to no group of one lambda yet
+    ungrouped_waves = running_waves  # waves that belong to no group of one lambda yet
     while ungrouped_waves.size:
         is_equal = np.abs(factors[ungrouped_waves] - factors[ungrouped_waves[0]]) < _EQUAL_FACTORS
         group = ungrouped_waves[is_equal]
         ungrouped_waves = np.setdiff1d(ungrouped_waves, group)
         if group.size > len(vectors):
             raise PrecisionError(
-                _ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency"
+                _PROBLEM, "Near zero waves of both senses are one", "Give a higher frequency"
             )
         basis = np.linalg.qr(vectors[:, group])[0]
         phase = factors[group[0]] ** reach
@@ -478,9 +486,9 @@ def _require_basis(waves: BlochWaves, decays: Array) -> None:
     if is_square and not np.linalg.cond(basis) > _LARGEST_CONDITION:
         return
     if np.any(decays < LEAST_FACTOR):
-        raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
+        raise PrecisionError(_PROBLEM, *_DECAY_REASON)
     raise PrecisionError(
-        _ALIKE_WAVES,
+        _PROBLEM,
         "At the edge of a band waves of both senses are one, and at some frequencies motions of a"
         " layer stay in it",
         "Shift the frequency by a millionth",

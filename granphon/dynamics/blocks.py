@@ -37,10 +37,10 @@ from granphon.dynamics.linalg import (
 
 #: number of motions of a block above which LAPACK splits off those that cost nothing at any wave
 #: vector
-_MANY_FREE = 48
+_MOST_UNSPLIT = 48
 #: relative difference of frequencies, or of their slopes, below which branches are treated as one
 #: degenerate set
-DEGENERATE = 1e-9
+DEGENERACY = 1e-9
 #: difference of slopes of omega^2, d k/M, below which branches of one frequency have one slope
 _EQUAL_SLOPES = 1e-9
 #: length of the step in q, 1/d, after which branches of one frequency and one slope are told apart
@@ -49,9 +49,9 @@ _STEP_BESIDE = 1e-3
 _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: relative error up to which the rotation of two balls about their middle leaves their contact
 #: undeformed
-_RIGID = 1e-12
+_RIGIDITY_ERROR = 1e-12
 #: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
-GENERIC = np.array(
+GENERIC_WAVEVECTORS = np.array(
     [
         [0.7390851, -1.2020569, 0.4669201],
         [1.9021605, 0.5772157, -0.9159656],
@@ -125,9 +125,9 @@ class Block:
         |f/a|^1/2; None without prestress.
     signs : (rows, 1) signs with which the squares of the rows ``pushing`` are subtracted from D;
         None without prestress.
-    bent : numbers, in the block, of the displacements across the periods that tilt the balls, at
-        most two.
-    tilt : (bent, n, p) gradients, with respect to q, of the motion that goes with each of these
+    bent : numbers, in the block, of the n_bent displacements across the periods that tilt the
+        balls, at most two.
+    tilt : (n_bent, n, p) gradients, with respect to q, of the motion that goes with each of these
         displacements.
     slack : part of the largest squared frequency by which other squares may be below zero; these
         are then taken for zero.
@@ -214,11 +214,11 @@ class Block:
         highest_rank = 0
         periods = self.deforming.half.shape[1]
         # the rank is lower at special wave vectors, and never higher than the generic one
-        for q in GENERIC[:, None, :periods]:
+        for q in GENERIC_WAVEVECTORS[:, None, :periods]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._wave_rows])
-            is_full = highest_rank == min(rows.shape)  # no wave vector can give a higher rank
-            if not is_full:
-                highest_rank = max(highest_rank, find_rank(rows))
+            highest_rank = max(highest_rank, find_rank(rows))
+            if highest_rank == min(rows.shape):  # no wave vector can give a higher rank
+                break
         return highest_rank
 
     @property
@@ -239,15 +239,18 @@ class Block:
             return False
         bend_part, _, half = self._tilted_factors
         even = self.deforming.even.reshape(self.n_rows, self.size)
-        # gradients (m, bent, p), with respect to q at q = 0, of the deformations of tilted motions
+        # gradients (m, n_bent, p), with respect to q at q = 0, of deformations by tilted motions
         by_displacement = bend_part[:, :, None] * half[:, None]
         by_rotation = np.einsum("mn,kna->mka", even, self.tilt)
-        largest = np.max(np.abs(by_displacement + by_rotation))
-        return bool(largest <= _RIGID * np.max(np.abs(bend_part)))
+        largest_gradient = np.max(np.abs(by_displacement + by_rotation))
+        return bool(largest_gradient <= _RIGIDITY_ERROR * np.max(np.abs(bend_part)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), (k/M)^1/2, ascending, and eigenvectors (n_q, n, n), as
         columns, at wave vectors q (n_q, p), 1/d.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` as :func:`factorise` does, if static
+        forces make a squared frequency negative.
         """
         point = self._compute(q)
         frequencies, modes = self._decompose(point)
@@ -265,13 +268,13 @@ class Block:
         and group velocities (n_q, n, p), d (k/M)^1/2, at wave vectors q (n_q, p), 1/d.
 
         Modes of one frequency are those that a path along the unit vectors ``along`` (n_q, p)
-        follows.
+        follows. Raises what :meth:`solve` raises.
         """
         point = self._compute(q)
         frequencies, modes = self._decompose(point)
         slopes = _Slopes(self, point, frequencies)
         # (n_q, n - 1) whether a branch has the frequency of the next
-        is_joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
+        is_joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERACY * frequencies[:, 1:]
         if np.any(is_joined):
             if np.any(frequencies[:, 0] == 0.0):
                 # nothing tells branches that vanish everywhere from each other
@@ -311,8 +314,7 @@ class Block:
         all n modes there, as columns in the basis of the point, with their ``frequencies`` (n,).
 
         Beside the wave vector the frequencies that are zero there rise linearly, as those of sound
-        do beside Gamma. Their slopes are the singular values of the change of C, without the part
-        that modes of higher frequencies compensate by following along.
+        do beside Gamma: see :meth:`_find_cones`.
         """
         count = int(np.count_nonzero(frequencies == 0.0))
         motions = modes if point.basis is None else point.basis[number] @ modes
@@ -321,71 +323,72 @@ class Block:
         # the derivative of a row is by its half angle, whose gradient with respect to q is the half
         # vector
         slope = np.concatenate(
-            [waves.compute_rows(q, derivative=True)[0] for waves in self._wave_rows]
+            [waves.compute_rows(q, wants_derivative=True)[0] for waves in self._wave_rows]
         )
         half = np.concatenate([waves.repeat_half_vectors() for waves in self._wave_rows])
         stiff_deformations = rows @ motions[:, count:] / frequencies[count:]
-        change = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
+        changes = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
         if self.signs is None:
-            speeds, turn, forms = self._find_cones(stiff_deformations, change, along)
+            speeds, turn, forms = self._find_cones(stiff_deformations, changes, along)
         else:
-            speeds, turn, forms = self._find_pressed_cones(stiff_deformations, change, along)
+            speeds, turn, forms = self._find_pressed_cones(stiff_deformations, changes, along)
         speeds = np.where(speeds <= self._rounding * self._longest_column, 0.0, speeds)
-        is_equal = np.diff(speeds) <= DEGENERATE * speeds[1:]
-        for _, run in _find_runs(is_equal[None]):
-            # modes of one speed may be mixed at will, and stay as near as possible to what they
-            # were: u vh is the unitary matrix nearest to their block of `turn`
-            u, _, vh = np.linalg.svd(turn[run, run])
-            turn[:, run] = turn[:, run] @ (u @ vh).conj().T
+        _align_equal(turn, speeds)
         modes[:, :count] = modes[:, :count] @ turn
-        # (d omega^2/dq)/2 after a step s, over s: v^H forms v for the new mode v of each number z.
-        # omega is s times the speed. A mode without speed does not travel
+        # of each mode v, a column of `turn`: the gradient of omega after a step s is that of
+        # omega^2, 2 s v^H F v, over 2 omega = 2 s c. A mode without speed c does not travel
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
         velocities[:count] = gradients * inverse[:, None] + 0.0  # no minus zero
 
     def _find_cones(
-        self, stiff_deformations: NDArray[Any], change: NDArray[Any], along: Array
+        self, stiff_deformations: NDArray[Any], changes: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
         """Return speeds (m,), ascending, of the m modes whose frequencies rise from zero along a
-        unit vector ``along`` (p,); the modes (m, m), as columns in terms of the m modes in which
-        ``change`` is given; and forms (p, m, m).
+        unit vector ``along`` (p,); the modes (m, m), as columns in terms of the m modes of zero
+        frequency in which ``changes`` are given; and forms (p, m, m).
 
-        After a step of length s along the path, a mode v (m,) of speed c has the frequency s c. The
-        square of this frequency has the gradient 2 s v^H forms v with respect to q.
+        After a step s along the unit vector t, the modes v (m,) of zero frequency deform contacts
+        by s G v, with G = sum_a t_a G_a; the matrices G_a (rows, m) are the derivatives of their
+        deformations with respect to the component q_a, and make up ``changes`` (p, rows, m). Modes
+        of higher frequencies follow along, and compensate the part of G v in the span of their own
+        deformations, the columns of ``stiff_deformations`` (rows, k). What remains is s P G v,
+        where P projects on the vectors perpendicular to this span.
 
-        ``stiff_deformations`` (rows, k) are the deformations of the modes of higher frequencies,
-        each over its frequency. ``change`` (p, rows, m) is the derivative of the deformations of
-        the m modes with respect to q.
+        So omega = s c, where the speeds c are the singular values of P G, and the modes v its right
+        singular vectors. Its square has the gradient 2 s Re(v^H F_a v) with respect to q_a, with
+        the forms F_a = (P G_a)^H P G.
         """
-        count = change.shape[2]
-        change_along = np.tensordot(along, change, 1)
-        # modes of higher frequencies follow, and compensate the deformations in their span
+        n_modes = changes.shape[2]
+        changes_along = np.tensordot(along, changes, 1)
         basis = np.linalg.qr(stiff_deformations)[0]
-        resisted_change = change - basis @ (basis.conj().T @ change)
-        resisted_along = change_along - basis @ (basis.conj().T @ change_along)
-        forms = resisted_change.conj().swapaxes(1, 2) @ resisted_along
+        resisted_changes = changes - basis @ (basis.conj().T @ changes)
+        resisted_along = changes_along - basis @ (basis.conj().T @ changes_along)
+        forms = resisted_changes.conj().swapaxes(1, 2) @ resisted_along
         # rows of zeros are added so that there are m singular values even if there are fewer rows
-        padded_along = np.pad(resisted_along, ((0, max(0, count - len(resisted_along))), (0, 0)))
+        n_lacking = max(0, n_modes - len(resisted_along))
+        padded_along = np.pad(resisted_along, ((0, n_lacking), (0, 0)))
         _, speeds, turn = np.linalg.svd(padded_along, full_matrices=False)
         return speeds[::-1], turn[::-1].conj().T, forms
 
     def _find_pressed_cones(
-        self, stiff_deformations: NDArray[Any], change: NDArray[Any], along: Array
+        self, stiff_deformations: NDArray[Any], changes: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
         """Return speeds (m,), modes (m, m) and forms (p, m, m) as :meth:`_find_cones` does, with
         the same arguments, under static forces.
 
-        The rows of ``stiff_deformations`` and ``change`` are then those of C(q), followed by those
-        on which static forces act. The squares of the latter, times :attr:`signs`, are subtracted
-        from omega^2.
+        The rows of ``stiff_deformations`` and ``changes`` are then those of C(q), followed by those
+        on which static forces act, and omega^2 is the sum of their squares times the weights W: 1
+        for the former, minus :attr:`signs` for the latter. The columns of ``stiff_deformations``,
+        E, are those of modes of higher frequencies, each over its frequency, so that E^H W E = 1.
+        As these modes follow along, F_a = G_a^H W G - (E^H W G_a)^H E^H W G. The squares of the
+        speeds are the eigenvalues of sum_a t_a F_a; negative ones are taken for zero.
         """
         weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
-        change_along = np.tensordot(along, change, 1)
-        pull = stiff_deformations.conj().T @ (weight * change)
-        pull_along = stiff_deformations.conj().T @ (weight * change_along)
-        whole_forms = change.conj().swapaxes(1, 2) @ (weight * change_along)
-        # modes of higher frequencies follow, and lower the squares
+        changes_along = np.tensordot(along, changes, 1)
+        pull = stiff_deformations.conj().T @ (weight * changes)
+        pull_along = stiff_deformations.conj().T @ (weight * changes_along)
+        whole_forms = changes.conj().swapaxes(1, 2) @ (weight * changes_along)
         forms = whole_forms - pull.conj().swapaxes(1, 2) @ pull_along
         squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
         return np.sqrt(np.maximum(squares, 0.0)), turn, forms
@@ -447,9 +450,9 @@ class Block:
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
             numbers = np.searchsorted(solved_points, points)  # among the solved points
-            highest = squares[numbers, branches.stop - 1]
-            lowest = squares[numbers, branches.start]
-            is_split = highest - lowest > DEGENERATE * highest
+            highest_square = squares[numbers, branches.stop - 1]
+            lowest_square = squares[numbers, branches.start]
+            is_split = highest_square - lowest_square > DEGENERACY * highest_square
             if not np.any(is_split):
                 continue
             split_points = points[is_split]
@@ -488,8 +491,8 @@ class Block:
             return _Point(q, rows)
         # tilted motions: first the bent displacements, each with its rotation, then all others
         count = len(self.bent)
-        unit = np.eye(self.size)[:, self._order]
-        motions = unit + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
+        unit_motions = np.eye(self.size)[:, self._order]
+        motions = unit_motions + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
         # the motions n that go with each bent displacement k at each q, summed over its components
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
@@ -514,9 +517,9 @@ class Block:
     def _tilted_factors(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
         """What the columns of the tilted motions in C(q) are made of, at half angles h = q.half.
 
-        A column is bend_part (sin h - h cos h) + (turn_part.q) sin h, where ``bend_part`` (m, bent)
-        and ``turn_part`` (m, bent, p) are the first two of the arrays. The third is ``half``, the
-        half vectors (m, p) of the rows.
+        A column is bend_part (sin h - h cos h) + (turn_part.q) sin h, where ``bend_part``
+        (m, n_bent) and ``turn_part`` (m, n_bent, p) are the first two of the arrays. The third is
+        ``half``, the half vectors (m, p) of the rows.
         """
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         return (
@@ -534,7 +537,7 @@ class Block:
         matrices = None if point.across is None else self._make_matrix(point.rows, point.across)
         if matrices is not None:
             self._drop_rounding(point.q, matrices)
-        if self.n_free and self.size > _MANY_FREE:
+        if self.n_free and self.size > _MOST_UNSPLIT:
             frequencies, modes = self._split_free(point.rows, matrices)
         else:
             frequencies, modes = self._decompose_all(point.rows, matrices)
@@ -682,13 +685,13 @@ class _Slopes:
         self.row_sets = [
             (
                 point.rows,
-                block.deforming.compute_rows(point.q, derivative=True),
+                block.deforming.compute_rows(point.q, wants_derivative=True),
                 block.deforming.repeat_half_vectors(),
             )
         ]
         if block.pushing is not None and point.across is not None:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
-            slopes = block.pushing.compute_rows(point.q, derivative=True)
+            slopes = block.pushing.compute_rows(point.q, wants_derivative=True)
             self.row_sets.append((point.across, slopes, half))
         if point.basis is not None:
             bend_part, turn_part, half = block._tilted_factors
@@ -697,7 +700,7 @@ class _Slopes:
             by_angle = angle * np.sin(angle) * bend_part
             by_angle = by_angle + np.cos(angle) * np.einsum("mka,qa->qmk", turn_part, point.q)
             by_rotation = np.sin(angle)[:, None] * np.moveaxis(turn_part, 2, 0)
-            #: gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
+            #: gradients (n_q, p, m, n_bent), with respect to q, of the tilted columns of C(q)
             self.tilted = half.T[:, :, None] * by_angle[:, None] + by_rotation
 
     def compute_along(
@@ -718,7 +721,7 @@ class _Slopes:
         else:
             products = np.zeros((len(points), vectors.shape[2], vectors.shape[2]))
             for rows, slope, half in self.row_sets:
-                if len(points) < len(rows):
+                if len(points) < len(rows):  # no copy of all wave vectors
                     rows = rows[points]
                     slope = slope[points]
                 deformations = (rows @ vectors).conj().swapaxes(1, 2)
@@ -797,10 +800,11 @@ def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     """Return the sets of columns that no row joins to columns of other sets, each as ascending
-    numbers, where ``effects`` (rows, n) says whether a row has an entry in a column.
+    numbers, where ``effects`` (rows, n) says whether a row has an entry in a column. A column
+    without entries is a set of its own.
     """
     n_columns = effects.shape[1]
-    if effects.all(axis=1).any():  # a single row joins all columns
+    if n_columns and effects.all(axis=1).any():  # a single row joins all columns
         return [np.arange(n_columns)]
     is_unassigned = np.ones(n_columns, bool)
     blocks = []
@@ -818,9 +822,22 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     return blocks
 
 
+def _align_equal(turn: NDArray[Any], speeds: Array) -> None:
+    """Mix the columns of a unitary ``turn`` (m, m) that have equal ``speeds`` (m,), ascending, in
+    place, so that they are as near as possible to the same columns of the unit matrix.
+
+    Modes of one speed may be mixed at will, and so stay as near as possible to what they were.
+    """
+    is_equal = np.diff(speeds) <= DEGENERACY * speeds[1:]
+    for _, run in _find_runs(is_equal[None]):
+        # u vh is the unitary matrix nearest to the block of the run
+        u, _, vh = np.linalg.svd(turn[run, run])
+        turn[:, run] = turn[:, run] @ (u @ vh).conj().T
+
+
 def _find_runs(is_joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
-    """Return the runs of neighbouring items that belong together in n rows of m items: pairs of the
-    numbers (k,) of all rows that have a run, and the run as a slice of items.
+    """Return the runs of two or more neighbouring items that belong together in n rows of m items:
+    pairs of the numbers (k,) of all rows that have a run, and the run as a slice of items.
 
     ``is_joined`` (n, m - 1) says whether item j + 1 of a row belongs with item j.
     """

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.balls.neighbours import steps_within
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDING, Array
 from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError, brief
 from granphon.base.validation import finite_array
-from granphon.dynamics.blocks import DEGENERATE
+from granphon.dynamics.blocks import DEGENERACY
 from granphon.dynamics.contact_lattice import ContactLattice
 
 #: number of points, from Gamma to the edge of the zone, at which branches are followed
@@ -25,9 +25,9 @@ _PATH_POINTS = 128
 _POINTS_TOGETHER = 16
 #: projection of a vector on a direction, over the length of the vector, up to which the vector is
 #: perpendicular to the direction
-_ACROSS = 1e-9
+_PERPENDICULARITY = 1e-9
 #: wavenumber, over that of the first point, at which branches are told apart beside Gamma
-_BESIDE_GAMMA = 1e-6
+_STEP_FROM_GAMMA = 1e-6
 #: steps towards a wavenumber, at most: more than bisection needs
 _MOST_STEPS = 200
 #: relative change of a wavenumber at which Newton's steps end
@@ -55,15 +55,17 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
     Raises
     ------
-    InputError : another shape, or no point.
+    InputError : another shape, no point or no branch, or what is no number or not finite.
     """
     mend = "Give an array (n_q, n_dof, n_branches) of one or more points"
     try:
         vectors = np.asarray(eigenvectors)
     except ValueError:  # lists of different lengths
         raise InputError(f"eigenvectors is {brief(eigenvectors)}", mend=mend) from None
-    if vectors.ndim != 3 or not len(vectors):
+    if vectors.ndim != 3 or not vectors.size:
         raise InputError(f"eigenvectors has the shape {vectors.shape}", mend=mend)
+    if not np.issubdtype(vectors.dtype, np.number) or not np.all(np.isfinite(vectors)):
+        raise InputError(f"eigenvectors is {brief(eigenvectors)}", mend="Give finite numbers")
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
@@ -82,11 +84,11 @@ def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges.
     # So the vectors whose bisecting planes bound the zone are no longer than the sum
-    longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
-    vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
+    longest_length = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
+    vectors = steps_within(lattice.reciprocal, longest_length) @ lattice.reciprocal
     squares = np.sum(vectors**2, axis=1)  # of their lengths
     projection = along @ vectors.T
-    is_ahead = projection > _ACROSS * np.sqrt(squares)
+    is_ahead = projection > _PERPENDICULARITY * np.sqrt(squares)
     # the plane that bisects a reciprocal vector G is met at the distance |G|^2/(2 G.u)
     distances = np.where(is_ahead, squares / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
     return np.min(distances, axis=-1)[()]  # of one direction a number
@@ -120,14 +122,17 @@ class AcousticBranch:
 
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, that
-        pulses of angular ``frequency`` (n,), (k/M)^1/2, have on this branch.
+        pulses of angular ``frequency``, (k/M)^1/2, a number or (n,), have on this branch.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency below zero or not finite,
+        Raises :class:`~granphon.base.errors.InputError` for another shape, for no frequency, and
+        for one below zero or not finite,
         :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of the
         branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed
         through an avoided crossing.
         """
         target = np.atleast_1d(finite_array("frequency", frequency, low="zero or above"))
+        if target.ndim > 1:
+            raise InputError(f"frequency has the shape {target.shape}", mend="Give an array (n,)")
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
                 f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below"
@@ -182,18 +187,18 @@ def _find_nearest_modes(
     # of each branch b with the reference, the sum over the motions m
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
     points = np.arange(len(wavenumbers))
-    nearest = np.argmax(overlap, axis=1)
-    frequencies = modes.frequencies[points, nearest]
-    velocities = modes.group_velocities[points, nearest]
+    nearest_branch = np.argmax(overlap, axis=1)
+    frequencies = modes.frequencies[points, nearest_branch]
+    velocities = modes.group_velocities[points, nearest_branch]
     if lattice.periods == 3:
         # only in space can acoustic branches coincide along an axis of symmetry
         directions = np.broadcast_to(along, (len(wavenumbers), 3))
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         difference = np.abs(modes.frequencies - frequencies[:, None])
-        slope_difference = np.abs(slopes - slopes[points, nearest][:, None])
+        slope_difference = np.abs(slopes - slopes[points, nearest_branch][:, None])
         steepest_slope = np.max(np.abs(slopes), axis=1, keepdims=True)
-        is_coincident = difference <= DEGENERATE * frequencies[:, None]
-        is_coincident &= slope_difference <= DEGENERATE * steepest_slope
+        is_coincident = difference <= DEGENERACY * frequencies[:, None]
+        is_coincident &= slope_difference <= DEGENERACY * steepest_slope
         counts = np.count_nonzero(is_coincident, axis=1)
         crossings = np.flatnonzero(counts > 1)  # points at which several branches coincide
         coincident_velocities = is_coincident[..., None] * modes.group_velocities
@@ -315,17 +320,17 @@ class AcousticBranches:
             vectors=np.zeros((*shape, lattice.n_branches), complex),
         )
         # eigenvectors at the last point, and the column of each wave among them
-        last_vectors, column = _find_sound(lattice, _BESIDE_GAMMA * grid[:, :1], directions)
+        last_vectors, column = _find_sound(lattice, _STEP_FROM_GAMMA * grid[:, :1], directions)
         numbers = np.arange(n_directions)  # of the directions in which some branch goes on
-        for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
-            q = grid[numbers, first : first + _POINTS_TOGETHER]
+        for first_point in range(0, _PATH_POINTS, _POINTS_TOGETHER):
+            q = grid[numbers, first_point : first_point + _POINTS_TOGETHER]
             modes = _find_path_modes(lattice, q, directions[numbers], last_vectors)
             row = np.arange(len(numbers))
             for point in range(q.shape[1]):
                 # the column, at this point, of the mode that continues each of the last point
                 next_column = _assign_columns(modes.overlap[:, point])
                 column = np.stack([next_column[row, last_column] for last_column in column])
-                branches._add_point(modes, point, column, numbers, first + point)
+                branches._add_point(modes, point, column, numbers, first_point + point)
             is_below = branches._find_top()[:, numbers] < goals[:, numbers]
             is_unfinished = np.any(is_below & ~branches.has_fallen[:, numbers], axis=0)
             numbers = numbers[is_unfinished]
@@ -486,7 +491,7 @@ def _find_maximum(
     one of :data:`_PIECES` pieces, until its ends are neighbours among floats.
     """
     references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
-    while high - low > ROUNDED * high:
+    while high - low > ROUNDING * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest_modes(lattice, points, along, references)
         is_rising = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`

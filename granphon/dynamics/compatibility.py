@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
 from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, InstabilityError, PrecisionError
+from granphon.base.errors import InputError, InstabilityError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -52,22 +52,22 @@ from granphon.networks.network import ContactNetwork
 GYRATION = float(1.0 / np.sqrt(10.0))
 #: components of a wave vector in reciprocal vectors above which no digit is left for its place
 #: between two of them
-_FARTHEST = 1e15
+_LARGEST_COMPONENT = 1e15
 #: most memory that the modes at one wave vector may take, bytes
 MOST_BYTES = 2**33
 #: part of the largest squared frequency by which the lack of a potential of static tangential
 #: forces may lower other squares. A tenth of this was seen where overlaps are d/50
-_WITHOUT_POTENTIAL = 1e-5
+_POTENTIAL_SLACK = 1e-5
 #: distance, over the size of the cell, up to which two centres are one point
-_SAME_CENTRE = 1e-9
+_CENTRE_TOLERANCE = 1e-9
 #: distance of a wave vector from a copy of Gamma, over that of the copy from Gamma, up to which the
 #: distance is rounding
-_AT_COPY = 1e-15
+_COPY_ROUNDING = 1e-15
 #: relative difference up to which two numbers are equal but for rounding
-_ROUNDED_EQUAL = 8.0 * float(np.finfo(np.float64).eps)
+_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 #: the same of what balls at rest give, stiffnesses, forces and arms: rounding adds up over the
 #: steps of a search for rest
-_ROUNDED_AT_REST = 1e-13
+_REST_ROUNDING = 1e-13
 
 
 def put_in_space(vectors: Array) -> Array:
@@ -78,14 +78,24 @@ def put_in_space(vectors: Array) -> Array:
 def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     """Return ``wavevectors`` (..., p) as an array (n_q, p).
 
-    Raises :class:`~granphon.base.errors.InputError` if p is not the number of ``periods``.
+    Raises :class:`~granphon.base.errors.InputError` if they are no real numbers, if p is not the
+    number of ``periods``, or if a number is not finite.
     """
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
         raise InputError(
             f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"
         )
+    _require_finite(q)
     return q.reshape(-1, periods)
+
+
+def _require_finite(components: Array) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if a component of a wave vector is not
+    finite; ``components`` are an array of any shape.
+    """
+    if not np.all(np.isfinite(components)):
+        raise InputError("a wave vector is not finite", mend="Give finite numbers")
 
 
 def require_digits(components: Array) -> None:
@@ -96,10 +106,11 @@ def require_digits(components: Array) -> None:
     # nan is the difference of two components that overflow
     sizes = np.nan_to_num(np.abs(components), nan=np.inf, posinf=np.inf)
     farthest = float(np.max(sizes, initial=0.0))
-    if farthest > _FARTHEST:
+    if farthest > _LARGEST_COMPONENT:
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-            f"Beyond {_FARTHEST:.0e} no digit is left for its place between two reciprocal vectors",
+            f"Beyond {_LARGEST_COMPONENT:.0e} no digit is left for its place between two reciprocal"
+            " vectors",
             "Leave whole reciprocal vectors out",
         )
 
@@ -132,7 +143,7 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
         raise InputError(
             f"{name} has the shape {numbers.shape}", mend="Give one vector in each row"
         )
-    return finite_array(name, numbers) if numbers.size else numbers
+    return finite_array(name, numbers) if numbers.size else numbers  # of no ball, or no period
 
 
 def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) -> Array | None:
@@ -207,9 +218,11 @@ class Compatibility:
 
     Raises
     ------
-    InputError : a wrong shape; a number other than ``distance`` that is not finite; a mass, a
-        radius of gyration or a stiffness that is not above zero; a ratio of stiffnesses or a spring
-        to the ground below zero; contacts that are no table, and motions that are none.
+    InputError : no period; vectors of the cell that are dependent, or not
+        along x or in the xy plane; a wrong shape; a number other than ``distance`` that is not
+        finite; a mass, a radius of gyration or a stiffness that is not above zero; a ratio of
+        stiffnesses or a spring to the ground below zero; more springs than contacts; contacts that
+        are no table, and motions that are none.
     """
 
     def __init__(
@@ -247,10 +260,15 @@ class Compatibility:
         self.cell: Array = read_only(_read_vectors("cell", cell))
         self.positions: Array = read_only(_read_vectors("positions", positions))
         p, d = self.cell.shape
-        if not p <= d == self.positions.shape[1]:
+        if not 0 < p <= d == self.positions.shape[1]:
             raise InputError(
                 f"cell has the shape {self.cell.shape}, and positions {self.positions.shape}",
-                "A cell (p, d) has p vectors of as many components d as the positions, p <= d",
+                "A cell (p, d) has p vectors of as many components d as the positions, 1 <= p <= d",
+            )
+        if np.any(self.cell[:, p:]) or np.linalg.matrix_rank(self.cell) < p:
+            raise InputError(
+                f"cell is {brief(self.cell)}",
+                "Its vectors are independent: one lies along x, two lie in the xy plane",
             )
         self.contacts = contacts
         self.mindlin_ratio = self._read_ratio("mindlin_ratio", mindlin_ratio)
@@ -343,6 +361,11 @@ class Compatibility:
         springs = self.on_site
         return springs is not None and bool(np.any(springs[:, self.named_motions.translating]))
 
+    @property
+    def has_springs(self) -> bool:
+        """Whether springs to the ground resist a displacement or a rotation of a ball."""
+        return self.on_site is not None and bool(np.any(self.on_site))
+
     @cached_property
     def n_between(self) -> int:
         """Number of contacts without the springs to the ground, which come last."""
@@ -375,7 +398,7 @@ class Compatibility:
         spin of a ball about its two contacts, have negative eigenvalues of second order in the
         forces and in the excess.
         """
-        return _WITHOUT_POTENTIAL if self.lacks_potential else 0.0
+        return _POTENTIAL_SLACK if self.lacks_potential else 0.0
 
     @cached_property
     def lacks_potential(self) -> bool:
@@ -404,8 +427,9 @@ class Compatibility:
         """Return the Cartesian wave vectors (..., p), 1/d, of ``fractions`` (..., p) or (..., 3) of
         the reciprocal vectors.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape, for numbers that are not
-        finite, and for a component other than zero along an axis without period; and
+        Raises :class:`~granphon.base.errors.InputError` for what is no array of real numbers, for
+        another shape, for numbers that are not finite, and for a component other than zero along an
+        axis without period; and
         :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         components = real_array("fractions", fractions)
@@ -415,14 +439,13 @@ class Compatibility:
             raise InputError(
                 f"the fractions have the shape {components.shape}", mend=f"Give an array {shapes}"
             )
+        _require_finite(components)
         if np.any(components[..., p:]):
             raise InputError(
                 "a wave vector has a component across the lattice",
                 f"The lattice has {counted(p, 'period')}",
                 "Give 0 for the rest",
             )
-        if not np.all(np.isfinite(components)):
-            raise InputError("a wave vector is not finite", mend="Give finite numbers")
         require_digits(components)
         return np.asarray(components[..., :p] @ self.reciprocal)
 
@@ -431,19 +454,19 @@ class Compatibility:
         reciprocal vectors that were subtracted from ``wavevectors`` (..., p).
 
         Without this step, half angles at a copy of Gamma would be multiples of pi, whose sines are
-        rounding errors. Raises :class:`~granphon.base.errors.InputError` for a wave vector that is
-        not finite, and :class:`~granphon.base.errors.PrecisionError` for one too far from Gamma.
+        rounding errors. Raises what :func:`as_wavevectors` raises, and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         q = as_wavevectors(wavevectors, self.periods)
-        if not np.all(np.isfinite(q)):
-            raise InputError("a wave vector is not finite", mend="Give finite numbers")
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
             fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
         require_digits(fractions)
         copies = np.rint(fractions) @ self.reciprocal
         near_q = q - copies
         # at a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
-        is_rounding = np.linalg.norm(near_q, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
+        is_rounding = np.linalg.norm(near_q, axis=1) <= _COPY_ROUNDING * np.linalg.norm(
+            copies, axis=1
+        )
         is_copy = np.any(copies != 0.0, axis=1)
         near_q[is_rounding & is_copy] = 0.0
         return near_q, copies
@@ -530,6 +553,11 @@ class Compatibility:
         Returns
         -------
         (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
+
+        Raises
+        ------
+        InputError : a wave vector of another shape or not finite; or the matrices at one wave
+            vector do not fit into memory.
         """
         waves = self._contact_waves
         rows = waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
@@ -599,10 +627,9 @@ class Compatibility:
             rows += growth_rows(
                 put_in_space(table.normal),
                 put_in_space(self.tangential_force),
-                table.arm_i,
-                table.arm_j,
+                (table.arm_i, table.arm_j),
                 self.motions,
-                *self._end_gyration,
+                self._end_gyration,
             )
         return rows
 
@@ -674,28 +701,25 @@ class Compatibility:
         tangential forces of size one, ``unit_force`` (n_c, 3).
         """
         table = self.contacts
-        gyration_i, gyration_j = self._end_gyration
         return carry_rows(
             put_in_space(table.normal),
             unit_force,
             self.distance,
-            table.arm_i,
-            table.arm_j,
+            (table.arm_i, table.arm_j),
             self.motions,
-            gyration_i=gyration_i,
-            gyration_j=gyration_j,
+            self._end_gyration,
             growth=self.tangential_growth,
             arm_rates=self.arm_rates,
             turns=self.turns_with_balls,
         )
 
-    def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
+    def _weight_rows(self, are_static: bool = False) -> tuple[list[Row], Array]:
         """Return :attr:`rows`, and the square roots (kinds, n_c) of their stiffnesses, k^1/2.
 
-        With ``prestress`` return :attr:`static_rows` and the square roots of the absolute values of
+        If ``are_static``, return :attr:`static_rows` and the square roots of the absolute values of
         their stiffnesses instead.
         """
-        if prestress:
+        if are_static:
             rows = [row for row, _ in self.static_rows]
             sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]
             return rows, np.sqrt(sizes).reshape(len(rows), len(self.contacts))
@@ -728,9 +752,9 @@ class Compatibility:
         flat_shape = (*root.shape, self.n_branches)
         return difference.reshape(flat_shape), total.reshape(flat_shape)
 
-    def _make_waves(self, prestress: bool = False) -> WaveRows:
+    def _make_waves(self, are_static: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
-        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. The rows are
+        roots of their stiffnesses; if ``are_static`` those of :attr:`static_rows`. The rows are
         real for one ball in the cell, unless a contact has unequal arms, or joins the ball to a
         body that does not move.
         """
@@ -739,7 +763,7 @@ class Compatibility:
         # Then both terms are real for one ball in the cell, because the difference vanishes for a
         # displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
-        rows, root = self._weight_rows(prestress)
+        rows, root = self._weight_rows(are_static)
         frame = self._wave_frame
         # each column of the frame is real or imaginary
         difference, total = self._combine_ends(rows, root, frame.real + frame.imag)
@@ -802,7 +826,7 @@ class Compatibility:
             for sizes in (self.stiffness, np.abs(self.prestress))
         ]
         balls = np.column_stack([self.masses, self.gyration, *sums])
-        return balls, np.repeat([_ROUNDED_EQUAL, _ROUNDED_AT_REST], 2)
+        return balls, np.repeat([_ROUNDING, _REST_ROUNDING], 2)
 
     def _invert_balls(
         self, image_of_first: int
@@ -822,7 +846,7 @@ class Compatibility:
             cells = np.rint(offset[..., :p] @ inverse)
             error = np.max(np.abs(offset - cells @ self.cell), axis=2)
             image = np.argmin(error, axis=1)
-            if np.any(error[np.arange(count), image] > _SAME_CENTRE * size):
+            if np.any(error[np.arange(count), image] > _CENTRE_TOLERANCE * size):
                 return None
         return image, cells[np.arange(n), image].astype(np.intp)
 
@@ -874,12 +898,12 @@ class Compatibility:
                 *ratios,
             ]
         )
-        if np.any(np.abs(scalars[:, images] - scalars) > _ROUNDED_AT_REST * np.abs(scalars)):
+        if np.any(np.abs(scalars[:, images] - scalars) > _REST_ROUNDING * np.abs(scalars)):
             return False
         # what belongs to the ends i and j, (2, 2, n_c), is exchanged where the image is straight
         ends = np.array([(table.arm_i, table.arm_j), self.lever_excesses])
         image_ends = np.where(is_straight, ends[:, ::-1, images], ends[:, :, images])
-        if np.any(np.abs(image_ends - ends) > _ROUNDED_AT_REST * np.abs(ends)):
+        if np.any(np.abs(image_ends - ends) > _REST_ROUNDING * np.abs(ends)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are
         # rounded in proportion to their distance from the origin
@@ -894,7 +918,7 @@ class Compatibility:
             # an inversion leaves torques as they are
             (self.contact_torque, largest_torque, -sign),
         ):
-            if np.any(np.abs(factor * vectors[images] - vectors) > _ROUNDED_AT_REST * largest):
+            if np.any(np.abs(factor * vectors[images] - vectors) > _REST_ROUNDING * largest):
                 return False
         return True
 
@@ -931,30 +955,30 @@ class Compatibility:
         """(n_c,) index of the contact whose half angle each row of :attr:`_deforming` contains."""
         contacts = np.arange(len(self.contacts))
         if self._images is not None:
-            _, first, image = self._images
-            contacts[image] = first
+            _, first_contacts, image_contacts = self._images
+            contacts[image_contacts] = first_contacts
         return contacts
 
-    def _make_real_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows with the same C^H C as those of :meth:`_make_waves`, to which ``prestress``
+    def _make_real_waves(self, are_static: bool = False) -> WaveRows:
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, to which ``are_static``
         is passed on; they are real if an inversion maps the lattice onto itself.
 
         The row of the image of a contact is plus or minus the complex conjugate of the contact's
         row. The two are replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of
         the contact's row.
         """
-        waves = self._make_waves(prestress)
+        waves = self._make_waves(are_static)
         # rows of one ball in the cell are real as they are
         if self.n_balls == 1 or self._images is None:
             return waves
-        _, first, image = self._images
+        _, first_contacts, image_contacts = self._images
         factors = np.ones((len(self.contacts), 1))
-        factors[[first, image]] = np.sqrt(2.0)
+        factors[[first_contacts, image_contacts]] = np.sqrt(2.0)
         odd = waves.odd.real * factors
         even = waves.even.real * factors
         # the row of the image becomes the imaginary part
-        odd[:, image] = np.sqrt(2.0) * waves.odd.imag[:, first]
-        even[:, image] = np.sqrt(2.0) * waves.even.imag[:, first]
+        odd[:, image_contacts] = np.sqrt(2.0) * waves.odd.imag[:, first_contacts]
+        even[:, image_contacts] = np.sqrt(2.0) * waves.even.imag[:, first_contacts]
         return WaveRows(odd, even, waves.half[self._wave_contacts])
 
     @cached_property
@@ -965,7 +989,7 @@ class Compatibility:
     @cached_property
     def _pushing(self) -> WaveRows:
         """Rows on which static forces act, real where those of :attr:`_deforming` are."""
-        return self._make_real_waves(prestress=True)
+        return self._make_real_waves(are_static=True)
 
     @cached_property
     def static_signs(self) -> Array:
@@ -1035,8 +1059,8 @@ class Compatibility:
 
         Rows and columns are the motions, (x, y, w) in the plane, of the first ball, then those of
         the second, and so on. Phases are taken at the positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, p) are in 1/d; another shape raises
-        :class:`~granphon.base.errors.InputError`.
+        ``wavevectors`` (n_q, p) are in 1/d; another shape, a number that is not finite, and a cell
+        whose matrices do not fit into memory raise :class:`~granphon.base.errors.InputError`.
         """
         return np.asarray(
             self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T
@@ -1066,16 +1090,45 @@ class Compatibility:
             does not have, or that follows from the lattice; and what the network refuses.
         """
         require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
-        table = self.contacts
-        if np.any(table.j == self.n_balls):
+        if np.any(self.contacts.j == self.n_balls):
             raise InputError(
                 "the lattice has contacts with bodies that do not move, or with the ground",
                 "Its balls alone are no network that holds those contacts",
                 "Use the network that the lattice was made from",
             )
+        defaults: dict[str, Any] = {
+            "motions": self.named_motions.name,
+            "prestress": self.is_prestressed,
+            "pbc": tuple(axis < self.periods for axis in range(3)),
+            "positions": units.length * put_in_space(self.positions),
+        }
+        if self.is_prestressed:
+            defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
+            if np.any(self.contact_torque):
+                defaults["contact_torque"] = units.force * units.length * self.contact_torque
+        fields_of_lattice = self._list_network_fields(units, normal_force, radii)
+        all_names = {entry.name for entry in list_fields(ContactNetwork)}
+        further_names = all_names - fields_of_lattice.keys()
+        for name in fields:
+            if name not in further_names:
+                why = "The lattice gives this field, or no network has it"
+                mend = f"Give one of {', '.join(sorted(further_names))}"
+                raise InputError(f"{name} is no further field of the network", why, mend)
+        return ContactNetwork(**fields_of_lattice, **(defaults | fields))
+
+    def _list_network_fields(
+        self, units: Units, normal_force: ArrayLike, radii: ArrayLike
+    ) -> dict[str, Any]:
+        """Return the fields of a network, in SI, that follow from this lattice alone; the arguments
+        are those of :meth:`contact_network`.
+
+        Raises :class:`~granphon.base.errors.InputError` for forces or radii of a wrong shape, or
+        not finite.
+        """
+        table = self.contacts
+        count = len(table)
         d = units.length
         p = self.periods
-        count = len(self.contacts)
         # networks have three components also in the plane
         cell = np.zeros((3, 3))
         shift = np.zeros((count, 3), np.intp)
@@ -1083,17 +1136,7 @@ class Compatibility:
         shift[:, :p] = table.shift
         masses = units.mass * self.masses
         normal_stiffness = units.stiffness * self.stiffness
-        defaults: dict[str, Any] = {
-            "motions": self.named_motions.name,
-            "prestress": self.is_prestressed,
-            "pbc": (p > 0, p > 1, p > 2),
-            "positions": d * put_in_space(self.positions),
-        }
-        if self.is_prestressed:
-            defaults["tangential_force"] = units.force * put_in_space(self.tangential_force)
-            if np.any(self.contact_torque):
-                defaults["contact_torque"] = units.force * units.length * self.contact_torque
-        of_lattice: dict[str, Any] = {
+        return {
             "cell": cell,
             "radii": d * _repeat("radii", radii, (self.n_balls,)),
             "masses": masses,
@@ -1111,13 +1154,6 @@ class Compatibility:
             "arm_j": d * table.arm_j,
             "dimension": self.dimension,
         }
-        further_names = {entry.name for entry in list_fields(ContactNetwork)} - of_lattice.keys()
-        for name in fields:
-            if name not in further_names:
-                why = "The lattice gives this field, or no network has it"
-                mend = f"Give one of {', '.join(sorted(further_names))}"
-                raise InputError(f"{name} is no further field of the network", why, mend)
-        return ContactNetwork(**of_lattice, **(defaults | fields))
 
 
 def _split_lengths(vectors: Array) -> tuple[Array, Array]:

@@ -46,22 +46,22 @@ _Result = TypeVar("_Result")
 _ENTRIES = 4e6
 #: |q|d at which modes are computed for their limits at Gamma; at smaller |q| each branch is a power
 #: of |q|
-_NEAR_GAMMA = 1e-30
+_LIMIT_DISTANCE = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
-_BESIDE_GAMMA = 1e-4
+_STEP_FROM_GAMMA = 1e-4
 #: |q| times the length of the longest vector of the cell at the first of four points that tell the
 #: curvature of a branch at Gamma: errors of fourth order, and those of rounding, are both about
 #: 1e-12 there
-_BESIDE_CUTOFF = 5e-4
+_STEP_FROM_CUTOFF = 5e-4
 #: singular value from which unit vectors are independent: well above the error of vectors found at
-#: :data:`_BESIDE_GAMMA`
-_INDEPENDENT = 1e-2
+#: :data:`_STEP_FROM_GAMMA`
+_LEAST_INDEPENDENCE = 1e-2
 #: amplitude of a ball in a motion of length one up to which the ball is at rest but for rounding
-_AT_REST = 1e-12
+_REST_AMPLITUDE = 1e-12
 #: number of balls in a cell up to which the top frequency is sought on a fine mesh
-_FEW_BALLS = 8
+_MOST_ON_FINE_MESH = 8
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
-_MANY_BALLS = 200
+_MOST_ON_MESH = 200
 #: number of modes whose deformations are found at once: 32 to 128 at once take a sixth of the time
 #: that all modes at once take
 _MODES_AT_ONCE = 64
@@ -133,7 +133,7 @@ class ContactLattice(LongWaves):
         are the motions of each ball, by default the first choice of the lattice's dimension.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown lattice, for a number that
-        is not finite or out of range, and for ``motions`` that are none.
+        is not finite or out of range, and for ``motions`` that are no :class:`Motions`.
         """
         distance = positive("spacing", spacing)
         if distance >= 2.0:
@@ -284,14 +284,14 @@ class ContactLattice(LongWaves):
         negative.
         """
         q, _ = self._fold(wavevectors)
-        self._require_memory_of_results(len(q), 1)
+        self._require_memory_of_results(len(q), has_vectors=False)
         omega = np.concatenate(self._share_out(lambda points: self._solve(q[points]), len(q)))
         # almost at Gamma the deformations of contacts would underflow. There each frequency follows
         # from that at a longer wave vector, by its power of |q|
         is_almost_gamma = _is_almost_gamma(q)
         if np.any(is_almost_gamma):
             directions = as_direction(q[is_almost_gamma], self.periods)
-            solved_q = _NEAR_GAMMA * directions
+            solved_q = _LIMIT_DISTANCE * directions
             modes = self._solve_with_velocities(solved_q, directions)
             omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], solved_q, *modes)[0]
         return omega
@@ -300,13 +300,14 @@ class ContactLattice(LongWaves):
     def top_frequency(self) -> float:
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh of wave vectors.
 
-        The mesh of a cell of up to 200 balls contains Gamma, K, M and X. The mesh of a larger cell
-        is coarser, because each point of its zone stands for many points of the zone of a small
-        cell. For more than 200 balls the mesh is Gamma alone.
+        The mesh of a cell of up to 200 balls contains all q with halves of the reciprocal vectors,
+        such as Gamma, M and X, and K of a hexagonal zone. It is coarser for more than 8 balls,
+        because each point of the zone then stands for many points of the zone of a small cell. For
+        more than 200 balls the mesh is Gamma alone. Raises what :meth:`frequencies` raises.
         """
-        if self.n_balls <= _FEW_BALLS:
+        if self.n_balls <= _MOST_ON_FINE_MESH:
             fractions = np.arange(12) / 12.0
-        elif self.n_balls <= _MANY_BALLS:
+        elif self.n_balls <= _MOST_ON_MESH:
             fractions = np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
         else:
             fractions = np.zeros(1)
@@ -326,15 +327,15 @@ class ContactLattice(LongWaves):
         Raises
         ------
         InputError : a wave vector is Gamma and no direction is given, as sound has no velocity
-            without one; there is no wave vector, or one of a wrong shape; or the results do not fit
-            into memory.
+            without one; there is no wave vector, or one of a wrong shape or not finite; a direction
+            of another shape, not finite or of length zero; or the results do not fit into memory.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : prestress makes a squared frequency negative.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not len(q):
             raise InputError("there is no wave vector", mend="Give at least one")
-        self._require_memory_of_results(len(q), self.n_branches)
+        self._require_memory_of_results(len(q), has_vectors=True)
         if direction is not None:
             along = as_direction(direction, self.periods)
             if along.ndim == 2 and len(along) not in (1, len(q)):
@@ -365,12 +366,13 @@ class ContactLattice(LongWaves):
         cubic polynomial through four points beside Gamma gives the derivatives, of d(omega^2)/dq =
         2 omega v and of v.
 
-        Raises :class:`~granphon.base.errors.InputError` for another direction, and
+        Raises :class:`~granphon.base.errors.InputError` for more than one direction, and for one of
+        another shape, not finite or of length zero;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         along = one_direction(direction, self.periods)
-        longest = float(np.max(np.linalg.norm(self.cell, axis=1)))
-        lengths = np.arange(1, 5) * _BESIDE_CUTOFF / longest
+        longest_vector = float(np.max(np.linalg.norm(self.cell, axis=1)))
+        lengths = np.arange(1, 5) * _STEP_FROM_CUTOFF / longest_vector
         modes = self.modes(lengths[:, None] * along)
         velocities = modes.group_velocities @ along
         at_gamma = self.frequencies(np.zeros((1, self.periods)))[0]
@@ -420,8 +422,8 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : a wave vector of another shape or not finite; or the energies do not fit into
-            memory.
+        InputError : a wave vector of another shape or not finite; branches of another shape, or
+            that the lattice does not have; or the energies do not fit into memory.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
         """
@@ -431,6 +433,7 @@ class ContactLattice(LongWaves):
         q = as_wavevectors(wavevectors, self.periods)
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
+        self._require_branches(branches, len(q))
         kinds = {row.kind for row in self.unit_rows}
         numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
         require_memory(
@@ -454,6 +457,18 @@ class ContactLattice(LongWaves):
             np.concatenate(motions),
         )
 
+    def _require_branches(self, branches: Index, n_points: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
+        numbers of branches at ``n_points`` wave vectors.
+        """
+        has_shape = branches.ndim == 2 and len(branches) == n_points
+        if not has_shape or not np.all((branches >= 0) & (branches < self.n_branches)):
+            raise InputError(
+                f"branches has the shape {branches.shape}, or numbers that are none of branches",
+                f"There are {n_points} wave vectors and {self.n_branches} branches",
+                f"Give an array ({n_points}, b) of numbers from 0 to {self.n_branches - 1}",
+            )
+
     def _measure_modes(self, q: Array, branches: Index, turn: Array) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at a few wave vectors q
         (n_q, p), 1/d; those of modes with one frequency are their means.
@@ -467,18 +482,13 @@ class ContactLattice(LongWaves):
         # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
         group_of_branch = np.take_along_axis(groups, branches, axis=1)
-        is_needed = [np.isin(*pair) for pair in zip(groups, group_of_branch, strict=True)]
-        columns = np.flatnonzero(np.any(is_needed, axis=0))
+        columns = _find_members(groups, group_of_branch)
         groups_of_columns = groups[:, columns]
         needed_vectors = vectors[:, :, columns]
         squares = self._square_deformations(q, needed_vectors)
         by_ball = needed_vectors.reshape(len(q), self.n_balls, self.motions.count, -1)
         motions = np.abs(turn @ by_ball) ** 2
-        n_equal = [
-            np.bincount(groups_at_q)[of_branches]
-            for groups_at_q, of_branches in zip(groups, group_of_branch, strict=True)
-        ]
-        is_degenerate = np.reshape(n_equal, branches.shape) > 1
+        is_degenerate = _count_members(groups, group_of_branch) > 1
         # without degenerate branches, and with the branches in the order of the columns, the values
         # of the columns are those of the branches
         are_columns = branches.shape[1] == len(columns) and np.all(branches == columns)
@@ -575,18 +585,15 @@ class ContactLattice(LongWaves):
             squares[:, columns] = deformations.real**2 + deformations.imag**2
         return squares
 
-    def _require_memory_of_results(self, n_points: int, n_numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if results at ``n_points`` wave vectors
-        do not fit into memory.
-
-        ``n_numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
-        else the length of its eigenvector.
+    def _require_memory_of_results(self, n_points: int, has_vectors: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the frequencies at ``n_points`` wave
+        vectors do not fit into memory, with eigenvectors if the result ``has_vectors``.
         """
         # a frequency and the array in which it is found; three copies of complex eigenvectors
-        bytes_per_number = 16.0 if n_numbers == 1 else 48.0
+        bytes_per_branch = 48.0 * self.n_branches if has_vectors else 16.0
         require_memory(
             f"{self.n_branches:,} branches at {n_points:,} wave vectors",
-            bytes_per_number * n_points * self.n_branches * n_numbers,
+            bytes_per_branch * n_points * self.n_branches,
             "Take fewer wave vectors, or leave eigenvectors out",
         )
 
@@ -599,10 +606,10 @@ class ContactLattice(LongWaves):
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
         is_gamma = np.all(q == 0.0, axis=1)
         is_almost_gamma = _is_almost_gamma(q)
-        solved_q = np.where(is_gamma[:, None], _NEAR_GAMMA * along, q)
+        solved_q = np.where(is_gamma[:, None], _LIMIT_DISTANCE * along, q)
         if np.any(is_almost_gamma):
             directions = as_direction(q[is_almost_gamma], self.periods)
-            solved_q[is_almost_gamma] = _NEAR_GAMMA * directions
+            solved_q[is_almost_gamma] = _LIMIT_DISTANCE * directions
         frequencies, vectors, velocities = self._solve_with_velocities(solved_q, along)
         is_limit = is_gamma | is_almost_gamma
         if np.any(is_limit):
@@ -629,18 +636,18 @@ class ContactLattice(LongWaves):
         ``motion`` (n_q, n_balls, motions, n_branches) are eigenvectors of norm one.
         """
         kinetic = np.abs(motion) ** 2
-        rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
+        rotational_part = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         direction_in_space = np.zeros((len(motion), 3))
         direction_in_space[:, : self.periods] = direction
         displacement = motion[:, :, self.motions.translating]
         axes = list(self.motions.translations)
         # component along the direction of each ball i in each branch b: the sum over the axes a
         parallel_parts = np.einsum("qiab,qa->qib", displacement, direction_in_space[:, axes])
-        longitudinal = (np.abs(parallel_parts) ** 2).sum(axis=1)
-        out_of_plane = np.zeros_like(rotation)
+        longitudinal_part = (np.abs(parallel_parts) ** 2).sum(axis=1)
+        out_of_plane_part = np.zeros_like(rotational_part)
         if self.periods == 2 and 2 in axes:
-            out_of_plane = kinetic[:, :, axes.index(2)].sum(axis=1)
-        return rotation, longitudinal, out_of_plane
+            out_of_plane_part = kinetic[:, :, axes.index(2)].sum(axis=1)
+        return rotational_part, longitudinal_part, out_of_plane_part
 
     def _solve(self, q: Array) -> Array:
         """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, at wave vectors q (n_q, p),
@@ -703,17 +710,17 @@ class ContactLattice(LongWaves):
         (n_q, p), of the lowest squared frequency.
         """
         squares, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
-        lowest = int(np.argmin(squares[:, 0]))
+        lowest_point = int(np.argmin(squares[:, 0]))
         where = (
-            f"a squared frequency at {self.name_wavevector(q[lowest])} is negative,"
-            f" {squares[lowest, 0]:.3g} k/M"
+            f"a squared frequency at {self.name_wavevector(q[lowest_point])} is negative,"
+            f" {squares[lowest_point, 0]:.3g} k/M"
         )
-        motion = (self._to_balls @ vectors[lowest, :, 0]).reshape(self.n_balls, -1)
+        motion = (self._to_balls @ vectors[lowest_point, :, 0]).reshape(self.n_balls, -1)
         return self.explain_buckling(where, motion[:, self.motions.translating].T)
 
     def _share_out(self, find: Callable[[slice], _Result], count: int) -> list[_Result]:
-        """Return the results of ``find`` for slices of the numbers of ``count`` wave vectors, so
-        short that C(q) has no more than :data:`_ENTRIES` entries.
+        """Return the results of ``find`` for slices of the numbers of ``count`` wave vectors: of a
+        single one, or of so few that C(q) has some :data:`_ENTRIES` entries at most.
 
         Wave vectors of large cells are shared out to all processors, one by one. Without wave
         vectors ``find`` is called once, with an empty slice, so that its result has a shape.
@@ -738,7 +745,7 @@ class ContactLattice(LongWaves):
         self._require_memory(BYTES * self.n_branches**2)
         weighted_rows = [self._weight_rows()]
         if self.is_prestressed:
-            weighted_rows.append(self._weight_rows(prestress=True))
+            weighted_rows.append(self._weight_rows(are_static=True))
         return LargeCell(self, weighted_rows, self._images)
 
     # -- motions that nothing joins to others ------------------------------------------------------
@@ -781,22 +788,24 @@ class ContactLattice(LongWaves):
         columns = block.columns
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
         # displacements of the centre of mass are the first motions of the frame
-        bent = [
+        bent_motions = [
             motion
             for motion in np.flatnonzero(columns < len(motions.translations)).tolist()
             if motions.translations[columns[motion]] >= p
         ]
-        tilt = np.zeros((len(bent), len(columns), p), complex)
-        for number, motion in enumerate(bent):
+        tilt = np.zeros((len(bent_motions), len(columns), p), complex)
+        for number, motion in enumerate(bent_motions):
             axis = motions.translations[columns[motion]]
             for along in range(p):
                 motions_of_balls = self._tilt_balls(axis, along)
                 tilt[number, :, along] = (weights.T @ motions_of_balls).ravel()[columns]
         is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
         gradients = tilt.real.copy() if is_real else tilt
-        tilting = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
+        tilting_numbers = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
         return replace(
-            block, bent=tuple(bent[number] for number in tilting), tilt=gradients[tilting]
+            block,
+            bent=tuple(bent_motions[number] for number in tilting_numbers),
+            tilt=gradients[tilting_numbers],
         )
 
     def _tilt_balls(self, axis: int, along: int) -> Complex:
@@ -819,8 +828,8 @@ class ContactLattice(LongWaves):
         """The blocks with motions that lengthen or shorten contacts. The motions of other blocks
         leave the static normal forces as they are.
         """
-        # elongations come first among the kinds of rows
-        lengthens = self._deforming.find_effects()[0].any(axis=0)
+        is_elongation = [row.kind == "elongation" for row in self.rows]
+        lengthens = np.any(self._deforming.find_effects()[is_elongation], axis=(0, 1))
         return [block for block in self._blocks if np.any(lengthens[block.columns])]
 
     # -- branches that vanish at every wave vector -------------------------------------------------
@@ -831,7 +840,10 @@ class ContactLattice(LongWaves):
         generic rank of C(q).
         """
         n_free = None if self._large is None else self._large.free_branches
-        return sum(block.n_free for block in self._blocks) if n_free is None else n_free
+        if n_free is not None:
+            return n_free
+        # of a small cell, and of a large one whose matrix D would lose the digits
+        return sum(block.n_free for block in self._blocks)
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -869,6 +881,7 @@ class ContactLattice(LongWaves):
                 if stops(self._stiffen(names))
             ]
             if remedies:
+                # of several names the last two are joined by "and"
                 choices = [", ".join((*names[:-2], " and ".join(names[-2:]))) for names in remedies]
                 return f"add {', or '.join(choices)}"
         return "use a lattice with more contacts"
@@ -905,7 +918,8 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : another shape of wave vectors, or another number of frequencies.
+        InputError : wave vectors of another shape or not finite, or another number of frequencies.
+        PrecisionError : a wave vector is too far from Gamma.
         """
         q, _ = self._fold(wavevectors)
         numbers = real_array("frequencies", frequencies)
@@ -923,14 +937,14 @@ class ContactLattice(LongWaves):
         n_soft = np.maximum(counts - n_expected, 0)
         if not np.any(n_soft):
             return ()
-        first = int(np.argmax(n_soft > 0))
+        first_point = int(np.argmax(n_soft > 0))
         unfolded_q = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
         count = int(n_soft.sum())
         modes_vanish = "mode vanishes" if count == 1 else "modes vanish"
         return (
             f"{count} {modes_vanish} at {np.count_nonzero(n_soft)} of {len(q)} wave vectors, the"
-            f" first at {self.name_wavevector(unfolded_q[first])}: these motions deform no contact"
-            f" there",
+            f" first at {self.name_wavevector(unfolded_q[first_point])}: these motions deform no"
+            " contact there",
         )
 
     @cached_property
@@ -948,16 +962,16 @@ class ContactLattice(LongWaves):
             sound_motions = np.column_stack([sound_motions, self._turn_about_line()])
         sound_motions[:, self._are_anchored(sound_motions)] = 0.0
         if self._large is not None and not self.free_branches:
-            return int(np.linalg.matrix_rank(sound_motions, tol=_INDEPENDENT))
+            return int(np.linalg.matrix_rank(sound_motions, tol=_LEAST_INDEPENDENCE))
         total = 0
         for block in self._blocks:
             zero_motions = sound_motions[block.columns]
             if block.n_free:
-                _, modes = block.solve(_BESIDE_GAMMA * direction)
+                _, modes = block.solve(_STEP_FROM_GAMMA * direction)
                 free_motions = modes[0][:, : block.n_free]
                 zero_motions = np.concatenate([zero_motions, free_motions], axis=1)
             # a motion of sound may also be free: only independent motions count
-            total += int(np.linalg.matrix_rank(zero_motions, tol=_INDEPENDENT))
+            total += int(np.linalg.matrix_rank(zero_motions, tol=_LEAST_INDEPENDENCE))
         return total
 
     def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
@@ -969,7 +983,7 @@ class ContactLattice(LongWaves):
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
         at_springs = of_balls[self.contacts.i[self.n_between :]]
         springs = self.on_site[:, : self.motions.count]
-        is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _AT_REST)
+        is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _REST_AMPLITUDE)
         return np.asarray(np.any(is_resisted, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
@@ -1132,12 +1146,32 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
     )
 
 
+def _find_members(groups: Index, group_of_branch: Index) -> Index:
+    """Return the numbers (m,), ascending, of the modes that at some wave vector belong to the group
+    of one of b branches there. ``groups`` (n_q, n_branches) has the group of each mode, and
+    ``group_of_branch`` is (n_q, b).
+    """
+    is_member = [np.isin(*pair) for pair in zip(groups, group_of_branch, strict=True)]
+    return np.flatnonzero(np.any(is_member, axis=0))
+
+
+def _count_members(groups: Index, group_of_branch: Index) -> Index:
+    """Return the number (n_q, b) of modes in the group of each branch; the arguments are those of
+    :func:`_find_members`.
+    """
+    counts = [
+        np.bincount(groups_at_q)[of_branches]
+        for groups_at_q, of_branches in zip(groups, group_of_branch, strict=True)
+    ]
+    return np.reshape(counts, group_of_branch.shape)
+
+
 def _is_almost_gamma(q: Array) -> NDArray[np.bool_]:
     """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is so near to Gamma that all of its
-    components are below :data:`_NEAR_GAMMA`, but not Gamma.
+    components are below :data:`_LIMIT_DISTANCE`, but not Gamma.
     """
     size = np.max(np.abs(q), axis=1)
-    return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
+    return np.asarray((size > 0.0) & (size < _LIMIT_DISTANCE))
 
 
 def _sort_branches(

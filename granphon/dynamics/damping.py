@@ -57,10 +57,10 @@ SMALL_LOSS = math.sqrt(10.0 / 3.0) / math.pi
 ALIKE = 1e-12
 #: largest entry of the viscous matrix, over the square root of the largest stiffness, above which
 #: the rates of slow modes are less than the rounding of fast ones
-_STRONGEST = 3e4
+_LARGEST_VISCOUS_RATIO = 3e4
 #: part of the top frequency up to which a frequency, or its real part, is zero: the root of
 #: rounding, as zeros come in pairs
-_NEAR_ZERO = 1e-6
+_ZERO_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,24 +241,33 @@ class Losses:
         is_resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
         is_resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
         is_resisted[1] &= network.ball_motions.count > 1  # balls that move along a line do not slip
-        factors = self.factors[is_resisted]
-        times = self.times[is_resisted]
-        drags = self.drag_of(network.ball_motions)
-        is_even = all(
-            np.ptp(numbers) <= ALIKE * np.max(numbers) for numbers in (factors, times, drags)
-        )
-        is_of_contacts = np.any(factors) or np.any(times)
-        has_lossless = network.prestress or network.on_site is not None
-        if not is_even or (has_lossless and is_of_contacts):
+        loss_factor = _find_common(self.factors[is_resisted])
+        time = _find_common(self.times[is_resisted])
+        drag = _find_common(self.drag_of(network.ball_motions))
+        if loss_factor is None or time is None or drag is None:
             return None
-        return float(factors[0]), float(times[0]), float(drags[0])
+        has_lossless = network.prestress or network.on_site is not None
+        if has_lossless and (loss_factor or time):
+            return None
+        return loss_factor, time, drag
+
+
+def _find_common(numbers: Array) -> float | None:
+    """Return the number that all ``numbers`` (n,), zero or above, are but for rounding; None if
+    they differ, and zero if there are none, as contacts that are not there lose nothing.
+    """
+    if not numbers.size:
+        return 0.0
+    is_common = np.ptp(numbers) <= ALIKE * np.max(numbers)
+    return float(numbers[0]) if is_common else None
 
 
 def find_tsuji(restitution: ArrayLike) -> Array:
     """Return alpha (...) of the dashpot of Tsuji with which a collision of balls with Hertz's law
-    has the ``restitution`` e (...) at any velocity: (10/3)^(1/2) ln(1/e)/(pi^2 + ln(e)^2)^(1/2).
+    has the ``restitution`` e (...), above zero, at any velocity:
+    (10/3)^(1/2) ln(1/e)/(pi^2 + ln(e)^2)^(1/2).
     """
-    logarithm = -np.log(restitution)
+    logarithm = -np.log(restitution) + 0.0  # no minus zero
     return np.asarray(SMALL_LOSS * np.pi * logarithm / np.hypot(np.pi, logarithm))
 
 
@@ -277,11 +286,11 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
     :class:`~granphon.base.errors.Refused` for numbers above the largest.
     """
     losses = rule(value)
-    highest = float(np.max(losses))
-    largest = LARGEST_LOSSES[name]
-    if highest > largest:
+    highest_loss = float(np.max(losses))
+    largest_allowed = LARGEST_LOSSES[name]
+    if highest_loss > largest_allowed:
         unit = f" {LOSSES[name]}".rstrip()
-        raise Refused(f"{highest:g}", f"{name} up to {largest:g}{unit}")
+        raise Refused(f"{highest_loss:g}", f"{name} up to {largest_allowed:g}{unit}")
     return losses
 
 
@@ -359,10 +368,10 @@ class DampedModes(Result, array="frequencies"):
         """Q = Re f/(2 Im f), an array of the shape of the frequencies: infinite for a mode without
         loss, and zero for a mode that creeps.
         """
-        real = self.frequencies.real
+        frequency = self.frequencies.real
         decay = 2.0 * self.frequencies.imag
-        quality = np.full(real.shape, np.inf)
-        np.divide(real, decay, out=quality, where=decay > 0.0)
+        quality = np.full(frequency.shape, np.inf)
+        np.divide(frequency, decay, out=quality, where=decay > 0.0)
         return quality
 
     @property
@@ -390,7 +399,7 @@ def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0
     # cancellation. With a loss factor both solutions have a real part, unless omega is zero
     is_creeping = (squared_omega.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
     slower_rates = np.divide(-squared_omega, damped, out=np.zeros_like(damped), where=is_creeping)
-    return np.asarray(np.where(is_creeping, slower_rates, damped))
+    return np.asarray(np.where(is_creeping, slower_rates, damped) + 0.0, complex)  # no minus zero
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
@@ -414,7 +423,7 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     scale = np.where(scale > 0.0, scale, 1.0)
     # rates are up to G/scale in size, and those of modes that creep of the order scale/G
     largest_ratio = float(np.max(np.abs(viscous) / scale, initial=0.0))
-    if largest_ratio > _STRONGEST:
+    if largest_ratio > _LARGEST_VISCOUS_RATIO:
         raise PrecisionError(
             f"dashpots or drag resist {largest_ratio:.2g} times as much as springs at the highest"
             " frequency",
@@ -429,7 +438,7 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     rates, states = np.linalg.eig(matrices)
     # a motion without a spring has the rate zero twice, or once if drag resists it
     values = np.linalg.svd(stiffness / scale**2, compute_uv=False)
-    n_without_spring = np.sum(values <= _NEAR_ZERO**2, axis=-1)
+    n_without_spring = np.sum(values <= _ZERO_ROUNDING**2, axis=-1)
     omega, columns = _choose_half(-1j * rates, n_without_spring)
     # the first half of a state (x, y) is the motion
     motions = np.take_along_axis(states[..., :n, :], columns[..., None, :], -1)
@@ -446,9 +455,9 @@ def _choose_half(omega: Complex, n_without_spring: Index) -> tuple[Complex, Inde
     square root of the largest stiffness.
     """
     n = omega.shape[-1] // 2
-    is_zero = np.abs(omega) <= _NEAR_ZERO
-    is_oscillating = omega.real > _NEAR_ZERO
-    is_creeping = ~is_zero & (np.abs(omega.real) <= _NEAR_ZERO)
+    is_zero = np.abs(omega) <= _ZERO_ROUNDING
+    is_oscillating = omega.real > _ZERO_ROUNDING
+    is_creeping = ~is_zero & (np.abs(omega.real) <= _ZERO_ROUNDING)
     roots = np.where(is_creeping, 1j * omega.imag, omega)
     # first roots of a positive real part, then zeros, those that creep, and last the mirror images
     kinds = np.select([is_oscillating, is_zero, is_creeping], [0, 1, 2], 3)
@@ -456,9 +465,9 @@ def _choose_half(omega: Complex, n_without_spring: Index) -> tuple[Complex, Inde
     # rate
     order = np.lexsort((np.where(is_zero, -roots.real, roots.imag), kinds))
     sorted_roots = np.take_along_axis(roots, order, -1)
-    is_zero = np.take_along_axis(is_zero, order, -1)
-    zeros_so_far = np.cumsum(is_zero, axis=-1)
-    is_spare = is_zero & (zeros_so_far > n_without_spring[..., None])
+    is_sorted_zero = np.take_along_axis(is_zero, order, -1)
+    zeros_so_far = np.cumsum(is_sorted_zero, axis=-1)
+    is_spare = is_sorted_zero & (zeros_so_far > n_without_spring[..., None])
     # the first n roots, once the spare zeros have moved to the end; then in the order of the result
     half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
     half_roots = np.take_along_axis(sorted_roots, half, -1)

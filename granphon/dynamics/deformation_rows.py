@@ -34,7 +34,7 @@ from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
 
 #: half angle below which sin h - h cos h is summed as a series
-_SERIES = 1.0
+_LARGEST_OF_SERIES = 1.0
 #: coefficients of (sin h - h cos h)/h^3 in powers of h^2; the next one is below rounding
 _BEND = [(-1.0) ** k * (2 * k + 2) / math.factorial(2 * k + 3) for k in range(9)]
 #: three components of vectors, along x, y and z, each (n_c,)
@@ -215,11 +215,9 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
         rows += growth_rows(
             network.normal,
             tangential_force,
-            network.arm_i,
-            network.arm_j,
+            (network.arm_i, network.arm_j),
             network.ball_motions,
-            gyration[network.i],
-            gyration[network.j],
+            (gyration[network.i], gyration[network.j]),
         )
     return rows
 
@@ -256,11 +254,9 @@ def carry_rows(
     normal: Array,
     force: Array,
     distance: Array,
-    arm_i: Array,
-    arm_j: Array,
+    arms: tuple[Array, Array],
     motions: Motions,
-    gyration_i: Array,
-    gyration_j: Array,
+    gyration: tuple[Array, Array],
     growth: Array,
     arm_rates: Array,
     *,
@@ -284,12 +280,14 @@ def carry_rows(
 
         dT = (1/2) n.(phi_i + phi_j) n x T
 
-    dT acts at the same arms as T. The other arguments are those of :func:`contact_rows`.
+    dT acts at the same arms as T. ``arms`` and radii of ``gyration`` are those of balls i and of
+    balls j, each (n_c,); ``motions`` are as for :func:`contact_rows`.
     """
     n = normal
     turned_force = np.cross(normal, force)  # by a right angle about n
-    turn_i = 1.0 / gyration_i
-    turn_j = 1.0 / gyration_j
+    arm_i, arm_j = arms
+    turn_i = 1.0 / gyration[0]
+    turn_j = 1.0 / gyration[1]
     zeros = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
@@ -313,12 +311,12 @@ def carry_rows(
         (turn(arm_rates[:, None] * turned_force, ones, ones), elongation),
     ]
     if np.any(growth):
-        slip = _slip_row(n, force, arm_i, arm_j, motions, gyration_i, gyration_j)
+        slip = _slip_row(n, force, arms, motions, gyration)
         head = growth[:, None] * elongation.head
         tail = growth[:, None] * elongation.tail
         pairs.append((slip, Row("elongation", 1.0, head, tail)))
     if turns:
-        slip = _slip_row(n, turned_force, arm_i, arm_j, motions, gyration_i, gyration_j)
+        slip = _slip_row(n, turned_force, arms, motions, gyration)
         pairs.append((slip, turn(-0.5 * n, ones, ones)))
     return pairs
 
@@ -363,11 +361,9 @@ def torque_pairs(
 def growth_rows(
     normal: Array,
     force: Array,
-    arm_i: Array,
-    arm_j: Array,
+    arms: tuple[Array, Array],
     motions: Motions,
-    gyration_i: Array,
-    gyration_j: Array,
+    gyration: tuple[Array, Array],
 ) -> list[Row]:
     """Return two rows whose squares, times their stiffnesses, add up to the symmetric part of what
     the growth of static tangential forces adds to the stiffness: the last pair of
@@ -378,7 +374,7 @@ def growth_rows(
     """
     zeros = list(np.zeros((3, len(normal))))
     elongation = _make_row("elongation", 1.0, list(normal.T), zeros, 1.0, 1.0, motions)
-    slip = _slip_row(normal, force, arm_i, arm_j, motions, gyration_i, gyration_j)
+    slip = _slip_row(normal, force, arms, motions, gyration)
     pairs = split_pairs([(slip, elongation)])
     return [row._replace(kind=GROWTH, stiffness=sign) for row, sign in pairs]
 
@@ -441,19 +437,17 @@ def excess_rows(
 def _slip_row(
     normal: Array,
     force: Array,
-    arm_i: Array,
-    arm_j: Array,
+    arms: tuple[Array, Array],
     motions: Motions,
-    gyration_i: Array,
-    gyration_j: Array,
+    gyration: tuple[Array, Array],
 ) -> Row:
     """Return the row of T.slip, T = ``force`` (n_c, 3); the arguments are those of
     :func:`carry_rows`.
     """
     # T.(phi x n) is phi.(n x T)
     turned_force = np.cross(normal, force)
-    factor_j = -arm_j / gyration_j
-    factor_i = arm_i / gyration_i
+    factor_i = arms[0] / gyration[0]
+    factor_j = -arms[1] / gyration[1]
     return _make_row("carry", 1.0, list(force.T), list(turned_force.T), factor_j, factor_i, motions)
 
 
@@ -553,14 +547,14 @@ class WaveRows(NamedTuple):
     even: NDArray[Any]
     half: Array
 
-    def compute_rows(self, wavevectors: Array, derivative: bool = False) -> NDArray[Any]:
-        """Return the rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or with ``derivative``
-        their derivatives with respect to the half angle.
+    def compute_rows(self, wavevectors: Array, wants_derivative: bool = False) -> NDArray[Any]:
+        """Return the rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or if
+        ``wants_derivative`` their derivatives with respect to the half angle.
         """
         angle = wavevectors @ self.half.T
         odd_factor = np.sin(angle)
         even_factor = np.cos(angle)
-        if derivative:
+        if wants_derivative:
             odd_factor, even_factor = even_factor, -odd_factor
         # view complex numbers as pairs of reals: the factors are real, and a real product is
         # cheaper
@@ -608,9 +602,11 @@ def bend(angle: Array) -> Array:
     """Return sin h - h cos h of the ``angle`` h (...), rad, with all digits also at small angles,
     where the difference is h^3/3. Its derivative with respect to h is h sin h.
     """
-    square = np.square(angle)
+    is_small = np.abs(angle) < _LARGEST_OF_SERIES
+    small_angle = np.where(is_small, angle, 0.0)  # powers of large angles would overflow
+    square = np.square(small_angle)
     series = np.zeros_like(angle)
     for coefficient in reversed(_BEND):  # Horner's rule
         series = series * square + coefficient
-    direct = np.sin(angle) - angle * np.cos(angle)
-    return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, direct))
+    difference = np.sin(angle) - angle * np.cos(angle)
+    return np.asarray(np.where(is_small, small_angle * square * series, difference))

@@ -66,7 +66,7 @@ class _MeanSquares(NamedTuple):
 
     Attributes
     ----------
-    deformations : (n_c,) of the deformations of contacts, by the names of
+    deformations : a dictionary of arrays (n_c,), of the deformations of contacts, by the names of
         :data:`~granphon.dynamics.sensitivities.STIFFNESSES`.
     motions : (n, motions) of the mass-weighted motions of balls that move.
     """
@@ -114,19 +114,15 @@ class EdgeEnergies:
         squares : (n,) w of the waves, ascending at each wave vector, in reduced units.
         warnings : sentences about the crystal, which the results hold.
 
-        Raises :class:`~granphon.base.errors.InputError` for arrays larger than the memory, and
-        :class:`~granphon.base.errors.PrecisionError` for a wave that decays too slowly to be told
-        from those of the bulk.
+        Raises
+        ------
+        InputError : arrays larger than the memory.
+        PrecisionError : a wave decays too slowly to be told from those of the bulk.
         """
         half_space = self.half_space
         self._require_memory(len(point))
         frequencies = np.sqrt(squares)
-        groups = np.zeros(len(point), np.intp)
-        for wavevector in np.unique(point):
-            is_here = point == wavevector
-            # no two wave vectors share a number of a group
-            groups[is_here] = number_equal(frequencies[is_here]) + len(point) * wavevector
-        _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+        group, sizes = _group_waves(point, frequencies)
         outer, inner, hop = half_space.blocks(q)
         of_crystal = []
         of_cut = []
@@ -315,6 +311,20 @@ class EdgeEnergies:
             8.0 * _ARRAYS_HELD * count * numbers,
             "Take fewer wave vectors",
         )
+
+
+def _group_waves(point: Index, frequencies: Array) -> tuple[Index, Index]:
+    """Return the number (n,) of the group of each wave, and the number (m,) of waves in each group:
+    a group has one frequency at one wave vector. ``point`` (n,) is the number of the wave vector of
+    each wave, and ``frequencies`` (n,) are ascending at each.
+    """
+    groups = np.zeros(len(point), np.intp)
+    for wavevector in np.unique(point):
+        is_here = point == wavevector
+        # no two wave vectors share a number of a group
+        groups[is_here] = number_equal(frequencies[is_here]) + len(point) * wavevector
+    _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+    return group, sizes
 
 
 def _find_decay(inner: Complex, hop: Complex, w: float) -> tuple[Complex, Complex]:

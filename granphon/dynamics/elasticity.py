@@ -28,15 +28,15 @@ _VOIGT = {
 _TOLERANCE = 1e-6
 #: greatest difference, over the largest constant, between elastic constants that are equal but for
 #: rounding
-_ROUNDED = 1e-10
+_MODULUS_ROUNDING = 1e-10
 #: number of periods of a lattice, by the number of rows of its elastic tensor
 _PERIODS = {1: 1, 3: 2, 6: 3}
 #: number of decimals to which components are compared, so that rounding does not decide
 _DIGITS = 9
 #: relative difference of velocities up to which they are equal but for rounding
-_TIED = 1e-12
+_VELOCITY_ROUNDING = 1e-12
 #: difference of the components of polarisations along q up to which they are equal
-_TIED_ALONG = 1e-9
+_COMPONENT_ROUNDING = 1e-9
 
 
 def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
@@ -58,9 +58,9 @@ def take_voigt(c: Array) -> Array:
     order; components that differ by an exchange of i with j, or of k with l, are averaged.
     """
     symmetric_ij = 0.5 * (c + c.swapaxes(-4, -3))
-    symmetric = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
+    symmetric_tensor = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
     i, j = np.transpose(_VOIGT[c.shape[-1]])
-    return np.asarray(symmetric[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+    return np.asarray(symmetric_tensor[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
 
 def name_strain(strains: Array) -> str:
@@ -73,13 +73,13 @@ def name_strain(strains: Array) -> str:
     """
     pairs = _VOIGT[_PERIODS[len(strains)]]
     # six decimals, so that rounding does not decide between components that are equally near
-    nearest = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
+    nearest_component = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
     # the components xy sqrt 2 become 2xy
     factors = [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
-    strain = strains @ strains[nearest] * factors
+    strain = strains @ strains[nearest_component] * factors
     names = [("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs]
-    scaled = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0  # no minus zero
-    components = [f"{component:g}" for component in scaled]
+    scaled_strain = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0  # no minus zero
+    components = [f"{component:g}" for component in scaled_strain]
     return f"({', '.join(names)}) = ({', '.join(components)})"
 
 
@@ -97,24 +97,27 @@ def find_unstable_strains(tensor: Array) -> Array | None:
     pairs = _VOIGT[_PERIODS[tensor.shape[-1]]]
     # strains xy become xy sqrt 2, so that the squares of the n components add up to e_ij e_ij
     factors = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in pairs])
-    symmetric = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
-    moduli, strains = np.linalg.eigh(symmetric)
-    largest = np.max(np.abs(moduli), axis=-1, keepdims=True)
-    relative = np.divide(moduli, largest, out=np.zeros_like(moduli), where=largest > 0.0)
-    worst = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
-    worst_moduli = relative[worst]
-    if worst_moduli[0] >= -_ROUNDED:  # rounding may make a modulus of zero negative
+    symmetric_tensor = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
+    moduli, strains = np.linalg.eigh(symmetric_tensor)
+    largest_size = np.max(np.abs(moduli), axis=-1, keepdims=True)
+    relative_moduli = np.divide(
+        moduli, largest_size, out=np.zeros_like(moduli), where=largest_size > 0.0
+    )
+    lowest_place = np.unravel_index(np.argmin(relative_moduli[..., 0]), relative_moduli.shape[:-1])
+    ratios = relative_moduli[lowest_place]
+    if ratios[0] >= -_MODULUS_ROUNDING:  # rounding may make a modulus of zero negative
         return None
-    is_lowest = worst_moduli <= worst_moduli[0] + _ROUNDED
-    return np.asarray(strains[worst][:, is_lowest])
+    is_lowest = ratios <= ratios[0] + _MODULUS_ROUNDING
+    return np.asarray(strains[lowest_place][:, is_lowest])
 
 
 def find_stress_part(stress: Array) -> Array:
-    """Return the contribution (..., n, n) of a Cauchy stress (..., p, p) to the coefficients
+    """Return the contribution (..., n, n) of a Cauchy ``stress`` (..., p, p) to the coefficients
     between stress and strain, in Voigt order and in the unit of the stress.
 
-    These coefficients are the second derivatives of the energy with respect to strain, plus this
-    contribution (F. Birch, Phys. Rev. 71, 809, 1947).
+    These coefficients are the second derivatives of the energy per volume with respect to the
+    displacement gradient, in Voigt order (:func:`take_voigt`), plus this contribution (F. Birch,
+    Phys. Rev. 71, 809, 1947).
     """
     unit = np.eye(stress.shape[-1])
     turning = np.einsum("...ik,jl->...ijkl", stress, unit)  # stress_ik delta_jl
@@ -135,8 +138,8 @@ def point_group(lattice: Lattice) -> Array:
     balls = lattice.positions
     gram = cell @ cell.T
     # the images of each vector of the cell are lattice vectors of the same length
-    longest = float(np.sqrt(gram.diagonal().max()))
-    vectors = steps_within(cell, longest + _TOLERANCE) @ cell
+    longest_length = float(np.sqrt(gram.diagonal().max()))
+    vectors = steps_within(cell, longest_length + _TOLERANCE) @ cell
     lengths = np.linalg.norm(vectors, axis=1)
     images = []
     for axis in range(p):
@@ -202,7 +205,7 @@ def has_cubic_axes(lattice: Lattice) -> bool:
     return is_cubic(symmetrise(constants + constants.T, lattice), _TOLERANCE)
 
 
-def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
+def is_cubic(tensor: Array, tolerance: float = _MODULUS_ROUNDING) -> bool:
     """Return whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z,
     and not isotropic. Entries are compared to a ``tolerance`` times the largest absolute entry.
     """
@@ -210,13 +213,13 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     if n == 1:
         return False
     p = _PERIODS[n]
-    cubic = np.zeros((n, n))
-    cubic[:p, :p] = tensor[0, 1]
-    cubic[np.arange(p), np.arange(p)] = tensor[0, 0]
-    cubic[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
+    cubic_tensor = np.zeros((n, n))
+    cubic_tensor[:p, :p] = tensor[0, 1]
+    cubic_tensor[np.arange(p), np.arange(p)] = tensor[0, 0]
+    cubic_tensor[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
     largest_error = tolerance * np.max(np.abs(tensor))
     is_isotropic = abs(tensor[0, 0] - tensor[0, 1] - 2.0 * tensor[p, p]) < largest_error
-    return bool(np.max(np.abs(tensor - cubic)) < largest_error and not is_isotropic)
+    return bool(np.max(np.abs(tensor - cubic_tensor)) < largest_error and not is_isotropic)
 
 
 def shears(tensor: Array) -> Array:
@@ -258,13 +261,14 @@ def anisotropy(shear: Array) -> Array:
     C33/(C11 - C12) in the plane, from their shear moduli ``shear`` (..., 5) or (..., 2), as
     :func:`shears` returns them.
 
-    The anisotropy is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947).
+    The anisotropy is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947). C11 and C12
+    must differ.
     """
     # shears such as xx - yy come first, then those such as xy
     n_axial = shear.shape[-1] // 2
-    axial = np.mean(shear[..., :n_axial], axis=-1)
-    diagonal = np.mean(shear[..., n_axial:], axis=-1)
-    return np.asarray(diagonal / axial)
+    axial_mean = np.mean(shear[..., :n_axial], axis=-1)
+    diagonal_mean = np.mean(shear[..., n_axial:], axis=-1)
+    return np.asarray(diagonal_mean / axial_mean)
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
@@ -288,14 +292,14 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     it, "out_of_plane" is the last.
     """
     moves_along_periods = set(range(periods)) <= set(axes)
-    longitudinal = ("longitudinal",) if moves_along_periods else ()
+    longitudinal_names = ("longitudinal",) if moves_along_periods else ()
     leaves_plane = periods == 2 and 2 in axes
-    out_of_plane = ("out_of_plane",) if leaves_plane else ()
-    count = len(axes) - len(longitudinal) - len(out_of_plane)
-    transverse = ("transverse_slow", "transverse_fast")[:count]
+    out_of_plane_names = ("out_of_plane",) if leaves_plane else ()
+    count = len(axes) - len(longitudinal_names) - len(out_of_plane_names)
+    transverse_names = ("transverse_slow", "transverse_fast")[:count]
     if count == 1:
-        transverse = ("transverse",)
-    return (*longitudinal, *transverse, *out_of_plane)
+        transverse_names = ("transverse",)
+    return (*longitudinal_names, *transverse_names, *out_of_plane_names)
 
 
 def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
@@ -317,25 +321,36 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     direction = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
         direction[..., axes.index(axis)] = along[..., axis]
-    # (..., n_u), by which waves are sorted: -1 for the longitudinal wave, 1 for the wave out of the
-    # plane, and 0 for all others
-    rank = np.zeros(unordered_vectors.shape[:-2] + unordered_vectors.shape[-1:])
-    if names[0] == "longitudinal":
-        part_along = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
-        largest_part = np.max(part_along, axis=-1, keepdims=True)
-        # of waves that are equally longitudinal, the last is chosen, which is the fastest
-        is_most_longitudinal = part_along >= (1.0 - _TIED_ALONG) * largest_part
-        longitudinal = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
-        np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
-    if names[-1] == "out_of_plane":
-        part_across = np.abs(unordered_vectors[..., axes.index(2), :])
-        # the longitudinal wave is not chosen a second time
-        out_of_plane = np.argmax(np.where(rank < 0.0, -1.0, part_across), axis=-1)
-        np.put_along_axis(rank, out_of_plane[..., None], 1.0, -1)
+    rank = _rank_waves(names, axes, direction, unordered_vectors)
     order = np.argsort(rank, axis=-1, kind="stable")
     velocities = np.take_along_axis(unordered_velocities, order, -1)
     polarisations = np.take_along_axis(unordered_vectors, order[..., None, :], -1)
     return velocities, polarisations
+
+
+def _rank_waves(
+    names: tuple[str, ...], axes: tuple[int, ...], direction: Array, vectors: Array
+) -> Array:
+    """Return numbers (..., n_u) by which waves are sorted: -1 for the longitudinal wave, 1 for the
+    wave out of the plane, each if it is among the ``names``, and 0 for all others.
+
+    ``direction`` (..., n_u) is given in components of the motions along ``axes``, and ``vectors``
+    (..., n_u, n_u) are the polarisations, as columns, of waves of ascending velocity.
+    """
+    rank = np.zeros(vectors.shape[:-2] + vectors.shape[-1:])
+    if names[0] == "longitudinal":
+        part_along = np.abs(np.einsum("...i,...ib->...b", direction, vectors))
+        largest_part = np.max(part_along, axis=-1, keepdims=True)
+        # of waves that are equally longitudinal, the last is chosen, which is the fastest
+        is_most_longitudinal = part_along >= (1.0 - _COMPONENT_ROUNDING) * largest_part
+        longitudinal_number = len(axes) - 1 - np.argmax(is_most_longitudinal[..., ::-1], axis=-1)
+        np.put_along_axis(rank, longitudinal_number[..., None], -1.0, -1)
+    if names[-1] == "out_of_plane":
+        part_across = np.abs(vectors[..., axes.index(2), :])
+        # the longitudinal wave is not chosen a second time
+        out_of_plane_number = np.argmax(np.where(rank < 0.0, -1.0, part_across), axis=-1)
+        np.put_along_axis(rank, out_of_plane_number[..., None], 1.0, -1)
+    return rank
 
 
 def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
@@ -348,7 +363,7 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     """
     vectors = vectors.copy()
     along = np.broadcast_to(along, vectors.shape[:-1])
-    is_next_equal = np.diff(velocities, axis=-1) <= _TIED * velocities[..., 1:]
+    is_next_equal = np.diff(velocities, axis=-1) <= _VELOCITY_ROUNDING * velocities[..., 1:]
     are_all_equal = np.all(is_next_equal, axis=-1)
     vectors[are_all_equal, :, 2] = along[are_all_equal]
     has_slow_pair = is_next_equal[..., 0]
@@ -360,10 +375,10 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     # a vector has a positive component along the direction, or if that is zero a positive largest
     # component
     component_along = np.einsum("...i,...ib->...b", along, vectors)
-    largest = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
-    largest_component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
+    largest_axis = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
+    largest_component = np.take_along_axis(vectors, largest_axis[..., None, :], -2)[..., 0, :]
     deciding_component = np.where(
-        np.abs(component_along) > _TIED_ALONG, component_along, largest_component
+        np.abs(component_along) > _COMPONENT_ROUNDING, component_along, largest_component
     )
     return vectors * np.where(deciding_component < 0.0, -1.0, 1.0)[..., None, :]
 
@@ -378,10 +393,10 @@ def _choose_pair(along: Array, third_vector: Array) -> tuple[Array, Array]:
     part_of_direction = along - np.sum(along * third_vector, axis=-1, keepdims=True) * third_vector
     axis = np.eye(3)[np.argmin(np.round(np.abs(third_vector), _DIGITS), axis=-1)]
     part_of_axis = axis - np.sum(axis * third_vector, axis=-1, keepdims=True) * third_vector
-    has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _TIED_ALONG
-    first = np.where(has_part, part_of_direction, part_of_axis)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return first, np.cross(third_vector, first)
+    has_part = np.linalg.norm(part_of_direction, axis=-1, keepdims=True) > _COMPONENT_ROUNDING
+    first_vector = np.where(has_part, part_of_direction, part_of_axis)
+    first_vector /= np.linalg.norm(first_vector, axis=-1, keepdims=True)
+    return first_vector, np.cross(third_vector, first_vector)
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
@@ -397,7 +412,8 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
 
     Raises
     ------
-    InstabilityError : a tensor is not positive definite for waves along the direction.
+    InputError : a direction of another shape, not finite or of length zero.
+    InstabilityError : a tensor has a negative squared velocity along the direction.
     """
     periods = _PERIODS[tensor.shape[-1]]
     along = as_direction(direction, periods)

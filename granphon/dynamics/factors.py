@@ -44,19 +44,20 @@ class Elimination:
     """The order of elimination of all symmetric matrices that have entries at the same places as
     the sparse ``matrix``.
 
-    ``approximate`` factors are in single precision, half as large, for preconditioners; their order
-    of elimination is found in half of the time, and leaves factors with a few more entries.
+    If ``is_approximate``, factors are in single precision, half as large, for preconditioners;
+    their order of elimination is found in half of the time, and leaves factors with a few more
+    entries.
     """
 
-    def __init__(self, matrix: Any, approximate: bool = False) -> None:
+    def __init__(self, matrix: Any, is_approximate: bool = False) -> None:
         """Find the order of elimination by rslab, if it is installed."""
-        self._approximate = approximate
+        self._is_approximate = is_approximate
         self._symbolic: Any = None
         try:
             import rslab
         except ImportError:
             return  # without rslab `factorise` uses SuperLU, which finds its own order each time
-        order = "amd" if approximate else "auto"
+        order = "amd" if is_approximate else "auto"
         self._symbolic = rslab.analyze(matrix.tocsc(), path="ldlt", ordering=order)
 
     def factorise(self, matrix: Any) -> Factors:
@@ -66,11 +67,11 @@ class Elimination:
         """
         if self._symbolic is None:
             # only positive definite matrices have approximate factors, and need no exchange of rows
-            pivot = 0.0 if self._approximate else _PIVOT
-            return _LUFactors(matrix, pivot, self._approximate)
+            pivot = 0.0 if self._is_approximate else _PIVOT
+            return _LUFactors(matrix, pivot, self._is_approximate)
         columns = matrix.tocsc()
-        if self._approximate:
-            columns = columns.astype(np.float32)
+        if self._is_approximate:
+            columns = _halve_precision(columns)
         return _LDLFactors(self._symbolic.factor(columns))
 
 
@@ -84,6 +85,11 @@ def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) ->
     if symmetric:
         return Elimination(matrix, approximate).factorise(matrix)
     return _LUFactors(matrix, _PIVOT, approximate)
+
+
+def _halve_precision(matrix: Any) -> Any:
+    """Return a sparse ``matrix``, real or complex, in single precision."""
+    return matrix.astype(np.complex64 if np.iscomplexobj(matrix.data) else np.float32)
 
 
 class _LDLFactors:
@@ -100,6 +106,8 @@ class _LDLFactors:
             # real factors solve for real and imaginary parts apart
             return np.asarray(self.solve(right.real) + 1j * self.solve(right.imag))
         columns = np.asarray(right, dtype)
+        if not columns.size:  # rslab refuses arrays without columns
+            return columns.copy()
         if columns.ndim == 1:
             return np.asarray(self._factors.solve(columns))
         return np.asarray(self._factors.solve_many(columns))
@@ -114,7 +122,7 @@ class _LUFactors:
     """Factors L U of a sparse ``matrix``, found by SuperLU.
 
     A pivot is taken from the diagonal if its entry is at least the part ``pivot`` of the largest
-    entry of its column. ``approximate`` factors are in single precision.
+    entry of its column. If ``approximate``, factors are in single precision.
     """
 
     def __init__(self, matrix: Any, pivot: float, approximate: bool) -> None:
@@ -126,7 +134,7 @@ class _LUFactors:
         options: dict[str, Any] = {"SymmetricMode": True}
         relax = None
         if approximate:
-            columns = columns.astype(np.float32)
+            columns = _halve_precision(columns)
             options["Equil"] = False
             # SuperLU would else treat neighbouring columns as one dense block (a supernode), and
             # fill a matrix of so few entries with zeros

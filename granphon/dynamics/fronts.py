@@ -24,12 +24,12 @@ from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 
 #: number of balls up to which a set of balls is not cut any further
-_FEW_BALLS = 24
+_MOST_UNCUT_BALLS = 24
 #: pivot, over the diagonal, below which a motion is set aside, so that other pivots keep half of
 #: their digits
-_SOFT_PIVOT = 1e-8
+_LEAST_PIVOT = 1e-8
 #: coupling of a motion that is set aside, over the diagonal, up to which it is rounding
-_NO_PIVOT = 1e-13
+_COUPLING_ROUNDING = 1e-13
 #: memory, bytes, over the number of entries of the factors: fronts that are not finished yet, and
 #: their remainders, are contained
 _FRONTS_BYTES = 24.0
@@ -55,14 +55,14 @@ class _Front(NamedTuple):
 
     Attributes
     ----------
-    eliminated : (r,) motions that have been eliminated.
-    coupled : (l,) motions of the front that remained.
+    eliminated_motions : (r,) motions that have been eliminated.
+    coupled_motions : (l,) motions of the front that remained.
     lower : (r, r) L among the eliminated motions.
     below : (l, r) L from the eliminated motions to the coupled ones.
     """
 
-    eliminated: Index
-    coupled: Index
+    eliminated_motions: Index
+    coupled_motions: Index
     lower: Array
     below: Array
 
@@ -74,12 +74,13 @@ class _Remainder(NamedTuple):
     ----------
     motions : (m,) motions that are not yet eliminated.
     matrix : (m, m) the matrix that remains for these motions.
-    soft : (s,) those of the motions that belong to the layer or its halves, but had no pivot.
+    soft_motions : (s,) those of the motions that belong to the layer or its halves, but had no
+        pivot.
     """
 
     motions: Index
     matrix: Array
-    soft: Index
+    soft_motions: Index
 
 
 def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
@@ -121,7 +122,7 @@ class _Dissection:
         """
         layer = balls
         halves: tuple[int, ...] = ()
-        if balls.size > _FEW_BALLS:
+        if balls.size > _MOST_UNCUT_BALLS:
             layer, low, high = self._halve(balls)
             halves = tuple(self.cut(half) for half in (low, high) if half.size)
         self._is_in_layer[layer] = True
@@ -189,7 +190,9 @@ class Fronts:
                 layer_motions = _list_motions(layer.balls, count)
                 # the front eliminates the motions of its layer, and those that had no pivot in the
                 # fronts of the halves; motions of the balls beyond come after these
-                inner_motions = np.concatenate([layer_motions, *(half.soft for half in halves)])
+                inner_motions = np.concatenate(
+                    [layer_motions, *(half.soft_motions for half in halves)]
+                )
                 motions = np.concatenate([inner_motions, _list_motions(layer.beyond, count)])
                 rows[motions] = np.arange(motions.size)
                 matrix_of_front = _compose_front(matrix[layer_motions], rows, motions.size)
@@ -212,18 +215,21 @@ class Fronts:
         """
         from scipy.linalg import solve_triangular
 
+        # forces at first: those on a front become its motions once the front has been solved
         motions = np.where(self._is_aside[:, None], 0.0, forces)
-        fronts = [front for front in self._fronts if front.eliminated.size]
+        fronts = [front for front in self._fronts if front.eliminated_motions.size]
         for front in fronts:
             forward_solution = solve_triangular(
-                front.lower, motions[front.eliminated], lower=True, check_finite=False
+                front.lower, motions[front.eliminated_motions], lower=True, check_finite=False
             )
-            motions[front.eliminated] = forward_solution
-            motions[front.coupled] -= front.below @ forward_solution
+            motions[front.eliminated_motions] = forward_solution
+            motions[front.coupled_motions] -= front.below @ forward_solution
         motions[self.aside] = 0.0
         for front in reversed(fronts):
-            residual = motions[front.eliminated] - front.below.T @ motions[front.coupled]
-            motions[front.eliminated] = solve_triangular(
+            residual = (
+                motions[front.eliminated_motions] - front.below.T @ motions[front.coupled_motions]
+            )
+            motions[front.eliminated_motions] = solve_triangular(
                 front.lower, residual, lower=True, trans="T", check_finite=False
             )
         return motions
@@ -237,16 +243,16 @@ class Fronts:
         motions = np.zeros((self._is_aside.size, self.aside.size))
         motions[self.aside, np.arange(self.aside.size)] = 1.0
         for front in reversed(self._fronts):
-            if not front.eliminated.size:
+            if not front.eliminated_motions.size:
                 continue
-            coupled_motions = motions[front.coupled]
+            coupled_amplitudes = motions[front.coupled_motions]
             # most motions that are set aside move only a few balls
-            columns = np.flatnonzero(np.any(coupled_motions != 0.0, axis=0))
+            columns = np.flatnonzero(np.any(coupled_amplitudes != 0.0, axis=0))
             if not columns.size:
                 continue
-            motions[front.eliminated[:, None], columns] = solve_triangular(
+            motions[front.eliminated_motions[:, None], columns] = solve_triangular(
                 front.lower,
-                -(front.below.T @ coupled_motions[:, columns]),
+                -(front.below.T @ coupled_amplitudes[:, columns]),
                 lower=True,
                 trans="T",
                 check_finite=False,
@@ -266,29 +272,31 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     Return the front, its remainder, and the motions without a pivot that are not passed on to the
     front above: those without couplings, and all in the last layer, which has no front above.
     """
-    lower, order, rank = _factorise(matrix[:n_inner, :n_inner])
-    with_pivot = order[:rank]
-    soft = order[rank:]
-    later_motions = np.concatenate([soft, np.arange(n_inner, motions.size)])
-    below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later_motions, with_pivot)]))
+    lower_factor, order, rank = _factorise(matrix[:n_inner, :n_inner])
+    pivot_numbers = order[:rank]
+    soft_numbers = order[rank:]
+    later_motions = np.concatenate([soft_numbers, np.arange(n_inner, motions.size)])
+    below = np.ascontiguousarray(
+        _divide(lower_factor, matrix[np.ix_(later_motions, pivot_numbers)])
+    )
     complement = np.zeros((0, 0))
     if later_motions.size:
         # Schur's complement of the eliminated motions
         complement = matrix[np.ix_(later_motions, later_motions)] - below @ below.T
     n_outer = motions.size - n_inner
-    coupling = np.max(np.abs(complement[: soft.size]), axis=1, initial=0.0)
-    is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(n_outer, bool)])
+    coupling = np.max(np.abs(complement[: soft_numbers.size]), axis=1, initial=0.0)
+    is_passed = np.concatenate([coupling > _COUPLING_ROUNDING, np.ones(n_outer, bool)])
     has_front_above = n_outer > 0
     if not has_front_above:
         is_passed[:] = False
-    coupled = motions[later_motions]
+    coupled_motions = motions[later_motions]
     remainder = _Remainder(
-        motions=coupled[is_passed],
+        motions=coupled_motions[is_passed],
         matrix=complement[np.ix_(is_passed, is_passed)],
-        soft=motions[soft[is_passed[: soft.size]]],
+        soft_motions=motions[soft_numbers[is_passed[: soft_numbers.size]]],
     )
-    front = _Front(motions[with_pivot], coupled, lower, below)
-    return front, remainder, coupled[~is_passed]
+    front = _Front(motions[pivot_numbers], coupled_motions, lower_factor, below)
+    return front, remainder, coupled_motions[~is_passed]
 
 
 def _compose_front(lines: Any, rows: Index, size: int) -> Array:
@@ -322,10 +330,10 @@ def _factorise(matrix: Array) -> tuple[Array, Index, int]:
     if not n:
         return matrix, np.arange(0), 0
     lower, failure = dpotrf(matrix, lower=1)
-    if not failure and np.min(lower.diagonal()) ** 2 > _SOFT_PIVOT:
+    if not failure and np.min(lower.diagonal()) ** 2 > _LEAST_PIVOT:
         return lower, np.arange(n), n
     # a slower routine, which chooses pivots in descending order, so that small ones come last
-    lower, order, rank, _ = dpstrf(matrix, tol=_SOFT_PIVOT, lower=1)
+    lower, order, rank, _ = dpstrf(matrix, tol=_LEAST_PIVOT, lower=1)
     # LAPACK counts from one
     return np.tril(lower[:rank, :rank]), np.asarray(order - 1, np.intp), int(rank)
 

@@ -45,7 +45,7 @@ _CHUNK = 2**20
 #: blocks that are held for each w
 _MATRICES_HELD = 12
 #: matrices of all contacts that are held together while layers are made
-_COPIES = 2.0
+_COPIES_HELD = 2.0
 #: wavenumbers across the edge on which the edges of bands are bracketed
 _BAND_SAMPLES = 48
 #: golden sections that refine a bracket
@@ -59,16 +59,16 @@ _BAND_BROADENING = 1e-9
 #: step of finite differences in w within a band, over the highest w
 _DIFFERENCE_STEP = 1e-5
 #: w, over the bound of all bands, up to which waves are sought above the highest band
-_ABOVE_BANDS = 1.01
+_SEARCH_BOUND = 1.01
 #: relative width of a gap up to which two bands count as touching
 _LEAST_GAP = 1e-7
 #: margin at both edges of a gap, over its width, in which no wave is sought
 _GAP_MARGIN = 1e-9
-#: w, over the lowest band, up to which a motion costs no energy
-_FREE_IN_GAP = 1e-6
+#: w, over the upper end of an interval of w, up to which a motion costs no energy
+_LEAST_SQUARE = 1e-6
 #: eigenvalue of M at an end of a gap, over the largest there, up to which its sign is that of
 #: rounding
-_UNSIGNED = 1e-14
+_SIGN_ROUNDING = 1e-14
 #: waves closer than this in w, over the width of the gap, are one degenerate set
 _DEGENERACY = 1e-9
 #: relative tolerance of w of an edge wave
@@ -82,23 +82,23 @@ _NEWTON_STEPS = 12
 #: relative change of w at which steps of Newton's method end
 _NEWTON_TOLERANCE = 1e-8
 #: difference of two poles, over the highest w, up to which the poles are one
-_ONE_POLE = 0.1 * _NEWTON_TOLERANCE
+_POLE_TOLERANCE = 0.1 * _NEWTON_TOLERANCE
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
 #: least part of the kinetic energy of a motion at zero frequency, in the top layer, with which the
 #: motion is one of the edge
 _FREE_TOP_PART = 1e-3
 #: distance of two resonances, over the lesser half width, up to which both lead to one pole
-_SAME_POLE = 0.5
+_RESONANCE_DISTANCE = 0.5
 #: change of the factor of a wave in a step, over its distance from the factors of other waves, up
 #: to which the wave counts as the same
-_MOST_MOVED = 0.25
+_LARGEST_MOVE = 0.25
 #: least step below the real axis, and step of a difference, over the half width
 _LEAST_STEP = 1e-4
 #: error of w of a pole, over the highest w
 _POLE_NOISE = 1e-12
 #: factor from block to block that stands for all larger ones
-_FAR = 1e3
+_LARGEST_FACTOR = 1e3
 #: half width over frequency up to which a resonance counts as a leaky wave
 _MOST_WIDTH = 0.05
 #: part of the energy of a leaky wave in the top layer, at least
@@ -141,6 +141,17 @@ class _Resonances(NamedTuple):
     shift: Complex
     last_step: Array
     weight: Array
+
+    def take(self, numbers: Index) -> _Resonances:
+        """Return the resonances of some ``numbers`` (m,), in their order."""
+        return _Resonances(
+            self.point[numbers],
+            self.band[:, numbers],
+            self.w[numbers],
+            self.shift[numbers],
+            self.last_step[numbers],
+            self.weight[numbers],
+        )
 
 
 class HalfSpace:
@@ -307,7 +318,7 @@ class HalfSpace:
         """Raise :class:`~granphon.base.errors.InputError` unless matrices of this ``shape`` fit
         into memory; the message has the number of balls whose matrices would.
         """
-        needed = _COPIES * 8.0 * math.prod(shape)
+        needed = _COPIES_HELD * 8.0 * math.prod(shape)
         # rows and columns of a matrix are in proportion to the balls of a layer: memory goes as the
         # square of the balls. The available memory is infinite where it is not known
         fitting_part = min(available_memory() / needed, 1.0)
@@ -358,26 +369,26 @@ class HalfSpace:
                 for kind in self._row_kinds
             ]
             stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
-        whole = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._spring_squares)
+        both_blocks = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._spring_squares)
         # the part of contacts between the two blocks: what they add to the diagonal of each block
         # is taken away where the blocks are cut apart
         crossing_rows = rows[self._is_crossing]
         crossing_stiffness = stiffness[..., self._is_crossing, None]
         crossing = crossing_rows.conj().T @ (crossing_stiffness * crossing_rows)
         return Couplings(
-            inner=whole[..., size:, size:],
+            inner=both_blocks[..., size:, size:],
             tail=crossing[..., :size, :size],
             head=crossing[..., size:, size:],
-            up=whole[..., :size, size:],
-            down=whole[..., size:, :size],
+            up=both_blocks[..., :size, size:],
+            down=both_blocks[..., size:, :size],
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
         """Return one wave vector along the edge (p - 1,), in fractions of the reciprocal cell; zero
         if () is given.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape, and for a number that is
-        not finite.
+        Raises :class:`~granphon.base.errors.InputError` for what is no array of real numbers, for
+        another shape, and for a number that is not finite.
         """
         n_along = len(self.layers.cell)
         fractions = real_array("q", q)
@@ -392,7 +403,7 @@ class HalfSpace:
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
         """Return the wavenumbers (...) across the edge, 1/m, of motions that change by ``factors``
-        (...) from layer to layer.
+        (...) from layer to layer, none of which is zero.
 
         Real parts are within half of the period 2 pi over a layer's height. The wave vector along
         the edge is q (p - 1,), in fractions of the reciprocal cell.
@@ -514,8 +525,8 @@ class HalfSpace:
             w = solve(points, angle)[np.arange(len(points)), branch]
             return np.asarray(signs * w)
 
-        lowest = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
-        return (signs * lowest).reshape(n_points, size, 2)
+        lowest_values = _find_minima(evaluate, start, 2.0 * np.pi / _BAND_SAMPLES)
+        return (signs * lowest_values).reshape(n_points, size, 2)
 
     # -- waves of the edge -------------------------------------------------------------------------
 
@@ -523,14 +534,14 @@ class HalfSpace:
         """Return the intervals of w without a band at wave vectors q (n_q, p - 1): the number of
         the wave vector of each, (n,), and their ends (2, n).
         """
-        top = _ABOVE_BANDS * self.highest
+        top = _SEARCH_BOUND * self.highest
         return self._join_intervals([_find_free_intervals(bands, top) for bands in self.bands(q)])
 
     def _find_filled_intervals(self, q: Array) -> tuple[Index, Array]:
         """Return the intervals of w that bands fill at wave vectors q (n_q, p - 1), in the form of
         :meth:`_find_gaps`.
         """
-        top = _ABOVE_BANDS * self.highest
+        top = _SEARCH_BOUND * self.highest
         return self._join_intervals(
             [_find_complement(_find_free_intervals(bands, top)) for bands in self.bands(q)]
         )
@@ -550,7 +561,7 @@ class HalfSpace:
         low, high = np.array(ends).reshape(-1, 2).T
         margin = _GAP_MARGIN * (high - low)
         # an interval begins above zero, as motions that cost nothing are no waves
-        low = np.maximum(low + margin, _FREE_IN_GAP * high)
+        low = np.maximum(low + margin, _LEAST_SQUARE * high)
         return np.array(points, np.intp), np.stack([low, high - margin])
 
     def find_waves(self, q: Array) -> EdgeWaves:
@@ -564,7 +575,7 @@ class HalfSpace:
         point, gap = self._find_gaps(q)
         ends = np.stack([crystal.eigenvalues(point, end, gap) for end in gap])  # (2, n, 2 size)
         # zeros at the very ends, beside the poles of g, have no sign
-        rounding = _UNSIGNED * np.max(np.abs(ends), axis=2, keepdims=True)
+        rounding = _SIGN_ROUNDING * np.max(np.abs(ends), axis=2, keepdims=True)
         rises_through_zero = (ends[0] < -rounding[0]) & (ends[1] > rounding[1])
         interval, branch = np.nonzero(rises_through_zero)
         point = point[interval]
@@ -597,10 +608,10 @@ class HalfSpace:
         is_new = np.ones(len(w), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         for degenerate_set in np.split(order, np.flatnonzero(is_new)[1:]):
-            first = degenerate_set[:1]
+            first_wave = degenerate_set[:1]
             mean_square = np.mean(w[degenerate_set])
             matrices, slopes, motions = crystal.find_matrices(
-                point[first], np.array([mean_square]), gap[:, first]
+                point[first_wave], np.array([mean_square]), gap[:, first_wave]
             )
             slope = slopes[0]
             motions_beyond = motions[0, : self.size]
@@ -611,7 +622,7 @@ class HalfSpace:
                 # the derivative of M by w gives the energy of the whole wave
                 energy = float((wave.conj() @ slope @ wave).real)
                 top_energy = float(np.sum(np.abs(motions_on_top @ wave) ** 2))
-                points.append(point[first[0]])
+                points.append(point[first_wave[0]])
                 squares.append(mean_square)
                 weights.append(top_energy / energy)
         return EdgeWaves(
@@ -639,36 +650,49 @@ class HalfSpace:
         """Return leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S +
         dw S' on the real axis.
         """
-        resonances = self._find_narrow_resonances(q)
-        # half widths in w
-        depth = np.abs(resonances.shift.imag + _BAND_BROADENING * self.highest)
-        noise = _POLE_NOISE * self.highest
+        resonances = self._choose_distinct(self._find_narrow_resonances(q))
+        poles = self._find_poles(q, resonances)
+        low, high = resonances.band
+        is_in_band = (poles.real >= low) & (poles.real <= high)
+        is_below_axis = poles.imag <= _POLE_NOISE * self.highest
+        has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
+        numbers = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
+        numbers = numbers[self._sort_distinct(resonances.point[numbers], poles[numbers])]
+        squares = poles[numbers].real + 1j * np.minimum(poles[numbers].imag, 0.0)
+        return EdgeWaves(resonances.point[numbers], squares, resonances.weight[numbers])
+
+    def _measure_depths(self, resonances: _Resonances) -> Array:
+        """Return the half widths (n,) in w of ``resonances``."""
+        return np.abs(resonances.shift.imag + _BAND_BROADENING * self.highest)
+
+    def _choose_distinct(self, resonances: _Resonances) -> _Resonances:
+        """Return those of the ``resonances`` that may be leaky waves, and of many that lead to one
+        pole only one.
+        """
+        depths = self._measure_depths(resonances)
         # w = omega^2, so a relative width of w is twice that of omega
-        is_narrow = depth < 2.0 * _MOST_WIDTH * resonances.w
+        is_narrow = depths < 2.0 * _MOST_WIDTH * resonances.w
         stays_in_band = resonances.last_step < np.inf
         is_on_top = resonances.weight > _TOP_PART
         numbers = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
-        # many resonances lead to one pole
-        roots = resonances.w[numbers] - 1j * depth[numbers]
-        numbers = numbers[self._sort_distinct(resonances.point[numbers], roots, _SAME_POLE)]
-        point = resonances.point[numbers]
-        poles = resonances.w[numbers].astype(complex)
-        is_settled = resonances.last_step[numbers] <= _NEWTON_TOLERANCE * resonances.w[numbers]
+        roots = resonances.w[numbers] - 1j * depths[numbers]
+        order = self._sort_distinct(resonances.point[numbers], roots, _RESONANCE_DISTANCE)
+        return resonances.take(numbers[order])
+
+    def _find_poles(self, q: Array, resonances: _Resonances) -> Complex:
+        """Return the poles (n,) of S below ``resonances`` at q (n_q, p - 1); nan where the search
+        finds none. A settled resonance without width is a pole on the real axis.
+        """
+        poles = resonances.w.astype(complex)
+        depths = self._measure_depths(resonances)
+        noise = _POLE_NOISE * self.highest
+        has_settled = resonances.last_step <= _NEWTON_TOLERANCE * resonances.w
         outer, inner, hop = self.blocks(q)
-        # a settled resonance without width is a pole on the real axis
-        for n in np.flatnonzero((depth[numbers] > noise) | ~is_settled):
-            start = complex(resonances.w[numbers[n]], -max(depth[numbers[n]], noise))
-            poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
-        low, high = resonances.band[:, numbers]
-        is_in_band = (poles.real >= low) & (poles.real <= high)
-        is_below_axis = poles.imag <= noise
-        has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
-        leaky_numbers = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
-        leaky_numbers = leaky_numbers[
-            self._sort_distinct(point[leaky_numbers], poles[leaky_numbers])
-        ]
-        squares = poles[leaky_numbers].real + 1j * np.minimum(poles[leaky_numbers].imag, 0.0)
-        return EdgeWaves(point[leaky_numbers], squares, resonances.weight[numbers[leaky_numbers]])
+        for n in np.flatnonzero((depths > noise) | ~has_settled):
+            start = complex(resonances.w[n], -max(depths[n], noise))
+            point = resonances.point[n]
+            poles[n] = self._find_pole(outer[point], inner[point], hop[point], start)
+        return poles
 
     def _find_narrow_resonances(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
@@ -710,9 +734,9 @@ class HalfSpace:
             if not numbers.size:
                 break
             offset, weights = self._find_resonances(q, point[numbers], w[numbers])
-            nearest = (np.arange(len(numbers)), np.argmin(np.abs(offset), axis=1))
-            shift[numbers] = offset[nearest]
-            weight[numbers] = weights[nearest]
+            nearest_entries = (np.arange(len(numbers)), np.argmin(np.abs(offset), axis=1))
+            shift[numbers] = offset[nearest_entries]
+            weight[numbers] = weights[nearest_entries]
             new_w = w[numbers] + shift[numbers].real
             is_inside = (new_w >= band[0, numbers]) & (new_w <= band[1, numbers])
             last_step[numbers] = np.where(is_inside, np.abs(shift[numbers].real), np.inf)
@@ -743,11 +767,11 @@ class HalfSpace:
         index for each set of equal w.
 
         Two w are equal if they differ by no more than ``tolerance`` times the lesser half width
-        plus :data:`_ONE_POLE` times the highest w of the crystal.
+        plus :data:`_POLE_TOLERANCE` times the highest w of the crystal.
         """
         order = np.lexsort((w.real, point))
         depth = -w[order].imag
-        margin = tolerance * np.minimum(depth[1:], depth[:-1]) + _ONE_POLE * self.highest
+        margin = tolerance * np.minimum(depth[1:], depth[:-1]) + _POLE_TOLERANCE * self.highest
         is_apart = np.abs(np.diff(w[order])) > margin
         is_new = np.ones(len(order), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
@@ -952,8 +976,8 @@ def _choose_side(
     one or zero.
     """
     eigenvalues, vectors = np.linalg.eigh(matrix)
-    smallest = np.argsort(np.abs(eigenvalues))[:count]
-    null_vectors = vectors[:, smallest]
+    null_numbers = np.argsort(np.abs(eigenvalues))[:count]
+    null_vectors = vectors[:, null_numbers]
     null_on_top = motions_on_top @ null_vectors
     null_beyond = motions_beyond @ null_vectors
     top_metric = null_on_top.conj().T @ null_on_top
@@ -1026,30 +1050,30 @@ def _find_roots(evaluate: Callable[[Index, Array], Array], ends: Array, values: 
     n = len(low)
     roots = np.zeros(n)
     last_side = np.zeros(n)  # 1 if the last point was above the root, else -1
-    unsettled = np.arange(n)  # functions whose brackets are not yet narrow
+    numbers = np.arange(n)  # of the functions whose brackets are not yet narrow
     for step in range(_SECTIONS * 3):
-        if not unsettled.size:
+        if not numbers.size:
             break
-        a = low[unsettled]
-        b = high[unsettled]
-        fa = f_low[unsettled]
-        fb = f_high[unsettled]
+        a = low[numbers]
+        b = high[numbers]
+        fa = f_low[numbers]
+        fb = f_high[numbers]
         is_bisection = step % 3 == 2
         trial = 0.5 * (a + b) if is_bisection else (a * fb - b * fa) / (fb - fa)
         x = np.clip(trial, a, b)
-        value = evaluate(unsettled, x)
+        value = evaluate(numbers, x)
         is_above = value > 0.0
         side = np.where(is_above, 1.0, -1.0)
         # an end that stays twice counts half
-        weight = np.where(side == last_side[unsettled], 0.5, 1.0)
-        high[unsettled] = np.where(is_above, x, b)
-        low[unsettled] = np.where(is_above, a, x)
-        f_high[unsettled] = np.where(is_above, value, weight * fb)
-        f_low[unsettled] = np.where(is_above, weight * fa, value)
-        last_side[unsettled] = side
-        roots[unsettled] = x
-        is_wide = high[unsettled] - low[unsettled] > _ROOT_TOLERANCE * x
-        unsettled = unsettled[is_wide & (value != 0.0)]
+        weight = np.where(side == last_side[numbers], 0.5, 1.0)
+        high[numbers] = np.where(is_above, x, b)
+        low[numbers] = np.where(is_above, a, x)
+        f_high[numbers] = np.where(is_above, value, weight * fb)
+        f_low[numbers] = np.where(is_above, weight * fa, value)
+        last_side[numbers] = side
+        roots[numbers] = x
+        is_wide = high[numbers] - low[numbers] > _ROOT_TOLERANCE * x
+        numbers = numbers[is_wide & (value != 0.0)]
     return roots
 
 
@@ -1117,8 +1141,10 @@ class _EdgeBlocks(NamedTuple):
             """Return which waves (2 size,), of factors alpha/beta, are chosen; keep their factors,
             in the order of the ``earlier_factors``, and their distances from the other factors.
             """
-            factors = np.full(2 * size, _FAR, complex)
-            np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
+            factors = np.full(2 * size, _LARGEST_FACTOR, complex)
+            np.divide(
+                alpha, beta, out=factors, where=np.abs(alpha) < _LARGEST_FACTOR * np.abs(beta)
+            )
             costs = np.tile(np.abs(factors), (size, 1))
             if earlier_factors is not None:
                 costs = np.abs(factors - earlier_factors[:, None])
@@ -1144,7 +1170,7 @@ class _EdgeBlocks(NamedTuple):
         while position.imag > end.imag:
             step = max(step, end.imag - position.imag)
             trial = self.continue_waves(position + 1j * step, decay.factors)
-            largest_moves = _MOST_MOVED * np.minimum(trial.distances, decay.distances)
+            largest_moves = _LARGEST_MOVE * np.minimum(trial.distances, decay.distances)
             are_same_waves = np.all(np.abs(trial.factors - decay.factors) <= largest_moves)
             if are_same_waves:
                 decay = trial
@@ -1197,17 +1223,17 @@ class _EdgeContinuum(NamedTuple):
         along_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.along, self.normal)
         normal_normal = np.einsum("ijkl,j,l->ik", self.tensor, self.normal, self.normal)
         inverse = np.linalg.inv(normal_normal)
-        dynamic = along_along - self.density * velocity * velocity * np.eye(size)
-        coupling = along_normal @ inverse @ along_normal.T - dynamic
+        dynamic_form = along_along - self.density * velocity * velocity * np.eye(size)
+        coupling = along_normal @ inverse @ along_normal.T - dynamic_form
         system = np.block(
             [[-inverse @ along_normal.T, inverse], [coupling, -along_normal @ inverse]]
         )
         roots, vectors = np.linalg.eig(system)
         # half of the roots have an imaginary part above zero, and half below
-        decaying = np.argsort(-roots.imag)[:size]
-        displacements = vectors[:size, decaying]
-        tractions = vectors[size:, decaying]
+        decaying_numbers = np.argsort(-roots.imag)[:size]
+        displacements = vectors[:size, decaying_numbers]
+        tractions = vectors[size:, decaying_numbers]
         impedance = -1j * tractions @ np.linalg.inv(displacements)
         # the impedance at such velocities is Hermitian but for rounding
-        hermitian = 0.5 * (impedance + impedance.conj().T)
-        return float(np.linalg.eigvalsh(hermitian)[0])
+        hermitian_part = 0.5 * (impedance + impedance.conj().T)
+        return float(np.linalg.eigvalsh(hermitian_part)[0])

@@ -52,17 +52,18 @@ _MORE_PROBES = 12
 _SPARE_PROBES = 2
 #: size of what is left of random motions from which on a motion is loose: a standard normal number
 #: is above it 99 times in 100, and the iteration leaves less than a thousandth of it
-_LOOSE = 1e-2
+_LEAST_REMAINDER = 1e-2
 #: part that a second iteration leaves, at least, of a motion that costs nothing at all; of a motion
 #: that costs a little it leaves less
-_LEFT = 0.5
+_LEAST_PART = 0.5
 #: largest number of loose motions of several balls that are found: as many solutions, in all, take
 #: some seven times as long as the moduli
 _MOST_LOOSE = 60
 #: largest number of balls of a cluster whose motions are those of a dense matrix
 _MOST_IN_CLUSTER = 20
-#: vector of a contact of a cluster, over its longest, up to which the cluster is found to close
-_CLOSED = 1e-6
+#: largest error of the vectors of the contacts of a cluster, as differences of positions of balls,
+#: over the longest vector, up to which the cluster does not go on from cell to cell
+_CLOSURE_ERROR = 1e-6
 
 
 class IterativeRelaxation:
@@ -86,26 +87,31 @@ class IterativeRelaxation:
         self, lattice: Compatibility, difference: Any, progress: Progress = silent
     ) -> None:
         """Find the preconditioner; ``progress`` is told how far each later solution has come."""
-        self._lattice = lattice
-        self._rows = difference
+        self.lattice = lattice
+        self.rows = difference
         self._columns = difference.T.tocsr()
         self._progress = progress
         self.staying = np.zeros((lattice.n_branches, 0))
-        # the root of the largest entry of the diagonal: no deformation that a ball makes is greater
-        self._highest = math.sqrt(float(np.max(difference.power(2).sum(axis=0), initial=0.0)))
+        #: length of the longest column, the deformations by one motion of one ball
+        self.highest = math.sqrt(float(np.max(difference.power(2).sum(axis=0), initial=0.0)))
         matrix = (self._columns @ difference).tocsr()
         self._ball_inverses, ball_motions = invert_blocks(matrix, lattice.motions.count)
-        self._local_motions = _join_clusters(lattice, matrix, ball_motions)
+        #: (n_branches, k), sparse: what single balls and small clusters can do alone at no cost
+        self.local_motions = _join_clusters(lattice, matrix, ball_motions)
+        self._search = _LooseSearch(self)
 
     def keep_back(self, staying: Array) -> Self:
         """Return the same relaxation, but for orthonormal motions ``staying`` (n_branches, k),
-        which do not relax although they deform contacts. Motions that deform none do not matter.
+        which do not relax although they deform contacts; they take the place of those that have
+        stayed behind so far. Combinations of these motions that deform no contact are left out, as
+        no strain pushes them. The free motions and the loose ones remain those of this relaxation.
         """
+        # a shallow copy: both share one search for loose motions, which knows nothing of `staying`
         relaxation = copy(self)
         relaxation.staying = staying
         if staying.size:
-            _, sizes, combinations = np.linalg.svd(self._rows @ staying, full_matrices=False)
-            relaxation.staying = staying @ combinations[sizes > _ROUNDING * self._highest].T
+            _, sizes, combinations = np.linalg.svd(self.rows @ staying, full_matrices=False)
+            relaxation.staying = staying @ combinations[sizes > _ROUNDING * self.highest].T
         return relaxation
 
     @cached_property
@@ -120,15 +126,17 @@ class IterativeRelaxation:
 
     @property
     def n_free(self) -> int:
-        """Number of motions that cost nothing, n_free, also if others cost so little that
-        :attr:`free` raises an error.
+        """Number n_free of the motions of :attr:`free`; where that raises an error, the number of
+        those that were found.
         """
-        loose, _ = self._search_result
+        loose, _ = self._search.result
         return int(self._local_shifts.shape[1] + loose.shape[1])
 
     @property
     def finds_gears(self) -> bool:
-        """Whether motions that cost nothing may be those of several balls that turn as gears."""
+        """Whether motions that cost nothing may be those of several balls that turn as gears.
+        Raises what :attr:`loose` raises.
+        """
         return bool(self.loose.size)
 
     @cached_property
@@ -137,24 +145,24 @@ class IterativeRelaxation:
         themselves. They are the parts that single balls can make without deforming a contact, and
         small clusters that no contact joins to other balls.
         """
-        shifts = self._lattice.shifts
-        parts = self._local_motions @ (self._local_motions.T @ shifts)
+        shifts = self.lattice.shifts
+        parts = self.local_motions @ (self.local_motions.T @ shifts)
         parts -= shifts @ (shifts.T @ parts)
         basis, sizes, _ = np.linalg.svd(parts, full_matrices=False)
         return np.asarray(basis[:, sizes > math.sqrt(NO_ENERGY)])
 
     @property
     def keeps_back(self) -> bool:
-        """Whether motions stay behind that may deform contacts."""
+        """Whether motions stay behind that deform contacts."""
         return bool(self.staying.size)
 
     @property
     def leaves_loose(self) -> bool:
-        """Whether several balls can move together at no cost, or at so little that the iteration
+        """Whether several balls can move together at no cost, or at so little that one iteration
         does not tell it from none. Left out are shifts of all balls, the motions of single balls
         and those of small clusters.
         """
-        return bool(self._first_loose.size)
+        return bool(self._search.first_loose.size)
 
     @property
     def loose(self) -> Array:
@@ -165,11 +173,12 @@ class IterativeRelaxation:
         :data:`_MOST_LOOSE`, or if the iteration cannot tell a motion that costs little from one
         that costs nothing.
         """
-        loose, costs_little = self._search_result
-        count = loose.shape[1] if self._are_few else self._loose_estimate
-        method = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
+        search = self._search
+        loose, has_soft = search.result
+        count = loose.shape[1] if search.are_few else search.estimate
+        method = f"A cell of {self.lattice.n_balls} balls is relaxed by iteration"
         mend = "Leave out balls that carry no load: network.without_rattlers()"
-        if costs_little:
+        if has_soft:
             raise InputError(
                 "balls of the cell can move together at almost no cost",
                 f"{method}, which does not tell such motions from those that cost nothing, and"
@@ -185,117 +194,21 @@ class IterativeRelaxation:
             )
         return loose
 
-    @cached_property
-    def _search_result(self) -> tuple[Array, bool]:
-        """The :attr:`loose` motions (n_branches, k), or some of them if there are more than
-        :data:`_MOST_LOOSE`, and whether other motions cost so little that one iteration does not
-        tell them from loose ones.
-        """
-        if not self._are_few:
-            return self._first_loose, False
-        loose, costs_little = self._purify(self._first_loose, self.staying[:, :0])
-        n_found = self._first_loose.shape[1]
-        n_probes = PROBES
-        while n_found > n_probes - _SPARE_PROBES and loose.shape[1] <= _MOST_LOOSE:
-            n_probes = _MORE_PROBES
-            candidates = _find_span(self._probe(n_probes, loose))
-            n_found = candidates.shape[1]
-            further_loose, some_cost_little = self._purify(candidates, loose)
-            loose = np.concatenate([loose, further_loose], axis=1)
-            costs_little |= some_cost_little
-            if not further_loose.size:
-                break
-        return loose, costs_little
-
-    @cached_property
-    def _first_loose(self) -> Array:
-        """(n_branches, k) orthonormal motions that the first random motions leave: none if there is
-        no loose motion.
-        """
-        return _find_span(self._first_remainders)
-
-    @property
-    def _loose_estimate(self) -> float:
-        """Number of loose motions, estimated from the remainders of the first random motions: the
-        squared length of a remainder is a sum of squares of normal random numbers, one for each
-        loose motion.
-        """
-        return float(np.mean(np.sum(self._first_remainders**2, axis=0)))
-
-    @property
-    def _are_few(self) -> bool:
-        """Whether the estimated number of loose motions is so low that all are looked for."""
-        return self._loose_estimate <= 2.0 * _MOST_LOOSE
-
-    @cached_property
-    def _first_remainders(self) -> Array:
-        """(n_branches, PROBES) what the first random motions leave, see :meth:`_probe`."""
-        return self._probe(PROBES, self.staying[:, :0])
-
-    def _probe(self, count: int, loose: Array) -> Array:
-        """Return the remainders (n_branches, count) of ``count`` random motions, as
-        :meth:`_find_remainders` does; ``loose`` (n_branches, k) are the orthonormal loose motions
-        found so far.
-
-        A further loose motion leaves a normal random number in each random motion.
-        """
-        # the seed differs from search to search, and results can be repeated
-        rng = np.random.default_rng(loose.shape[1])
-        random_motions = rng.standard_normal((self._lattice.n_branches, count))
-        return self._find_remainders(random_motions, loose)
-
-    def _purify(self, candidates: Array, loose: Array) -> tuple[Array, bool]:
-        """Return orthonormal motions (n_branches, n) that cost nothing among orthonormal
-        ``candidates`` (n_branches, m), by a second iteration; and whether some candidates cost
-        something. The candidates span what :meth:`_probe` has returned for the same ``loose``
-        motions.
-        """
-        if not candidates.size:
-            return candidates, False
-        remainders = self._find_remainders(candidates, loose)
-        basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
-        likely_motions = basis[:, sizes > _LEFT]
-        _, costs, combinations = np.linalg.svd(self._rows @ likely_motions, full_matrices=False)
-        free_motions = likely_motions @ combinations[costs <= self.accuracy * self._highest].T
-        return np.asarray(free_motions), free_motions.shape[1] < candidates.shape[1]
-
-    def _find_remainders(self, motions: Array, loose: Array) -> Array:
-        """Return the remainders (n_branches, m) of ``motions`` (n_branches, m) without four parts:
-        what deforms contacts, shifts of all balls, what single balls and small clusters can do
-        alone, and the orthonormal ``loose`` motions (n_branches, k).
-        """
-        shifts = self._lattice.shifts
-        # shifts of all balls, without the part that single balls and small clusters can make
-        joint_shifts, sizes, _ = np.linalg.svd(
-            shifts - self._local_motions @ (self._local_motions.T @ shifts), full_matrices=False
-        )
-        joint_shifts = joint_shifts[:, sizes > math.sqrt(NO_ENERGY)]
-        excluded_basis = np.concatenate([joint_shifts, loose], axis=1)
-        floor = _ROUNDING * self._highest * np.linalg.norm(motions, axis=0)
-        remainders = motions - self._respond_to(np.asarray(self._rows @ motions), floor)
-        remainders -= self._local_motions @ (self._local_motions.T @ remainders)
-        return np.asarray(remainders - excluded_basis @ (excluded_basis.T @ remainders))
-
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
         have relaxed.
         """
         columns = deformations.reshape(len(deformations), -1)
-        relaxed_columns = columns - self._rows @ self.find_motions(columns)
+        relaxed_columns = columns - self.rows @ self.find_motions(columns)
         return np.asarray(relaxed_columns).reshape(deformations.shape)
 
-    def find_motions(self, deformations: Array) -> Array:
+    def find_motions(self, deformations: Array, floor: ArrayLike = 0.0) -> Array:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
-        ``deformations`` (n_rows, m) that does not remain.
-        """
-        return self._respond_to(deformations, 0.0)
-
-    def _respond_to(self, deformations: Array, floor: Any) -> Array:
-        """Return the motions of :meth:`find_motions`, found up to a residual of the size ``floor``
-        (m,).
+        ``deformations`` (n_rows, m) that does not remain. ``floor``, a number or (m,), is a size of
+        the residual at which the iteration may end, see :meth:`_solve`.
         """
         return self._solve(
-            lambda x: np.asarray(self._columns @ (self._rows @ x)),
+            lambda x: np.asarray(self._columns @ (self.rows @ x)),
             self._columns @ deformations,
             floor,
         )
@@ -310,7 +223,8 @@ class IterativeRelaxation:
 
     def respond(self, _form: Array, mixed: Array, block: Any) -> Array:
         """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
-        they are subtracted; the arguments are those of :meth:`eliminate`.
+        they are subtracted; the arguments are those of :meth:`eliminate`, of which the first is not
+        needed here.
         """
         _, motions = self._respond(mixed, block)
         return motions
@@ -320,7 +234,7 @@ class IterativeRelaxation:
         behind, and of what single balls and small clusters can do alone at no cost; and the inner
         motions that respond to this. The arguments are those of :meth:`eliminate`.
         """
-        local_part = self._local_motions @ (self._local_motions.T @ mixed)
+        local_part = self.local_motions @ (self.local_motions.T @ mixed)
         forces = self._hold_back(np.asarray(mixed - local_part))
         return forces, self._solve(lambda x: np.asarray(block @ x), forces)
 
@@ -340,8 +254,8 @@ class IterativeRelaxation:
 
         ``apply`` multiplies by a symmetric matrix. The size of a residual r is (r^T P r)^1/2, with
         the preconditioner P. The iteration ends when the size in each column has fallen to
-        ``floor`` (m,), or to :data:`_REDUCTION` times the size at the start if this is larger.
-        Motions that stay behind are left out of ``right`` and of the result. Raises
+        ``floor``, a number or (m,), or to :data:`_REDUCTION` times the size at the start if this is
+        larger. Motions that stay behind are left out of ``right`` and of the result. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
@@ -374,11 +288,8 @@ class IterativeRelaxation:
                 squares = np.einsum("nm,nm->m", residual, preconditioned)
                 growth = np.divide(squares, last_squares, out=np.zeros_like(squares), where=is_open)
                 direction = preconditioned + growth * direction
-                # a column of zeros has no residual, and none to reach
-                ratios = np.ones_like(squares)
-                np.divide(squares, square_limits, out=ratios, where=square_limits > 0.0)
-                worst_ratio = math.sqrt(float(np.max(ratios, initial=1.0)))
-                further_digits = max(digits - math.log10(worst_ratio) - digits_done, 0.0)
+                digits_left = _count_digits(squares, square_limits)
+                further_digits = max(digits - digits_left - digits_done, 0.0)
                 step.advance(further_digits)
                 digits_done += further_digits
         raise ConvergenceError(
@@ -388,19 +299,146 @@ class IterativeRelaxation:
         )
 
 
+class _LooseSearch:
+    """The search for loose motions, those of several balls that cost nothing, by a ``relaxation``
+    that keeps no motions back. What is found is kept.
+    """
+
+    def __init__(self, relaxation: IterativeRelaxation) -> None:
+        """Keep the ``relaxation``; nothing is searched for yet."""
+        self._relaxation = relaxation
+
+    @cached_property
+    def result(self) -> tuple[Array, bool]:
+        """The loose motions (n_branches, k), and whether other motions cost so little that one
+        iteration does not tell them from loose ones.
+
+        If there are more loose motions than :data:`_MOST_LOOSE`, the search ends with some of them,
+        or with what the first random motions leave.
+        """
+        if not self.are_few:
+            return self.first_loose, False
+        loose, has_soft = self._purify(self.first_loose, self._nothing)
+        n_found = self.first_loose.shape[1]
+        n_probes = PROBES
+        while n_found > n_probes - _SPARE_PROBES and loose.shape[1] <= _MOST_LOOSE:
+            n_probes = _MORE_PROBES
+            candidates = _find_span(self._probe(n_probes, loose))
+            n_found = candidates.shape[1]
+            further_loose, has_further_soft = self._purify(candidates, loose)
+            loose = np.concatenate([loose, further_loose], axis=1)
+            has_soft |= has_further_soft
+            if not further_loose.size:
+                break
+        return loose, has_soft
+
+    @cached_property
+    def first_loose(self) -> Array:
+        """(n_branches, k) orthonormal motions that the first random motions leave, :data:`PROBES`
+        at most; none if no motion of several balls costs nothing, or hardly anything.
+        """
+        return _find_span(self._first_remainders)
+
+    @property
+    def estimate(self) -> float:
+        """Number of loose motions, estimated from the remainders of the first random motions: the
+        squared length of a remainder is a sum of squares of normal random numbers, one for each
+        loose motion.
+        """
+        return float(np.mean(np.sum(self._first_remainders**2, axis=0)))
+
+    @property
+    def are_few(self) -> bool:
+        """Whether the estimated number of loose motions is so low that all are looked for."""
+        return self.estimate <= 2.0 * _MOST_LOOSE
+
+    @cached_property
+    def _first_remainders(self) -> Array:
+        """(n_branches, PROBES) what the first random motions leave, see :meth:`_probe`."""
+        return self._probe(PROBES, self._nothing)
+
+    @property
+    def _nothing(self) -> Array:
+        """(n_branches, 0) loose motions before any have been found."""
+        return np.zeros((self._relaxation.lattice.n_branches, 0))
+
+    def _probe(self, count: int, loose: Array) -> Array:
+        """Return the remainders (n_branches, count) of ``count`` random motions, as
+        :meth:`_find_remainders` does; ``loose`` (n_branches, k) are the orthonormal loose motions
+        found so far.
+
+        A further loose motion leaves a normal random number in each random motion.
+        """
+        # the seed differs from search to search, and results can be repeated
+        rng = np.random.default_rng(loose.shape[1])
+        random_motions = rng.standard_normal((self._relaxation.lattice.n_branches, count))
+        return self._find_remainders(random_motions, loose)
+
+    def _purify(self, candidates: Array, loose: Array) -> tuple[Array, bool]:
+        """Return orthonormal motions (n_branches, n) that cost nothing among orthonormal
+        ``candidates`` (n_branches, m), by a second iteration; and whether some candidates cost
+        something. The candidates span what :meth:`_probe` has returned for the same ``loose``
+        motions.
+        """
+        if not candidates.size:
+            return candidates, False
+        relaxation = self._relaxation
+        remainders = self._find_remainders(candidates, loose)
+        basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
+        likely_motions = basis[:, sizes > _LEAST_PART]
+        _, costs, combinations = np.linalg.svd(
+            relaxation.rows @ likely_motions, full_matrices=False
+        )
+        is_free = costs <= relaxation.accuracy * relaxation.highest
+        free_motions = likely_motions @ combinations[is_free].T
+        return np.asarray(free_motions), free_motions.shape[1] < candidates.shape[1]
+
+    def _find_remainders(self, motions: Array, loose: Array) -> Array:
+        """Return the remainders (n_branches, m) of ``motions`` (n_branches, m) without four parts:
+        what deforms contacts, shifts of all balls, what single balls and small clusters can do
+        alone, and the orthonormal ``loose`` motions (n_branches, k).
+        """
+        relaxation = self._relaxation
+        local_motions = relaxation.local_motions
+        shifts = relaxation.lattice.shifts
+        # shifts of all balls, without the part that single balls and small clusters can make
+        joint_shifts, sizes, _ = np.linalg.svd(
+            shifts - local_motions @ (local_motions.T @ shifts), full_matrices=False
+        )
+        joint_shifts = joint_shifts[:, sizes > math.sqrt(NO_ENERGY)]
+        excluded_basis = np.concatenate([joint_shifts, loose], axis=1)
+        floor = _ROUNDING * relaxation.highest * np.linalg.norm(motions, axis=0)
+        deformations = np.asarray(relaxation.rows @ motions)
+        remainders = motions - relaxation.find_motions(deformations, floor)
+        remainders -= local_motions @ (local_motions.T @ remainders)
+        return np.asarray(remainders - excluded_basis @ (excluded_basis.T @ remainders))
+
+
+def _count_digits(squares: Array, square_limits: Array) -> float:
+    """Return by how many decimal digits the largest of some sizes has yet to fall to its limit; 0
+    if all have. ``squares`` (m,) and ``square_limits`` (m,) are those of the sizes.
+    """
+    # a column of zeros has no residual, and none to reach
+    ratios = np.ones_like(squares)
+    np.divide(squares, square_limits, out=ratios, where=square_limits > 0.0)
+    return 0.5 * math.log10(float(np.max(ratios, initial=1.0)))
+
+
 def _find_span(remainders: Array) -> Array:
-    """Return an orthonormal basis (n, k) of the ``remainders`` (n, m) of random motions."""
+    """Return an orthonormal basis (n, k) of the ``remainders`` (n, m) of random motions, without
+    what is smaller than :data:`_LEAST_REMAINDER`.
+    """
     basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
-    return np.asarray(basis[:, sizes > _LOOSE])
+    return np.asarray(basis[:, sizes > _LEAST_REMAINDER])
 
 
 def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> Any:
     """Return orthonormal motions (n_branches, k), sparse by rows, that cost nothing: those of
     single balls, and those of small clusters of balls that no contact joins to others.
 
-    ``ball_motions`` (n_branches, m), sparse, are the motions of single balls. Those of the balls of
-    a cluster are replaced by the null vectors of the cluster in the stiffness ``matrix``
-    (n_branches, n_branches) of the cell of the ``lattice``.
+    ``ball_motions`` (n_branches, m), sparse, are the motions of single balls that cost nothing.
+    Those of the balls of a cluster are replaced by the null vectors of the cluster in the stiffness
+    ``matrix`` (n_branches, n_branches) of the cell of the ``lattice``.
     """
     from scipy.sparse import csc_array, hstack
 
@@ -408,7 +446,7 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
     if not clusters:
         return ball_motions
     count = lattice.motions.count
-    highest = float(np.max(matrix.diagonal()))
+    highest_diagonal = float(np.max(matrix.diagonal()))
     # entries of the motions of clusters, with their lines and columns
     entries = []
     lines = []
@@ -418,7 +456,7 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
         lines_of_cluster = (balls[:, None] * count + np.arange(count)).ravel()
         stiffness = matrix[lines_of_cluster][:, lines_of_cluster].toarray()
         energies, vectors = np.linalg.eigh(stiffness)
-        free_motions = vectors[:, energies <= NO_ENERGY * highest]
+        free_motions = vectors[:, energies <= NO_ENERGY * highest_diagonal]
         n_free = free_motions.shape[1]
         numbers = n_motions + np.arange(n_free)
         n_motions += n_free
@@ -437,7 +475,8 @@ def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> An
 
 def _find_clusters(lattice: Compatibility) -> list[Index]:
     """Return the balls of each cluster of two and up to :data:`_MOST_IN_CLUSTER` balls of the cell
-    of a ``lattice`` that no contact joins to others, and that does not go on from cell to cell.
+    of a ``lattice`` that no contact joins to other balls, and that does not go on from cell to
+    cell. Contacts with bodies that do not move do not count.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -464,6 +503,6 @@ def _find_clusters(lattice: Compatibility) -> list[Index]:
         vectors = table.vector[joints[contacts]]
         positions = np.linalg.lstsq(ends, vectors, rcond=None)[0]
         mismatch = np.max(np.abs(ends @ positions - vectors), initial=0.0)
-        if mismatch <= _CLOSED * np.max(np.abs(vectors)):
+        if mismatch <= _CLOSURE_ERROR * np.max(np.abs(vectors)):
             clusters.append(balls)
     return clusters

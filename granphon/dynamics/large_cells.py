@@ -20,22 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
-from granphon.dynamics.blocks import DEGENERATE, GENERIC
+from granphon.dynamics.blocks import DEGENERACY, GENERIC_WAVEVECTORS
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.deformation_rows import Row
 from granphon.dynamics.factors import factorise
-from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
+from granphon.dynamics.linalg import LEAST_EXACT_SQUARE, find_nearest
 from granphon.dynamics.sparse_relaxation import NO_SQUARE, compose_ends
 
 #: singular value of C, over the largest, from which it has eleven digits
-_LEAST = 1e-5
+_LEAST_SINGULAR_VALUE = 1e-5
 #: frequency, over the largest, from which modes have their digits: the error of a mode is of first
 #: order, and that of its frequency of second
 _LEAST_OF_MODES = 1e-3
 #: singular value of C, over the largest, up to which it is rounding of zero
-_ZERO = 1e-13
+_ZERO_ROUNDING = 1e-13
 #: distance of a wave vector from Gamma, 1/d, from which sound is well above rounding of zero
-_FAR = 1e-2
+_SOUND_DISTANCE = 1e-2
 #: eigenvalue of D under static forces, over the largest, below which it is found again from the
 #: rows: above, its relative error by rounding is 1e-9 at most
 _LEAST_SQUARE = 1e-7
@@ -43,7 +43,7 @@ _LEAST_SQUARE = 1e-7
 _SHIFT = 1e-8
 #: difference of eigenvalues of D and of squares from C, over the largest, above which Lanczos has
 #: missed an eigenvalue
-_MISSED = 1e-11
+_LARGEST_CHANGE = 1e-11
 #: memory of one wave vector, bytes, over the square of the number of branches: D, LAPACK's copy of
 #: it and LAPACK's work space
 BYTES = 38.0
@@ -115,7 +115,7 @@ class LargeCell:
         """Return frequencies (n,), (k/M)^1/2, ascending, at one wave vector q (p,), 1/d; None if
         digits would be lost.
         """
-        modes = self._solve(q, with_vectors=False)
+        modes = self._solve(q, wants_vectors=False)
         if modes is None:
             return None
         frequencies, _ = modes
@@ -155,14 +155,14 @@ class LargeCell:
         """Return frequencies (n,), ascending, and motions in the frame (n, n), as columns, at one
         wave vector q (p,); None if digits would be lost, or if branches have one frequency.
         """
-        modes = self._solve(q, with_vectors=True)
+        modes = self._solve(q, wants_vectors=True)
         if modes is None:
             return None
-        unordered, unordered_vectors = modes
-        order = np.argsort(unordered, kind="stable")
-        frequencies = unordered[order]
+        unordered_frequencies, unordered_vectors = modes
+        order = np.argsort(unordered_frequencies, kind="stable")
+        frequencies = unordered_frequencies[order]
         vectors = unordered_vectors[:, order]
-        is_degenerate = np.any(np.diff(frequencies) <= DEGENERATE * frequencies[1:])
+        is_degenerate = np.any(np.diff(frequencies) <= DEGENERACY * frequencies[1:])
         if is_degenerate or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
             return None
         return frequencies, vectors
@@ -175,7 +175,7 @@ class LargeCell:
         """
         if self._fewest_zeros:
             periods = self.row_sets[0].half.shape[1]
-            if self.find_frequencies(GENERIC[0, :periods]) is None:
+            if self.find_frequencies(GENERIC_WAVEVECTORS[0, :periods]) is None:
                 return None
         return self._fewest_zeros
 
@@ -196,9 +196,9 @@ class LargeCell:
         bound = float(abs(matrix).sum(axis=1).max())
         return rows, matrix, bound
 
-    def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
+    def _solve(self, q: Array, wants_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
         """Return frequencies (n,), in any order, and eigenvectors (n, n), as columns in the frame,
-        or (0, 0) unless ``with_vectors``. Return None instead of both if digits would be lost.
+        or (0, 0) unless ``wants_vectors``. Return None instead of both if digits would be lost.
 
         Near Gamma digits are lost if some frequency is zero, as sound cannot be told there from
         motions that cost nothing. The smallest number of zero frequencies so far is kept for
@@ -207,12 +207,12 @@ class LargeCell:
         from scipy.linalg import eigh
 
         rows, matrix, bound = self._compute_matrices(q)
-        is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _FAR
+        is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _SOUND_DISTANCE
         frequencies = np.zeros(self.size)
-        vectors = np.zeros((self.size, self.size) if with_vectors else (0, 0), matrix.dtype)
+        vectors = np.zeros((self.size, self.size) if wants_vectors else (0, 0), matrix.dtype)
         for motions in _split_motions(matrix):
             block = matrix[motions][:, motions]
-            if with_vectors:
+            if wants_vectors:
                 # LAPACK's driver "evr" takes a third of the time of the default
                 squares, of_block = eigh(
                     block.toarray(), driver="evr", overwrite_a=True, check_finite=False
@@ -252,7 +252,7 @@ class LargeCell:
         3. Without static forces, if they are many, they must all be those of motions without
            contacts.
         """
-        limit = _LEAST_SQUARE if self.is_prestressed else WELL_ABOVE
+        limit = _LEAST_SQUARE if self.is_prestressed else LEAST_EXACT_SQUARE
         count = int(np.count_nonzero(squares <= limit * bound))
         lowest = squares[:count]
         if self.is_prestressed:
@@ -268,10 +268,10 @@ class LargeCell:
             is_loose = np.all(are_zero) and block.count_nonzero() == 0
             return _LowModes(np.zeros(count), are_zero) if is_loose else None
         frequencies = _sharpen(block, rows[0], count, bound) if count else np.zeros(0)
-        are_zero = frequencies <= _ZERO * np.sqrt(bound)
-        have_digits = np.all(are_zero | (frequencies >= _LEAST * np.sqrt(bound)))
+        are_zero = frequencies <= _ZERO_ROUNDING * np.sqrt(bound)
+        have_digits = np.all(are_zero | (frequencies >= _LEAST_SINGULAR_VALUE * np.sqrt(bound)))
         # if Lanczos has missed an eigenvalue, the next one is in its place, far from LAPACK's value
-        are_complete = np.all(np.abs(frequencies**2 - lowest) <= _MISSED * bound)
+        are_complete = np.all(np.abs(frequencies**2 - lowest) <= _LARGEST_CHANGE * bound)
         return _LowModes(frequencies, are_zero) if have_digits and are_complete else None
 
     def _sharpen_pressed(
@@ -291,8 +291,8 @@ class LargeCell:
             for product, ends in zip(products, self.row_sets, strict=True)
         )
         squares = np.linalg.eigvalsh(projection)
-        have_digits = squares[0] >= _LEAST**2 * bound
-        are_complete = np.all(np.abs(squares - lowest) <= _MISSED * bound)
+        have_digits = squares[0] >= _LEAST_SINGULAR_VALUE**2 * bound
+        are_complete = np.all(np.abs(squares - lowest) <= _LARGEST_CHANGE * bound)
         if not (have_digits and are_complete):
             return None
         return _LowModes(np.sqrt(squares), np.zeros(len(squares), bool))

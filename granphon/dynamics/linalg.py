@@ -25,22 +25,22 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _MOST_SWEEPS = 40
 #: norm of a column, relative to the largest element, below which it is the rounding error of a
 #: dependent column
-_NO_COLUMN = 1e-100
+_COLUMN_ROUNDING = 1e-100
 #: fraction of the trace of a singular matrix by which rounding may make an eigenvalue negative
-_BELOW_ZERO = 16.0 * _EPSILON
+_NEGATIVE_ROUNDING = 16.0 * _EPSILON
 #: eigenvalue of an energy, over the largest, up to which it is the rounding of zero
 NO_ENERGY = 1e-13
 #: singular value, over the largest, of rows and columns of comparable length, below which they are
 #: dependent
-DEPENDENT = 1e-9
+DEPENDENCE = 1e-9
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
-_FEW_COLUMNS = 3
+_MOST_JACOBI_COLUMNS = 3
 #: number of columns above which matrices are decomposed one by one
 MANY_COLUMNS = 300
 #: eigenvalue of A^H A, over the largest, from which the error of its square root is below 1e-11
-WELL_ABOVE = 1e-4
+LEAST_EXACT_SQUARE = 1e-4
 #: eigenvalue of A^H A, over the norm of A^H A, from which the columns of A are independent by far
-_FAR_ABOVE = 1e-9
+_LEAST_INDEPENDENCE = 1e-9
 #: error of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (at
 #: most 2.1 on lattices)
 _LAPACK_ERROR = 4.0
@@ -50,14 +50,14 @@ _ACCEPTED_ERROR = 1e-13
 _GRADED_RATIO = 10.0
 #: largest cosine between columns, and angle by which they are turned, for a first-order rotation:
 #: its square is rounding
-_FIRST_ORDER = 1e-8
+_LARGEST_ROTATION = 1e-8
 #: cosine between columns up to which they are orthogonal except for rounding
-_STRAIGHT = 1e-14
+_COSINE_ROUNDING = 1e-14
 #: ratio of the norms of two columns below which LAPACK would lose digits of the smaller column,
 #: while two QR decompositions leave no coupling of the two
 _COMPARABLE_RATIO = 1e-8
 #: eigenvalue, over the largest of the same matrix, up to which it may be rounding of zero
-_SINGULAR = 1e-14
+_SINGULARITY = 1e-14
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -80,7 +80,7 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
     Parameters
     ----------
-    matrices : (n_matrices, m, n), real or complex.
+    matrices : (n_matrices, m, n), real or complex; m and n are above zero.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     right : (n_matrices, n, n), unitary; its columns are the right singular vectors.
     """
     m, n = matrices.shape[1:]
-    if n <= _FEW_COLUMNS:
+    if n <= _MOST_JACOBI_COLUMNS:
         return jacobi_svd(matrices)
     if m <= n:
         # as many contacts as motions, or fewer, leave soft motions at most wave vectors, for which
@@ -113,7 +113,7 @@ def graded_eigh(
     to n = 3 ``factor`` is called for all matrices, otherwise only for those where LAPACK's error
     may exceed 1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
     """
-    if matrices.shape[2] <= _FEW_COLUMNS:
+    if matrices.shape[2] <= _MOST_JACOBI_COLUMNS:
         return jacobi_svd(factor(matrices))
     squares, right = np.linalg.eigh(matrices)
     # a root has half the relative error of its square
@@ -152,9 +152,9 @@ def _straighten(
     overlaps = np.abs(products)
     length_products = values[:, :, None] * values[:, None]
     gap = squares[:, None] - squares[:, :, None]
-    is_small = overlaps <= _FIRST_ORDER * np.abs(gap)
-    is_straight = overlaps <= _STRAIGHT * length_products
-    is_nearly_straight = is_small & (overlaps <= _FIRST_ORDER * length_products)
+    is_small = overlaps <= _LARGEST_ROTATION * np.abs(gap)
+    is_straight = overlaps <= _COSINE_ROUNDING * length_products
+    is_nearly_straight = is_small & (overlaps <= _LARGEST_ROTATION * length_products)
     is_exact = np.all(is_straight | is_nearly_straight, axis=(1, 2))
     has_angle = is_small & (gap != 0.0)
     angles = np.where(has_angle, products, 0.0)
@@ -284,7 +284,7 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
     Parameters
     ----------
-    matrices : (..., m, n), real or complex.
+    matrices : (..., m, n), real or complex; m and n are above zero.
 
     Returns
     -------
@@ -302,8 +302,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     scale = np.max(np.abs(a), axis=(0, 1))
     scale[scale == 0.0] = 1.0
     if n == 1:  # the only singular value is the length of the column
-        unit = np.divide(a, scale, order="C")
-        length = np.sqrt(np.einsum("nmb,nmb->nb", unit, unit.conj()).real) * scale
+        scaled_column = np.divide(a, scale, order="C")
+        length = np.sqrt(np.einsum("nmb,nmb->nb", scaled_column, scaled_column.conj()).real) * scale
         ones = np.ones((*shape, 1, 1), np.result_type(matrices.dtype, np.float64))
         return length.reshape(*shape, 1), ones
     # axes: column first, batch last, so that each rotation works on contiguous rows. Below each
@@ -340,9 +340,9 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
     # the rounding of the product of orthogonal columns is a few epsilon. A column shorter than
-    # _NO_COLUMN is the rounding error of a dependent column, counts as zero, and is not turned
+    # _COLUMN_ROUNDING is the rounding error of a dependent column, and is not turned
     is_oblique = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
-    is_oblique &= np.minimum(alpha, beta) > _NO_COLUMN**2
+    is_oblique &= np.minimum(alpha, beta) > _COLUMN_ROUNDING**2
     if not np.any(is_oblique):
         return False
     # the tangent t of the angle is the smaller root of t^2 + 2 zeta t = 1
@@ -365,7 +365,8 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     :func:`jacobi_svd`.
 
     Each matrix is first scaled to a unit diagonal, so that small eigenvalues of a graded matrix
-    keep their digits. Rows of zeros stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix
+    keep their digits. Where an entry of the diagonal is zero, its row and column are taken for
+    zero, and stay so. Raises :class:`numpy.linalg.LinAlgError` if a matrix
     has a diagonal entry below zero, or after scaling an eigenvalue below zero by more than
     rounding.
     """
@@ -375,11 +376,11 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
     root = np.sqrt(diagonal)
     has_row = root > 0.0
     inverse = np.where(has_row, 1.0 / np.where(has_row, root, 1.0), 0.0)
-    unit = matrices * inverse[..., :, None] * inverse[..., None, :]
+    scaled_matrices = matrices * inverse[..., :, None] * inverse[..., None, :]
     index = np.arange(matrices.shape[-1])
-    unit[..., index, index] = 1.0
-    lower = _find_lower(unit)
-    return np.asarray((root[..., :, None] * lower).swapaxes(-1, -2).conj())
+    scaled_matrices[..., index, index] = 1.0
+    lower_factor = _find_lower(scaled_matrices)
+    return np.asarray((root[..., :, None] * lower_factor).swapaxes(-1, -2).conj())
 
 
 def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
@@ -395,7 +396,7 @@ def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
             # one by one, so that a singular matrix does not change the results of the others
             return np.stack([_find_lower(matrix) for matrix in matrices])
         eigenvalues, vectors = np.linalg.eigh(matrices)
-        if eigenvalues[0] < -_BELOW_ZERO * len(eigenvalues):
+        if eigenvalues[0] < -_NEGATIVE_ROUNDING * len(eigenvalues):
             raise
         return np.asarray(vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
@@ -404,17 +405,17 @@ def find_rank(rows: NDArray[Any]) -> int:
     """Return the rank of ``rows`` (m, n), after each column and then each row has been scaled to
     length one, so that small ones count as much as large ones.
     """
-    scaled = rows
+    scaled_rows = rows
     for axis in (0, 1):
-        length = np.linalg.norm(scaled, axis=axis, keepdims=True)
-        scaled = scaled / np.where(length > 0.0, length, 1.0)
-    if not scaled.size:
+        length = np.linalg.norm(scaled_rows, axis=axis, keepdims=True)
+        scaled_rows = scaled_rows / np.where(length > 0.0, length, 1.0)
+    if not scaled_rows.size:
         return 0
-    if is_independent(scaled):
-        return int(scaled.shape[1])
+    if is_independent(scaled_rows):
+        return int(scaled_rows.shape[1])
     # rows of length one have a singular value of one or more; rows of zeros alone have rank zero
-    singular_values = np.linalg.svd(scaled, compute_uv=False)
-    return int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
+    singular_values = np.linalg.svd(scaled_rows, compute_uv=False)
+    return int(np.count_nonzero(singular_values > DEPENDENCE * max(singular_values[0], 1.0)))
 
 
 def is_independent(rows: NDArray[Any]) -> bool:
@@ -428,7 +429,7 @@ def is_independent(rows: NDArray[Any]) -> bool:
     if not n_rows >= n_columns > MANY_COLUMNS:
         return False
     product = rows.conj().T @ rows
-    product[np.diag_indices(n_columns)] -= _FAR_ABOVE * np.linalg.norm(product)
+    product[np.diag_indices(n_columns)] -= _LEAST_INDEPENDENCE * np.linalg.norm(product)
     try:
         np.linalg.cholesky(product)
     except np.linalg.LinAlgError:
@@ -439,8 +440,8 @@ def is_independent(rows: NDArray[Any]) -> bool:
 def find_dependent(
     rows: NDArray[Any], sizes: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return orthonormal vectors (n, k) that a matrix ``rows`` (m, n) takes to zero, and
-    orthonormal vectors (n, n - k) that complete them to a basis.
+    """Return orthonormal vectors (n, k) that a matrix ``rows`` (m, n), n above zero, takes to zero,
+    and orthonormal vectors (n, n - k) that complete them to a basis.
 
     ``sizes`` (m, n) are the sizes that the entries of the matrix would have if nothing cancelled in
     them. Each column and then each row of the matrix is divided by its length in ``sizes``, so that
@@ -449,18 +450,18 @@ def find_dependent(
     lengths = np.linalg.norm(sizes, axis=0)
     lengths[lengths == 0.0] = 1.0
     row_lengths = np.linalg.norm(sizes / lengths, axis=1, keepdims=True)
-    scaled = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
+    scaled_rows = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
     n = len(lengths)
-    if is_independent(scaled):
+    if is_independent(scaled_rows):
         return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
-    padded_rows = _pad_rows(scaled[None])[0]
+    padded_rows = _pad_rows(scaled_rows[None])[0]
     range_basis, singular_values, adjoint = np.linalg.svd(padded_rows, full_matrices=False)
-    rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
+    rank = int(np.count_nonzero(singular_values > DEPENDENCE * max(singular_values[0], 1.0)))
     n_null = len(singular_values) - rank
     null_vectors, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # division by the lengths amplifies the error of some vectors, which are then not quite taken to
     # zero: the least change of the scaled vectors that removes their residuals is subtracted
-    residuals = scaled @ (lengths[:, None] * null_vectors)
+    residuals = scaled_rows @ (lengths[:, None] * null_vectors)
     amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
     basis, _ = np.linalg.qr(null_vectors - correction, mode="complete")
@@ -478,8 +479,8 @@ def bound_lowest(matrices: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Return the inverses of Hermitian ``matrices`` (..., n, n); where one is singular, its
-    pseudoinverse, which is zero on the null space.
+    """Return the inverses of Hermitian ``matrices`` (..., n, n), n above zero; where one is
+    singular, its pseudoinverse, which is zero on the null space.
     """
     try:
         inverse = np.linalg.inv(matrices)
@@ -488,10 +489,10 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
     size = np.max(np.abs(matrices), axis=(-2, -1))
     size_of_inverse = np.max(np.abs(inverse), axis=(-2, -1))
     with np.errstate(invalid="ignore"):  # a matrix of zeros, whose inverse is infinite, gives nan
-        is_singular = ~(size * size_of_inverse * _SINGULAR <= 1.0)
+        is_singular = ~(size * size_of_inverse * _SINGULARITY <= 1.0)
     if np.any(is_singular):
         inverse[is_singular] = np.linalg.pinv(
-            matrices[is_singular], rcond=_SINGULAR, hermitian=True
+            matrices[is_singular], rcond=_SINGULARITY, hermitian=True
         )
     return np.asarray(inverse)
 

@@ -45,12 +45,12 @@ _ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}
 #: fall geometrically, so that the error of the finer result is far smaller
 _AGREEMENT = {2: 1e-9, 3: 1e-8}
 #: least value of 1 - u_1 that double precision holds to the accuracy of :data:`_AGREEMENT`
-_LEAST_HELD = 1e-6
+_LEAST_DIFFERENCE = 1e-6
 #: number of entries of C(q) that are computed at a time, few enough for the cache
 _ENTRIES = 2**16
 #: distance, in steps of the cell and in diameters across the periods, up to which two midpoints of
 #: contacts are one point
-_SAME_MIDPOINT = 1e-3
+_MIDPOINT_TOLERANCE = 1e-3
 #: height of an equilateral triangle of side one
 _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
@@ -232,7 +232,7 @@ def _integrate_response(medium: ContactLattice) -> Array | None:
         compliance = elongations[0]
         tolerance = _AGREEMENT[medium.periods] * compliance * (1.0 - compliance)
         has_settled = np.max(np.abs(elongations - last_elongations)) <= tolerance
-        if has_settled and 1.0 - compliance > _LEAST_HELD:
+        if has_settled and 1.0 - compliance > _LEAST_DIFFERENCE:
             return elongations
         last_elongations = elongations
     return None
@@ -303,8 +303,8 @@ class _Response:
             # small near Gamma
             return np.linalg.qr(rows)[0]
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-        scaled = rows / np.where(lengths > 0.0, lengths, 1.0)
-        return np.linalg.svd(scaled, full_matrices=False)[0][..., : self._rank]
+        scaled_rows = rows / np.where(lengths > 0.0, lengths, 1.0)
+        return np.linalg.svd(scaled_rows, full_matrices=False)[0][..., : self._rank]
 
 
 def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
@@ -314,7 +314,8 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
     up to periods, and else 0.
 
     Only the triangular lattice has more kinds than the star. This lattice is recognised, in any
-    cell, as the lattice in the plane with three contacts per ball.
+    cell, as the lattice in the plane with three contacts per ball: on no other do equal balls touch
+    six others each.
     """
     table = medium.contacts
     p = medium.periods
@@ -335,7 +336,7 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
             steps = separation[..., :p] @ inverse
             # midpoints are compared up to whole steps of the cell
             remainder = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
-            is_contact = np.max(np.abs(remainder), axis=-1) < _SAME_MIDPOINT
+            is_contact = np.max(np.abs(remainder), axis=-1) < _MIDPOINT_TOLERANCE
             kind.append((midpoints[:, :p], is_contact.astype(float)))
     return kinds
 

@@ -61,18 +61,18 @@ from granphon.dynamics.sparse_relaxation import (
 
 #: singular value, over the largest, up to which a deformation costs nothing: that of the softest
 #: strain of a mechanism, and that of an inner motion that deforms no contact
-_SOFT = 1e-12
+_FREE_LIMIT = 1e-12
 #: relative difference of the lever arms of a ball up to which the difference is rounding
-_ROUNDED_ARM = 1e-14
+_ARM_ROUNDING = 1e-14
 #: relative difference of the lever arms of a ball up to which different overlaps may be its cause.
 #: Overlap over diameter is (contact radius / ball radius)^2, and Hertz's law ends at this value
-_UNEVEN_ARM = MOST_CONTACT_RADIUS**2
-#: coupling of free inner motions with sound, over its largest possible value, up to which they are
-#: not coupled
-_COUPLED = 1e-9
+_LARGEST_ARM_DIFFERENCE = MOST_CONTACT_RADIUS**2
+#: part of sound, over its largest possible value, up to which it is rounding: a coupling with free
+#: inner motions, a mass that stays behind or moves, a twist of contacts
+_SOUND_ROUNDING = 1e-9
 #: greatest difference, over the constant c_xxxx, between an elastic tensor and an isotropic one up
 #: to which the difference is rounding
-_ISOTROPIC = 1e-10
+_ISOTROPY_ROUNDING = 1e-10
 #: largest number of motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
 MOST_RELAXED_BY_FACTORS = 120_000
 #: largest number of motions of a cell in space that are relaxed by factors where iteration finds
@@ -85,7 +85,7 @@ MOST_DENSE_WITH_GEARS = 3_000
 #: largest force over spacing, k, whose products stay within the range of floats
 _LARGEST_PRESTRESS = 1e100
 #: number of components of directions up to which their long waves are cached
-_FEW_COMPONENTS = 12
+_MOST_CACHED_COMPONENTS = 12
 #: largest number of directions whose long waves a lattice caches
 _MOST_DIRECTIONS = 256
 
@@ -111,6 +111,15 @@ class _SoundMass(NamedTuple):
 class LongWaves(Compatibility):
     """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced
     units.
+
+    A ball has n_u displacements, the lattice p periods and n_c contacts, and n_rows are the rows of
+    all kinds of deformations of all contacts. The n_inner inner motions are mass-weighted: the
+    rotations of balls, and the displacements of balls of the cell against each other. In a cell
+    whose matrices are sparse (:attr:`_uses_sparse_matrices`) they are the n_branches motions of all
+    balls, so that the shifts of all balls are contained; else they are the motions of the frame
+    (:attr:`_frame`) but for these shifts.
+
+    Whatever relaxes the inner motions raises the errors of :meth:`relax_inner_motions` too.
     """
 
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
@@ -118,8 +127,7 @@ class LongWaves(Compatibility):
         under displacement gradients, (n_rows, n_u p), and those under inner motions,
         (n_rows, n_inner).
 
-        The gradients are u_a,b, in the plane u_x,x u_x,y u_y,x u_y,y. Inner motions are the
-        rotations of balls, and the displacements of several balls against each other.
+        The gradients are u_a,b, in the plane u_x,x u_x,y u_y,x u_y,y.
         """
         vector = self.contacts.vector[:, : self.periods]
         gradients = [strain_rows(row, vector, self.motions) for row in rows]
@@ -132,9 +140,7 @@ class LongWaves(Compatibility):
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
         """Return the difference and the sum, each (n_rows, n_inner), of the effects that inner
         motions have on ``rows`` at the two ends of contacts, multiplied by ``root`` (kinds, n_c).
-
-        In a cell of many balls both are sparse, and columns are the motions of each ball, so that
-        the shifts of all balls are contained.
+        Both are sparse if :attr:`_uses_sparse_matrices`.
         """
         if self._uses_sparse_matrices:
             head, tail = compose_ends(self, rows, root)
@@ -163,12 +169,14 @@ class LongWaves(Compatibility):
         in the :attr:`_touching_lattice`, and is to stay behind; dense matrices leave it behind, and
         so does iteration to which the motions are given (:meth:`IterativeRelaxation.keep_back`).
         """
-        touching = self._touching_lattice
-        if touching is self or relaxation.keeps_back:
+        touching_lattice = self._touching_lattice
+        # without such arms no gear costs a little, and gears that are kept back stay behind
+        if touching_lattice is self or relaxation.keeps_back:
             return False
-        if touching._relaxation is not None and not touching._relaxation.finds_gears:
+        sparse_relaxation = touching_lattice._relaxation
+        if sparse_relaxation is not None and not sparse_relaxation.finds_gears:
             return False
-        return bool(relaxation.n_free < touching._free_motions.shape[1])
+        return bool(relaxation.n_free < touching_lattice._free_motions.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Make the relaxation of the inner motions, the long work that moduli and sound share, and
@@ -176,9 +184,12 @@ class LongWaves(Compatibility):
         large cell in space to prepare an iteration (:attr:`tries_iteration`).
 
         ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
-        later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
-        or if the balls are held. Raises :class:`~granphon.base.errors.InputError` for factors that
-        do not fit into memory.
+        later relaxation too. Nothing is done if the work has been done, if the cell has few
+        motions, whose matrices are dense, or if the balls are held.
+
+        Raises :class:`~granphon.base.errors.InputError` for factors that do not fit into memory,
+        and for loose motions that an iteration does not find (:attr:`IterativeRelaxation.loose`);
+        :class:`~granphon.base.errors.ConvergenceError` for an iteration that does not end.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse_relaxation" not in vars(self):
@@ -200,14 +211,17 @@ class LongWaves(Compatibility):
         iteration = self._find_iteration(difference, progress)
         if iteration is not None:
             return iteration
-        relaxation = SparseRelaxation(self, difference, (head + tail).tocsr(), _SOFT, progress)
+        relaxation = SparseRelaxation(
+            self, difference, (head + tail).tocsr(), _FREE_LIMIT, progress
+        )
         if self.n_branches > MOST_DENSE_WITH_GEARS and self._leaves_gears(relaxation):
             iteration = IterativeRelaxation(self, difference, progress)
             return iteration.keep_back(self._touching_lattice._free_motions)
         return relaxation
 
     def _find_iteration(self, difference: Any, progress: Progress) -> IterativeRelaxation | None:
-        """Return the relaxation by iteration of a large cell in space; None of any other.
+        """Return the relaxation by iteration of a large cell in space (:attr:`tries_iteration`);
+        None where factors are to be made.
 
         Cells whose factors would not fit into memory are iterated in any case: motions that cost
         nothing in the :attr:`_touching_lattice`, such as gears, then stay behind. Smaller cells are
@@ -227,8 +241,9 @@ class LongWaves(Compatibility):
 
     @property
     def tries_iteration(self) -> bool:
-        """Whether moduli and sound of the cell are found by iteration, and not by factors, unless
-        several balls turn out to be loose together.
+        """Whether the inner motions of the cell are relaxed by iteration, and not by factors. A
+        cell whose factors would fit into memory is relaxed by factors nevertheless if several balls
+        turn out to be loose together.
         """
         is_large = self.periods == 3 and self.n_branches > MOST_FIRM_RELAXED_BY_FACTORS
         return is_large and (self._is_too_large_for_factors or self._holds_rotations)
@@ -242,8 +257,9 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _holds_rotations(self) -> bool:
-        """Whether no balls can turn against each other as gears do: each set of balls that contacts
-        with a stiffness against slip join has an odd ring. True if balls do not rotate.
+        """Whether contacts that resist slip keep all balls from turning against each other as gears
+        do: each set of several balls that such contacts join has an odd ring. True if balls do not
+        rotate. What torsion and bending hold does not count.
 
         To find odd rings, take two copies of a set, and let each contact join a ball of one copy
         with a ball of the other. Without an odd ring the copies fall into two parts; with an odd
@@ -325,8 +341,7 @@ class LongWaves(Compatibility):
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
         """An orthonormal basis (n_rows, n_stiff) of the deformations that inner motions can make,
-        and independent inner motions (n_inner, n_free) that deform no contact. Inner motions are
-        rotations of balls, and displacements of balls of the cell against each other.
+        and independent inner motions (n_inner, n_free) that deform no contact.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
@@ -335,16 +350,15 @@ class LongWaves(Compatibility):
         size = self._inner_sizes
         # inner motions are the last of all motions: shifts of all balls come first
         is_turn = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
-        is_rounding = find_rounded_columns(size, is_turn, _SOFT)
-        deformations, free, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
+        is_rounding = find_rounded_columns(size, is_turn, _FREE_LIMIT)
+        deformations, free_motions, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
         # combinations of the scaled columns become motions by the division by the scale
-        return deformations, free / scale[:, None]
+        return deformations, free_motions / scale[:, None]
 
     @cached_property
     def _free_motions(self) -> Array:
-        """(n_inner, n_free) orthonormal inner motions, rotations and displacements of balls against
-        each other, that deform no contact. In large cells they are the ``free`` motions of
-        :attr:`_relaxation`, (n_branches, n_free).
+        """(n_inner, n_free) orthonormal inner motions that deform no contact. If matrices are
+        sparse, they are the ``free`` motions of :attr:`_relaxation`.
         """
         if self._relaxation is not None:
             return self._relaxation.free
@@ -370,7 +384,9 @@ class LongWaves(Compatibility):
         mean_arm = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
         deviation = np.zeros(len(mean_arm))  # largest deviation from the mean, of each ball
         np.maximum.at(deviation, balls, np.abs(arms - mean_arm[balls]))
-        is_evened = (deviation > _ROUNDED_ARM * mean_arm) & (deviation <= _UNEVEN_ARM * mean_arm)
+        is_evened = (deviation > _ARM_ROUNDING * mean_arm) & (
+            deviation <= _LARGEST_ARM_DIFFERENCE * mean_arm
+        )
         if not np.any(is_evened):
             return self
         arm_i = table.arm_i.copy()
@@ -393,27 +409,28 @@ class LongWaves(Compatibility):
         )
 
     def _find_relaxing(self, push: Array | None = None) -> Array:
-        """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave:
-        all that are perpendicular to those that stay behind.
+        """Return an orthonormal basis R (n_inner, n) of the inner motions that relax in a long
+        wave: R^T Z = 0, where the columns of Z (n_inner, k) are the motions that stay behind, and
+        n = n_inner - k.
 
-        An inner motion stays behind if it deforms no contact of the :attr:`_touching_lattice`, and
-        if static forces do not act on it. ``push`` (n_inner, n_inner) is the form of the energy
-        under static forces, if there are any. Inner motions are mass-weighted, so that inertia does
-        not couple the two kinds.
+        The motions Z deform no contact of the :attr:`_touching_lattice`. If static forces act, of
+        which ``push`` P (n_inner, n_inner) is the form of their energy, then Z^T P Z = 0 too. As
+        inner motions are mass-weighted, R^T Z = 0 says that inertia does not couple R and Z.
         """
         n_shifts = len(self.motions.translations)
-        staying = self._touching_lattice._free_motions
+        staying_motions = self._touching_lattice._free_motions
         if self._touching_lattice._uses_sparse_matrices:
             # motions of balls become motions of the frame, of which the shifts of all balls, the
             # first ones, are left out
-            in_frame = self._frame.T @ staying.reshape(self.n_balls, -1)
-            staying = in_frame.reshape(staying.shape)[n_shifts:]
+            in_frame = self._frame.T @ staying_motions.reshape(self.n_balls, -1)
+            staying_motions = in_frame.reshape(staying_motions.shape)[n_shifts:]
         if push is not None:
-            staying = _leave_pushed(staying, push)
-        if not staying.size:
+            staying_motions = _leave_pushed(staying_motions, push)
+        if not staying_motions.size:
             return np.eye(self.n_branches - n_shifts)
-        complete_basis = np.linalg.qr(staying, mode="complete")[0]
-        return np.asarray(complete_basis[:, staying.shape[1] :])
+        # Q of the complete decomposition of Z: its first k columns span Z, the others are R
+        complete_basis = np.linalg.qr(staying_motions, mode="complete")[0]
+        return np.asarray(complete_basis[:, staying_motions.shape[1] :])
 
     @cached_property
     def _relaxing_deformations(self) -> Array:
@@ -424,20 +441,20 @@ class LongWaves(Compatibility):
             deformations, _ = self._inner_modes
             return deformations
         _, inner = self._strain_rows
-        relaxing = self._find_relaxing()
-        size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
-        basis, _, _ = _split_columns(inner @ relaxing, size)
+        relaxing_motions = self._find_relaxing()
+        size = np.sqrt(self._inner_sizes**2 @ relaxing_motions**2)
+        basis, _, _ = _split_columns(inner @ relaxing_motions, size)
         return basis
 
-    def _relax(self, rows: Array) -> Array:
-        """Return the part of the deformations ``rows`` (n_rows, ...) that remains once the inner
-        motions have relaxed.
+    def _relax(self, deformations: Array) -> Array:
+        """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
+        have relaxed.
         """
         if self._relaxation is not None:
-            return self._relaxation.relax(rows)
+            return self._relaxation.relax(deformations)
         basis = self._relaxing_deformations
-        amplitudes = np.tensordot(basis.T, rows, 1)
-        return np.asarray(rows - np.tensordot(basis, amplitudes, 1))
+        amplitudes = np.tensordot(basis.T, deformations, 1)
+        return np.asarray(deformations - np.tensordot(basis, amplitudes, 1))
 
     @cached_property
     def _relaxed_rows(self) -> Array:
@@ -455,8 +472,8 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _sound_rows(self) -> Array:
-        """:attr:`_relaxed_rows`; for a large cell only n_u p rows, (n_u p, n_u p), whose columns
-        have the same lengths and products.
+        """:attr:`_relaxed_rows`; if matrices are sparse only n_u p rows, (n_u p, n_u p), whose
+        columns have the same lengths and products.
 
         The rounding of products of very long columns would keep plane rotations from making the
         columns orthogonal.
@@ -469,86 +486,86 @@ class LongWaves(Compatibility):
     @property
     def _accuracy(self) -> float:
         """Error of deformations that have relaxed, over the largest."""
-        return _SOFT if self._relaxation is None else self._relaxation.accuracy
+        return _FREE_LIMIT if self._relaxation is None else self._relaxation.accuracy
 
     @property
     def _is_across(self) -> NDArray[np.bool_]:
         """(n_u,) whether each displacement is across the periods, so that its gradient turns the
-        whole lattice and costs nothing; all false if springs to the ground hold the balls.
+        whole lattice and deforms no contact; all false if springs to the ground resist a motion, as
+        they may resist the turn.
         """
         is_across = np.array(self.motions.translations) >= self.periods
-        return is_across & (self.on_site is None)
+        return is_across & (not self.has_springs)
 
     @cached_property
     def is_twisted_by_sound(self) -> bool:
-        """Whether a uniform strain twists contacts, or makes balls roll, once the inner motions
-        have relaxed.
+        """Whether a uniform strain twists contacts that resist torsion, or makes balls roll whose
+        contacts resist bending, once the inner motions have relaxed.
 
-        If not, the elastic constants are the same at any torsion and bending above zero. That is so
-        in cells of one ball, and in cells of two that an inversion exchanges, as in hcp and
-        diamond.
+        A resistance of zero is not examined: strains of kagome make its balls roll and twist no
+        contact, so that it is False with torsion alone, and True with bending.
+
+        If False, the elastic constants are the same at any values above zero of the resistances
+        that are above zero. That is so in cells of one ball, and in cells of two that an inversion
+        exchanges, as in hcp and diamond.
         """
         relaxed_rows = self._relaxed_rows
         is_turning = [row.kind in ("twist", "roll") for row in self.rows]
         turning = np.abs(relaxed_rows[np.repeat(is_turning, len(self.contacts))])
         largest = np.max(np.abs(relaxed_rows), initial=0.0)
-        return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
+        return bool(np.max(turning, initial=0.0) > _SOUND_ROUNDING * largest)
 
     @cached_property
     def _sound_mass(self) -> _SoundMass:
         """How inner motions that cost no energy at Gamma, :attr:`_free_motions`, change sound.
 
-        In a wave the energy of such motions is of second order in q, as that of sound is. There are
-        three kinds. Motions that do not couple with sound to second order are waves of their own,
-        such as antiphase motions in a cell that contains several smaller cells. Motions that deform
-        nothing to second order stay behind, such as a ball that touches no other; their part in
-        the shifts of all balls is missing from the mass that sound moves. All others take part in
-        sound.
+        Let u (n_u,) be the amplitudes of the shifts of all balls, mass-weighted, and a (n_free,)
+        those of the free motions. Once all other inner motions have relaxed, a wave of small q
+        deforms the contacts by i sum_j q_j (S_j u + W_j a), with a matrix S_j (n_rows, n_u) of
+        sound and a matrix W_j (n_rows, n_free) of the free motions for each component q_j. The
+        energy is the square of this, of second order in q for u and a alike. So there are three
+        kinds of free motions:
+
+        - Waves of their own, if u and a are not coupled: S_j^T W_l + S_l^T W_j = 0 for all j and l.
+          So are antiphase motions in a cell that contains several smaller cells.
+        - Motions (u, a) that stay behind, as they deform nothing: S_j u + W_j a = 0 for all j. A
+          ball that touches no other has such motions. If they are orthonormal, the mass that sound
+          moves, over all mass, is 1 less the sum of u u^T over these motions.
+        - Motions that take part in sound, if amplitudes a that are perpendicular to those of all
+          motions that stay behind are still coupled with u.
         """
         if self._touching_lattice is not self:
             return self._touching_lattice._sound_mass
         free_motions = self._free_motions
         n_free = free_motions.shape[1]
-        count = len(self.motions.translations)
-        no_staying = np.zeros((0, count + n_free))
+        n_u = len(self.motions.translations)
         whole_mass = _SoundMass(
-            is_coupled=False, moving_mass=np.eye(count), staying_motions=no_staying
+            is_coupled=False,
+            moving_mass=np.eye(n_u),
+            staying_motions=np.zeros((0, n_u + n_free)),
         )
         if not free_motions.size:
             return whole_mass
         unrelaxed_waves = self._deform_in_wave(free_motions)
-        waves = self._relax(unrelaxed_waves)
-        sound = self._relaxed_rows.reshape(-1, count, self.periods)
+        waves = self._relax(unrelaxed_waves)  # W_j, (n_rows, p, n_free)
+        sound = self._relaxed_rows.reshape(-1, n_u, self.periods)
+        sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # S_j, (n_rows, p, n_u)
         # a wave whose deformations relax altogether leaves the rounding of the unrelaxed ones
-        rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed_waves)
-
-        def are_coupled(deformations: Array) -> bool:
-            """Return whether waves with ``deformations`` (n_rows, p, n) couple with sound to second
-            order in q.
-            """
-            # sum over the rows r of the products of a displacement i with gradient j in sound, and
-            # of the component l of q with motion m; q_j q_l is the same for j and l exchanged
-            products = np.einsum("rij,rlm->ijlm", sound, deformations)
-            coupling = products + products.swapaxes(1, 2)
-            return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
-
-        if not are_coupled(waves):
+        largest_coupling = float(np.linalg.norm(sound) * np.linalg.norm(unrelaxed_waves))
+        rounding = _SOUND_ROUNDING * largest_coupling
+        if not _are_coupled(sound, waves, rounding):
             return whole_mass
-        # sound as a mass-weighted motion, as inner motions are
-        weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
-        all_waves = np.concatenate([weighted_sound, waves], axis=2)
-        # motions, as rows, that deform nothing to second order: first their amplitudes in the
-        # shifts of all balls, then those in the inner motions
-        staying = _find_null(all_waves.reshape(-1, count + n_free), soft=self._accuracy)
-        staying_shifts = staying[:, :count]
-        staying_inner = staying[:, count:]
-        # the waves of inner motions that are perpendicular to those that stay behind
-        deforming_waves = waves @ _find_null(staying_inner, 1.0).T
-        mass = np.eye(count) - staying_shifts.T @ staying_shifts
+        all_waves = np.concatenate([sound, waves], axis=2)
+        staying_motions = _find_null(all_waves.reshape(-1, n_u + n_free), limit=self._accuracy)
+        staying_shifts = staying_motions[:, :n_u]
+        staying_inner = staying_motions[:, n_u:]
+        # W_j of the free motions that are perpendicular to those that stay behind
+        other_waves = waves @ _find_null(staying_inner, 1.0).T
+        mass = np.eye(n_u) - staying_shifts.T @ staying_shifts
         return _SoundMass(
-            is_coupled=are_coupled(deforming_waves),
-            moving_mass=np.where(np.abs(mass) > _COUPLED, mass, 0.0),
-            staying_motions=staying,
+            is_coupled=_are_coupled(sound, other_waves, rounding),
+            moving_mass=np.where(np.abs(mass) > _SOUND_ROUNDING, mass, 0.0),
+            staying_motions=staying_motions,
         )
 
     def _deform_in_wave(self, free_motions: Array) -> Array:
@@ -566,7 +583,7 @@ class LongWaves(Compatibility):
         effects = abs(difference) + abs(total)
         size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
         change = total @ free_motions
-        is_rounding = np.abs(change) <= _SOFT * size
+        is_rounding = np.abs(change) <= _FREE_LIMIT * size
         return np.asarray(half[:, :, None] * np.where(is_rounding, 0.0, change)[:, None, :])
 
     def require_rigid(self) -> None:
@@ -698,22 +715,22 @@ class LongWaves(Compatibility):
             inner - load * push_inner,
         )
 
-    def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
-        """Return the energy forms ``form`` (..., m, m) of gradients, less what the ``relaxing``
-        inner motions (n_inner, n) save.
+    def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing_motions: Array) -> Array:
+        """Return the energy forms ``form`` (..., m, m) of gradients, less what the inner
+        ``relaxing_motions`` (n_inner, n) save.
 
         ``mixed`` (..., n_inner, m) are the forms of an inner motion and a gradient, and ``block``
         (..., n_inner, n_inner) those of two inner motions.
         """
-        if not relaxing.size:
+        if not relaxing_motions.size:
             return form
-        _, pull, inverse = self._find_pulls(form, mixed, block, relaxing)
+        _, pull, inverse = self._find_pulls(form, mixed, block, relaxing_motions)
         return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
 
     def _find_pulls(
-        self, form: Array, mixed: Array, block: Array, relaxing: Array
+        self, form: Array, mixed: Array, block: Array, relaxing_motions: Array
     ) -> tuple[Array, Array, Array]:
-        """Return combinations (..., n_inner, n) of the ``relaxing`` inner motions that are not
+        """Return combinations (..., n_inner, n) of the inner ``relaxing_motions`` that are not
         coupled with each other, the forces (..., n, m) with which gradients pull on them, and the
         inverse (..., n) of their energies, zero for motions that cost none.
 
@@ -721,18 +738,19 @@ class LongWaves(Compatibility):
         :class:`~granphon.base.errors.InstabilityError` if a gradient moves an inner motion of
         negative energy.
         """
-        energies, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
-        pull = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
-        highest = np.max(np.abs(energies), axis=-1, keepdims=True)
+        energies, vectors = np.linalg.eigh(relaxing_motions.T @ block @ relaxing_motions)
+        pull = vectors.swapaxes(-1, -2) @ relaxing_motions.T @ mixed
+        # a lattice may have no inner motions
+        highest_energy = np.max(np.abs(energies), axis=-1, keepdims=True, initial=0.0)
         # no pull is larger than the root of the product of both energies
-        largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest)
-        is_moved = np.max(np.abs(pull), axis=-1) > _SOFT * largest_pull
-        motions = relaxing @ vectors
+        largest_pull = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * highest_energy)
+        is_moved = np.max(np.abs(pull), axis=-1) > _FREE_LIMIT * largest_pull
+        motions = relaxing_motions @ vectors
         self._require_stable_cell(energies, is_moved, motions)
         # energies a little below zero are zero: D lacks the part of static forces that has no
         # potential
-        lowest = -max(NO_ENERGY, self.slack) * highest
-        is_zero = (energies <= NO_ENERGY * highest) & (energies >= lowest)
+        lowest_energy = -max(NO_ENERGY, self.slack) * highest_energy
+        is_zero = (energies <= NO_ENERGY * highest_energy) & (energies >= lowest_energy)
         inverse = np.divide(1.0, energies, out=np.zeros_like(energies), where=~is_zero)
         return motions, pull, inverse
 
@@ -746,7 +764,8 @@ class LongWaves(Compatibility):
         (..., n) says whether a gradient moves them. A motion that no gradient moves belongs to
         another wave vector of a smaller cell, or is a wave of its own, which the bands show.
         """
-        rounding = max(NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
+        highest_energy = np.max(np.abs(energies), axis=-1, keepdims=True, initial=0.0)
+        rounding = max(NO_ENERGY, self.slack) * highest_energy
         is_unstable = is_moved & (energies < -rounding)
         if not np.any(is_unstable):
             return
@@ -764,11 +783,10 @@ class LongWaves(Compatibility):
 
         ``prestress`` is that of :meth:`gradient_stiffness`. If it is None, the load is 1, and the
         forms are those of the lattice's own forces f; tangential forces then add to the sum. Raises
-        :class:`~granphon.base.errors.InputError` for a prestress that is not finite or far too
-        large.
+        what :func:`_read_prestress` raises.
         """
         if prestress is None:
-            rows, root = self._weight_rows(prestress=True)
+            rows, root = self._weight_rows(are_static=True)
             vector = self.contacts.vector[:, : self.periods]
             stress = vector.T @ (self.prestress[:, None] * vector)
             if self.has_tangential_force:
@@ -837,31 +855,38 @@ class LongWaves(Compatibility):
     def gradient_motions(self) -> Array:
         """(n_balls, motions, n_u p) motions u and w by which the balls relax under each
         displacement gradient, in addition to their displacements by the gradient itself.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a gradient moves an inner motion
+        of negative energy.
         """
         if not self.is_prestressed:
             affine_deformations, inner = self._strain_rows
             if self._relaxation is not None:
                 return self._list_in_balls(-self._relaxation.find_motions(affine_deformations))
-            relaxing = self._find_relaxing()
-            columns = inner @ relaxing
+            relaxing_motions = self._find_relaxing()
+            columns = inner @ relaxing_motions
             # each column is divided by the length that it would have if nothing cancelled, so that
             # the rounding of small columns, such as those of gears, does not count
-            size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
+            size = np.sqrt(self._inner_sizes**2 @ relaxing_motions**2)
             scale = np.where(size > 0.0, size, 1.0)
-            amplitudes = np.linalg.lstsq(columns / scale, affine_deformations, rcond=_SOFT)[0]
-            return self._list_in_balls(-relaxing @ (amplitudes / scale[:, None]))
+            amplitudes = np.linalg.lstsq(columns / scale, affine_deformations, rcond=_FREE_LIMIT)[0]
+            return self._list_in_balls(-relaxing_motions @ (amplitudes / scale[:, None]))
         load, (*push_forms, _) = self._find_load(None)
         forms = self._combine_forms(load, push_forms)
         if self._relaxation is not None:
             return self._list_in_balls(-self._relax_under(push_forms[2]).respond(*forms))
-        relaxing = self._find_relaxing(push_forms[2])
-        motions, pull, inverse = self._find_pulls(*forms, relaxing)
+        relaxing_motions = self._find_relaxing(push_forms[2])
+        motions, pull, inverse = self._find_pulls(*forms, relaxing_motions)
         return self._list_in_balls(-motions @ (inverse[:, None] * pull))
 
     @cached_property
     def gradient_deformations(self) -> tuple[list[Row], Array]:
         """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
         contacts under each displacement gradient, with the inner motions relaxed.
+
+        Raises the errors of :meth:`require_rigid`, and
+        :class:`~granphon.base.errors.InstabilityError` if a gradient moves an inner motion of
+        negative energy.
 
         The deformations give the derivatives of :meth:`gradient_stiffness`, the energy form of two
         gradients. The derivative with respect to the stiffness of a contact is the product of the
@@ -906,12 +931,12 @@ class LongWaves(Compatibility):
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
-        staying = self._sound_mass.staying_motions
-        if not len(staying):
+        staying_motions = self._sound_mass.staying_motions
+        if not len(staying_motions):
             return unit
         # the projection of a displacement of all balls on the motions that stay behind: a shift of
         # all balls, and mass-weighted inner motions
-        shifts, inner = np.split(staying.T @ staying[:, :count], [count])
+        shifts, inner = np.split(staying_motions.T @ staying_motions[:, :count], [count])
         motions = self._list_in_balls(self._touching_lattice._free_motions @ inner)
         displacements = motions[:, self.motions.translating]
         return np.asarray(unit - shifts - np.sqrt(self.masses.sum()) * displacements)
@@ -922,8 +947,10 @@ class LongWaves(Compatibility):
         sound velocities.
 
         ``direction`` is (p,), or (n, p), with the result (..., n, n_u, n_u). ``prestress`` (...) is
-        that of :meth:`gradient_stiffness`, with the same errors; another direction raises
-        :class:`~granphon.base.errors.InputError`.
+        that of :meth:`gradient_stiffness`, with the same errors. A direction of another shape, one
+        that is not finite, and one of length zero raise
+        :class:`~granphon.base.errors.InputError`. Whether the lattice is rigid is not checked
+        (:meth:`require_rigid`).
         """
         along = as_direction(direction, self.periods)
         directions = along.reshape(-1, self.periods)
@@ -938,7 +965,7 @@ class LongWaves(Compatibility):
         self, direction: ArrayLike, prestress: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Return the velocities of long waves along ``direction`` (p,) or (n, p), in the order of
-        :attr:`wave_names`.
+        :attr:`wave_names`, under a ``prestress`` (...) as in :meth:`gradient_stiffness`.
 
         Returns
         -------
@@ -950,15 +977,16 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : bodies that do not move, or springs to the ground, hold the balls; or a number
-            of the arguments is not finite.
+        InputError : bodies that do not move, or springs to the ground, hold the balls; or an
+            argument that :meth:`acoustic_tensor` refuses.
         MechanismError : the lattice has a :attr:`mechanism`.
-        InstabilityError : the prestress makes a squared velocity negative.
+        InstabilityError : static forces make a squared velocity negative, or an inner motion
+            unstable that a gradient moves.
         """
         self.require_rigid()
         along = as_direction(direction, self.periods)
         if prestress is None and not self.is_prestressed:
-            if along.size > _FEW_COMPONENTS:
+            if along.size > _MOST_CACHED_COMPONENTS:
                 return self._compute_waves(along)
             # every load of every state needs the same few directions
             return self._waves_along(along.shape, tuple(along.ravel().tolist()))
@@ -976,12 +1004,12 @@ class LongWaves(Compatibility):
         ``tensor`` is (..., n_u, n_u) for a direction ``along`` (p,), or (..., n, n_u, n_u) for n
         directions (n, p).
         """
-        squares, vectors = np.linalg.eigh(tensor)  # squares are density times squared velocity
-        worst = np.unravel_index(np.argmin(squares[..., 0]), squares.shape[:-1])
-        direction = along if along.ndim == 1 else along[worst[-1]]
+        squares, vectors = np.linalg.eigh(tensor)  # the squares of velocities
+        lowest_place = np.unravel_index(np.argmin(squares[..., 0]), squares.shape[:-1])
+        direction = along if along.ndim == 1 else along[lowest_place[-1]]
         components = ", ".join(f"{component:.6g}" for component in direction)
         where = f"a squared sound velocity in direction ({components}) is negative"
-        return self.explain_buckling(where, vectors[worst][:, 0])
+        return self.explain_buckling(where, vectors[lowest_place][:, 0])
 
     def _waves_along(
         self, shape: tuple[int, ...], numbers: tuple[float, ...]
@@ -990,8 +1018,8 @@ class LongWaves(Compatibility):
         without prestress; the results are cached.
 
         The directions are unit vectors of this ``shape``, (p,) or (n, p), with the components
-        ``numbers``; both are the key of the cache. The cache is one of the lattice: a cache of the
-        method would keep the lattice, with its factors.
+        ``numbers``; both are the key of the cache, which is emptied when it is full. The cache is
+        one of the lattice: a cache of the method would keep the lattice, with its factors.
         """
         key = shape, numbers
         if key not in self._cached_waves:
@@ -1022,11 +1050,11 @@ class LongWaves(Compatibility):
     def loose_warnings(self) -> tuple[str, ...]:
         """One sentence about balls that sound leaves behind; empty if there are none."""
         count = len(self.motions.translations)
-        missing = count - float(np.trace(self._sound_mass.moving_mass))
-        if missing <= _COUPLED:
+        missing_parts = count - float(np.trace(self._sound_mass.moving_mass))
+        if missing_parts <= _SOUND_ROUNDING:
             return ()
         return (
-            f"balls that are not held, {missing / count:.2g} of the mass, have no part in the"
+            f"balls that are not held, {missing_parts / count:.2g} of the mass, have no part in the"
             " moduli, and stay behind in sound waves",
         )
 
@@ -1037,7 +1065,7 @@ class LongWaves(Compatibility):
         """
         mass_parts, vectors = np.linalg.eigh(self._sound_mass.moving_mass)
         inverse = np.zeros_like(mass_parts)
-        np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _COUPLED)
+        np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _SOUND_ROUNDING)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
@@ -1052,11 +1080,11 @@ class LongWaves(Compatibility):
     @property
     def runs_twist(self) -> bool:
         """Whether a wave of twist runs along the lattice, if contacts resist torsion: the lattice
-        is a straight chain whose balls turn about it, without springs to the ground.
+        is a straight chain whose balls turn about it, and no springs to the ground act.
         """
         turns_about_line = self.periods == 1 and 0 in self.motions.rotations
         is_straight = not np.any(self.contacts.normal[:, 1:])
-        return turns_about_line and is_straight and self.on_site is None
+        return turns_about_line and is_straight and not self.has_springs
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
         """Return the elastic tensor (..., n, n), the change of stress over strain, in units of k
@@ -1074,7 +1102,7 @@ class LongWaves(Compatibility):
         ------
         InputError : balls do not move along the periods or touch bodies that do not move; springs
             to the ground resist their displacements, or with two or three periods their rotations;
-            or a prestress is not finite.
+            or a prestress that :meth:`gradient_stiffness` refuses.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : under prestress some strain has a modulus below zero, or moves an inner
             motion of negative energy.
@@ -1105,7 +1133,7 @@ class LongWaves(Compatibility):
 
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
         """Return what :meth:`elastic_tensor` returns, (..., n, n), for a lattice without mechanism;
-        with the same errors, except for mechanisms and bodies that do not move.
+        with the same errors, except for those of :meth:`require_rigid`.
         """
         p = self.periods
         axes = self.motions.translations
@@ -1133,10 +1161,11 @@ class LongWaves(Compatibility):
 
     @property
     def has_symmetric_stress(self) -> bool:
-        """Whether a rotation of the whole lattice costs nothing, so that stress is symmetric: there
-        are no springs to the ground, or the lattice has one period.
+        """Whether stress is symmetric: no springs to the ground act, so that a rotation of the
+        whole lattice costs nothing, or the lattice has one period, along which stress is one
+        number.
         """
-        return self.on_site is None or self.periods == 1
+        return not self.has_springs or self.periods == 1
 
     @cached_property
     def is_isotropic(self) -> bool:
@@ -1154,7 +1183,7 @@ class LongWaves(Compatibility):
         isotropic = np.diag([c[0, 0]] * p + [shear] * (len(c) - p))
         isotropic[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1]
         largest_difference = np.max(np.abs(c - isotropic))
-        return bool(largest_difference <= _ISOTROPIC * c[0, 0])
+        return bool(largest_difference <= _ISOTROPY_ROUNDING * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike | None = None) -> tuple[float, float]:
         """Return omega_0^2, k/M, and c, d^2, of the rotational branch omega^2 = omega_0^2 (1 - c
@@ -1162,11 +1191,12 @@ class LongWaves(Compatibility):
 
         ``direction`` is a vector (p,) of any length, by default along x. On the triangular lattice
         omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) of Velicky and Caroli (2002) prints
-        d^2/20 (see the errata).
+        d^2/20 (see the errata). Static forces are left out.
 
         Raises :class:`~granphon.base.errors.InputError` if a cell has more than one rotation, or
         none; if bodies that do not move, or springs to the ground, hold the ball, as long waves of
-        its displacements then have frequencies above zero too; and for a direction that is not p
+        its displacements then have frequencies above zero too; if nothing resists the rotation at
+        Gamma, as contacts that resist only rolling do not; and for a direction that is not p finite
         numbers, or zero.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
@@ -1187,13 +1217,23 @@ class LongWaves(Compatibility):
         )
         rows, root = self._weight_rows()
         difference, total = self._combine_ends(rows, root)
-        # in the deformations of contacts the rotation is multiplied by the cosine of the half
-        # angle, and the displacements by the sine
+        # deformations of contacts by the rotation: the difference of its effects at both ends is
+        # multiplied by the cosine of the half angle, and their sum, as in rolling, by the sine. The
+        # displacements have a sum alone
         turn = difference[..., self.motions.turning]
+        turn_total = total[..., self.motions.turning]
         shift = total[..., self.motions.translating]
         square = float(np.sum(turn**2))
-        # the square of the cosine falls by the square of the half angle
-        narrowing = float(np.sum(turn**2 * distance_ahead[:, None] ** 2)) / 4.0
+        if square == 0.0:
+            raise InputError(
+                "the rotational branch begins at zero",
+                "Balls that all turn alike deform no contact that has only rolling or twist",
+                "Give contacts friction, or use gp.Phonons(...).bands()",
+            )
+        # the square of the cosine falls by the square of the half angle, and that of the sine rises
+        # by it
+        change = (turn**2 - turn_total**2) * distance_ahead[:, None] ** 2
+        narrowing = float(np.sum(change)) / 4.0
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * distance_ahead[:, None], axis=(0, 1))
         curvature = (narrowing - float(coupling @ coupling) / square) / square
@@ -1217,29 +1257,41 @@ def _read_prestress(prestress: ArrayLike) -> Array:
     return loads
 
 
-def _leave_pushed(staying: Array, push: Any) -> Array:
-    """Return an orthonormal basis (n, m) of those combinations of orthonormal motions ``staying``
-    (n, k) on which static forces do not act; ``push`` (n, n), dense or sparse, is the form of the
-    energy of these forces.
+def _are_coupled(sound: Array, waves: Array, rounding: float) -> bool:
+    """Return whether S_j^T W_l + S_l^T W_j has an entry above ``rounding`` for some components j
+    and l of q: sound, with the matrices S_j of ``sound`` (n_rows, p, n_u), and motions with the
+    matrices W_j of ``waves`` (n_rows, p, n) then share an energy of second order in q. False if
+    there are no motions.
     """
-    if not staying.size:
-        return staying
-    energies, vectors = np.linalg.eigh(staying.T @ (push @ staying))
-    is_sparse = hasattr(push, "power")
+    # the sum of both orders of j and l, as q_j q_l is the same for j and l exchanged
+    products = np.einsum("rji,rlm->jlim", sound, waves)
+    coupling = products + products.swapaxes(0, 1)
+    return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
+
+
+def _leave_pushed(staying_motions: Array, push: Any) -> Array:
+    """Return an orthonormal basis (n, m) of those combinations z of orthonormal
+    ``staying_motions`` Z (n, k) to which static forces give no energy. ``push`` P (n, n), dense or
+    sparse, is the form of the energy of these forces: Z^T P z = 0, but for rounding.
+    """
+    if not staying_motions.size:
+        return staying_motions
+    energies, vectors = np.linalg.eigh(staying_motions.T @ (push @ staying_motions))
+    is_sparse = hasattr(push, "power")  # NumPy has no norm of a sparse matrix
     norm = np.sqrt(push.power(2).sum()) if is_sparse else np.linalg.norm(push)
-    return np.asarray(staying @ vectors[:, np.abs(energies) <= NO_ENERGY * norm])
+    return np.asarray(staying_motions @ vectors[:, np.abs(energies) <= NO_ENERGY * norm])
 
 
-def _find_null(matrix: Array, size: float = 0.0, soft: float = _SOFT) -> Array:
+def _find_null(matrix: Array, size: float = 0.0, limit: float = _FREE_LIMIT) -> Array:
     """Return an orthonormal basis (k, n), as rows, of the vectors that a ``matrix`` (m, n) takes to
-    zero, but for rounding: the singular values of these vectors are at most ``soft`` times the
+    zero, but for rounding: the singular values of these vectors are at most ``limit`` times the
     largest one, or times ``size`` if that is larger.
     """
     # rows of zeros make n singular values also if there are fewer rows than columns
     n_lacking = max(0, matrix.shape[1] - len(matrix))
     padded_matrix = np.pad(matrix, ((0, n_lacking), (0, 0)))
     _, singular_values, right_vectors = np.linalg.svd(padded_matrix, full_matrices=False)
-    is_null = singular_values <= soft * np.max(singular_values, initial=size)
+    is_null = singular_values <= limit * np.max(singular_values, initial=size)
     return np.asarray(right_vectors[is_null])
 
 
@@ -1256,5 +1308,5 @@ def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
     n_lacking = max(0, columns.shape[1] - len(columns))
     padded_columns = np.pad(columns / scale, ((0, n_lacking), (0, 0)))
     basis, singular_values, right_vectors = np.linalg.svd(padded_columns, full_matrices=False)
-    is_free = singular_values <= _SOFT * np.max(singular_values, initial=0.0)
+    is_free = singular_values <= _FREE_LIMIT * np.max(singular_values, initial=0.0)
     return np.asarray(basis[: len(columns), ~is_free]), np.asarray(right_vectors[is_free].T), scale

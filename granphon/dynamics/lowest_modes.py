@@ -35,14 +35,14 @@ _MOST_ITERATIONS = 500
 _FRESH_VECTORS = 4
 #: residual of the lowest fresh vector, over the distance of its Ritz value from the last
 #: eigenvalue, at which the value has settled
-_SETTLED = 0.1
+_LARGEST_RATIO = 0.1
 #: largest number of times that missing eigenvectors are sought
 _ROUNDS = 4
 #: residual of a vector of the block, over the tolerance, up to which the iteration leaves the
 #: residual out
 _LEAST_RESIDUAL = 0.1
 #: eigenvalue of the products of vectors, over the largest, up to which they depend on each other
-_DEPENDENT = 1e-14
+_DEPENDENCE = 1e-14
 
 
 class LowestModes(NamedTuple):
@@ -93,8 +93,8 @@ class LowestSearch:
     ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix.
     ``known_vectors`` (size, k), sparse or not, are orthonormal eigenvectors that the search leaves
     out; None if there are none. An eigenvector is found when the norm of its residual is no larger
-    than the ``tolerance``, in the unit of the matrix. ``progress`` is told how far the residuals
-    have fallen towards the tolerance.
+    than the ``tolerance``, which is above zero, in the unit of the matrix. ``progress`` is told how
+    far the residuals have fallen towards the tolerance.
     """
 
     def __init__(
@@ -114,12 +114,16 @@ class LowestSearch:
         self._random = np.random.default_rng(0)
 
     def find(self, count: int) -> LowestModes:
-        """Return the ``count`` lowest eigenvalues and their vectors.
+        """Return the ``count`` lowest eigenvalues and their vectors; there are no fewer, beside the
+        known ones.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found in
         :data:`_MOST_ITERATIONS` iterations, or if eigenvectors are still missing after
         :data:`_ROUNDS` searches.
         """
+        n_known = 0 if self._known_vectors is None else self._known_vectors.shape[1]
+        if size_block(count) + _FRESH_VECTORS > self._matrix.shape[0] - n_known:
+            return self._find_densely(count, n_known)
         block = self._draw_block(size_block(count), None)
         for _ in range(_ROUNDS):
             block = self._converge(block, count)
@@ -130,6 +134,19 @@ class LowestSearch:
             basis = np.hstack([block.vectors, lower_block.vectors])
             block = self._make_block(basis, size_block(count))
         raise self._make_error(count)
+
+    def _find_densely(self, count: int, n_known: int) -> LowestModes:
+        """Return what :meth:`find` returns, of a matrix so small that the block and the fresh
+        vectors would fill the space beside the ``n_known`` known eigenvectors.
+        """
+        basis = np.eye(self._matrix.shape[0])
+        if n_known:
+            known_vectors = self._known_vectors @ np.eye(n_known)  # as an array, sparse or not
+            # the other columns of Q are perpendicular to the known eigenvectors
+            basis = np.linalg.qr(known_vectors, mode="complete")[0][:, n_known:]
+        block = self._make_block(basis, count)
+        residuals = np.linalg.norm(block.find_residuals(), axis=0)
+        return LowestModes(block.values, block.vectors, residuals)
 
     def _draw(self, count: int) -> NDArray[Any]:
         """Return ``count`` random vectors (size, count), complex if the matrix is."""
@@ -208,14 +225,14 @@ class LowestSearch:
             for _ in range(_MOST_ITERATIONS):
                 residuals = block.find_residuals()
                 sizes = np.linalg.norm(residuals, axis=0)
-                worst = float(np.max(sizes[:count]))
-                if worst <= self._tolerance:
+                worst_residual = float(np.max(sizes[:count]))
+                if worst_residual <= self._tolerance:
                     step.advance(1.0 - part_done)
                     return block
                 if worst_at_start is None:
-                    worst_at_start = worst
+                    worst_at_start = worst_residual
                 all_digits = math.log(worst_at_start / self._tolerance)
-                further_part = math.log(worst_at_start / worst) / all_digits - part_done
+                further_part = math.log(worst_at_start / worst_residual) / all_digits - part_done
                 if further_part > 0.0:
                     step.advance(further_part)
                     part_done += further_part
@@ -239,7 +256,7 @@ class LowestSearch:
             if distance < 0.0:
                 return fresh_block
             residuals = fresh_block.find_residuals()
-            if np.linalg.norm(residuals[:, 0]) <= _SETTLED * distance + self._tolerance:
+            if np.linalg.norm(residuals[:, 0]) <= _LARGEST_RATIO * distance + self._tolerance:
                 return None
             fresh_block = self._iterate(fresh_block, residuals, block.vectors)
         raise self._make_error(count)
@@ -266,6 +283,6 @@ def _orthonormalise(vectors: NDArray[Any]) -> NDArray[Any]:
     # the second time removes the rounding of the first
     for _ in range(2):
         squares, turn = np.linalg.eigh(vectors.conj().T @ vectors)
-        is_kept = squares > _DEPENDENT * np.max(squares, initial=0.0)
+        is_kept = squares > _DEPENDENCE * np.max(squares, initial=0.0)
         vectors = vectors @ (turn[:, is_kept] / np.sqrt(squares[is_kept]))
     return vectors

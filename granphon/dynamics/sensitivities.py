@@ -59,7 +59,7 @@ _UNITS = {
     "on_site": "N/m or N m",
 }
 #: relative difference of frequencies up to which branches are equal
-_EQUAL = 1e-8
+_FREQUENCY_ROUNDING = 1e-8
 
 
 def name_units(unit: str) -> dict[str, str]:
@@ -256,7 +256,7 @@ def number_equal(frequencies: Array) -> Index:
     ``frequencies`` (..., b) are.
     """
     steps = np.diff(frequencies, axis=-1)
-    is_above = steps > _EQUAL * frequencies[..., 1:]
+    is_above = steps > _FREQUENCY_ROUNDING * frequencies[..., 1:]
     numbers = np.zeros(frequencies.shape, np.intp)
     numbers[..., 1:] = np.cumsum(is_above, axis=-1)
     return numbers

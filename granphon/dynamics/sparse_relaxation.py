@@ -25,13 +25,13 @@ from granphon.base.threads import single_products
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.deformation_rows import Row
 from granphon.dynamics.fronts import Fronts, Layer, dissect
-from granphon.dynamics.linalg import DEPENDENT
+from granphon.dynamics.linalg import DEPENDENCE
 
 #: eigenvalue of a matrix with prestress, over the largest, up to which it is the rounding of zero
 NO_SQUARE = 1e-12
 #: coupling of an inner motion with strains, over its largest possible value, up to which it is
 #: rounding
-_UNCOUPLED = 1e-12
+_COUPLING_ROUNDING = 1e-12
 #: number of corrections of a solution of the normal equations
 _CORRECTIONS = 1
 
@@ -66,15 +66,15 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
     return ends[0], ends[1]
 
 
-def find_rounded_columns(size: Array, is_turn: Flags, soft: float) -> Flags:
+def find_rounded_columns(size: Array, is_turn: Flags, limit: float) -> Flags:
     """Return (n,) whether each column of the deformations by inner motions is only rounding, so
     that its motion deforms nothing. That is so if the ``size`` (n,) of the column, over the largest
-    size of its kind, is ``soft`` or less; kinds are rotations, for which ``is_turn`` (n,) is true,
-    and displacements.
+    size of its kind, is up to the ``limit``; kinds are rotations, for which ``is_turn`` (n,) is
+    true, and displacements.
     """
     largest_turn = np.max(size, where=is_turn, initial=0.0)
     largest_shift = np.max(size, where=~is_turn, initial=0.0)
-    return np.asarray(size <= soft * np.where(is_turn, largest_turn, largest_shift))
+    return np.asarray(size <= limit * np.where(is_turn, largest_turn, largest_shift))
 
 
 class SparseRelaxation:
@@ -82,8 +82,9 @@ class SparseRelaxation:
     by sparse factors; in reduced units.
 
     ``difference`` and ``total`` (n_rows, n_branches), sparse by rows, are the difference and the
-    sum of the effects that the mass-weighted motions of all balls have at both ends of contacts. A
-    motion costs nothing if its singular value, over the largest, is up to ``soft``.
+    sum of the effects that the mass-weighted motions of all balls have at both ends of contacts.
+    Each column of the difference is divided by its length; a motion then costs nothing if its
+    singular value, over a bound of the largest, is up to the ``limit``.
 
     The attribute ``free`` (n_branches, n_free) holds orthonormal motions that cost nothing. Most of
     these move a few balls and deform nothing in a wave either; of them only their part in the
@@ -102,18 +103,19 @@ class SparseRelaxation:
         lattice: Compatibility,
         difference: Any,
         total: Any,
-        soft: float,
+        limit: float,
         progress: Progress = silent,
     ) -> None:
         """Factorise the normal equations, tell the ``progress``, and find the free motions."""
         self.lattice = lattice
+        self._limit = limit
         with single_products():
-            self._factorise(difference, soft, progress)
-            self._set_free_motions(total, soft)
+            self._factorise(difference, progress)
+            self._set_free_motions(total)
 
     @property
     def n_free(self) -> int:
-        """Number of motions that cost nothing, n_free."""
+        """Number n_free of the motions of ``free``."""
         return int(self.free.shape[1])
 
     @property
@@ -134,11 +136,10 @@ class SparseRelaxation:
         joins_balls = table.j < lattice.n_balls
         return dissect(positions, table.i[joins_balls], table.j[joins_balls])
 
-    def _factorise(self, difference: Any, soft: float, progress: Progress) -> None:
+    def _factorise(self, difference: Any, progress: Progress) -> None:
         """Factorise the normal equations of the columns of ``difference`` (n_rows, n_branches),
-        each divided by its length; set the scale of the columns, the scaled matrix and its factors.
-
-        ``soft`` is that of the class.
+        each divided by its length; set the scale of the columns, the scaled matrix, a bound of its
+        eigenvalues and its factors.
         """
         from scipy.sparse import diags_array
 
@@ -146,7 +147,7 @@ class SparseRelaxation:
         motions = self.lattice.motions
         size = np.sqrt(np.asarray(difference.power(2).sum(axis=0)))
         is_turn = np.tile(motions.is_rotation, lattice.n_balls)
-        is_rounding = find_rounded_columns(size, is_turn, soft)
+        is_rounding = find_rounded_columns(size, is_turn, self._limit)
         self._scale = np.where(is_rounding, 1.0, size)
         inverse_scale = np.where(is_rounding, 0.0, 1.0 / self._scale)
         self._rows: Any = (difference @ diags_array(inverse_scale)).tocsr()
@@ -155,30 +156,18 @@ class SparseRelaxation:
         self._top = _bound(matrix)
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
-    def _set_free_motions(self, total: Any, soft: float) -> None:
+    def _set_free_motions(self, total: Any) -> None:
         """Set ``free``, as the class describes it, from the motions that the factors have set
         aside, and set the deformations and motions of the soft ones among these, which cost a
-        little.
-
-        ``total`` and ``soft`` are those of the class.
+        little. ``total`` is that of the class.
         """
         from scipy.sparse import csc_array, diags_array
 
         # the motions set aside, in units of the scale of their columns
         scaled_motions = csc_array(self._fronts.follow())
-        lengths = np.sqrt(scaled_motions.power(2).sum(axis=0))
-        limit = soft * np.sqrt(self._top)
-        sizes = np.sqrt((self._rows @ scaled_motions).power(2).sum(axis=0))  # of deformations
-        is_free_at_rest = sizes <= limit * lengths
         motions = (diags_array(1.0 / self._scale) @ scaled_motions).tocsc()
-        change = (total @ motions).tocoo()
-        row_lengths = np.sqrt(total.power(2).sum(axis=1))
-        column_lengths = np.sqrt(motions.power(2).sum(axis=0))
-        rounding = soft * row_lengths[change.row] * column_lengths[change.col]
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
-        is_free_in_wave = np.ones(motions.shape[1], bool)
-        is_free_in_wave[change.col[np.abs(change.data) > rounding]] = False
-        is_idle = is_free_at_rest & is_free_in_wave
+        is_idle = self._are_free(scaled_motions) & self._are_free_in_wave(motions, total)
         active_motions = scaled_motions[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
             active_motions -= self._fronts.solve(self._columns @ (self._rows @ active_motions))
@@ -186,7 +175,7 @@ class SparseRelaxation:
         deformations, singular_values, right_vectors = np.linalg.svd(
             self._rows @ basis, full_matrices=False
         )
-        is_free = singular_values <= limit
+        is_free = singular_values <= self._limit * np.sqrt(self._top)
         self._soft_deformations = deformations[:, ~is_free]
         self._soft_motions = basis @ (right_vectors[~is_free] / singular_values[~is_free, None]).T
         idle_motions = motions[:, is_idle]
@@ -197,6 +186,26 @@ class SparseRelaxation:
         idle_shifts = _orthonormalise(shifts - _leave_out(idle_motions, shifts))
         with_shifts = np.concatenate([idle_shifts, free_active], axis=1)
         self.free: Array = _orthonormalise(with_shifts - shifts @ (shifts.T @ with_shifts))
+
+    def _are_free(self, scaled_motions: Any) -> Flags:
+        """Return (k,) whether each of the sparse ``scaled_motions`` (n_branches, k), in units of
+        the scale of the columns, costs nothing.
+        """
+        lengths = np.sqrt(scaled_motions.power(2).sum(axis=0))
+        sizes = np.sqrt((self._rows @ scaled_motions).power(2).sum(axis=0))  # of deformations
+        return np.asarray(sizes <= self._limit * np.sqrt(self._top) * lengths)
+
+    def _are_free_in_wave(self, motions: Any, total: Any) -> Flags:
+        """Return (k,) whether each of the sparse ``motions`` (n_branches, k) deforms nothing to
+        first order in q; ``total`` is that of the class.
+        """
+        change = (total @ motions).tocoo()
+        row_lengths = np.sqrt(total.power(2).sum(axis=1))
+        column_lengths = np.sqrt(motions.power(2).sum(axis=0))
+        rounding = self._limit * row_lengths[change.row] * column_lengths[change.col]
+        are_free = np.ones(motions.shape[1], bool)
+        are_free[change.col[np.abs(change.data) > rounding]] = False
+        return are_free
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
@@ -265,14 +274,12 @@ class SparseRelaxation:
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
             energies, motions = self._find_set_aside(fronts, matrix, block)
             highest = _bound(block)
+            is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
             # no coupling is larger than the root of the product of both energies
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
-            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
-            # a motion that no strain moves belongs to another wave vector of a smaller cell
-            is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
-            unstable_numbers = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
-            if unstable_numbers.size:
-                raise self._explain_buckling(block, motions[:, unstable_numbers[0]])
+            self._require_unmoved(
+                motions[:, is_negative], mixed, _COUPLING_ROUNDING * largest_pull, block
+            )
             # motions that cost nothing are left out. Static forces do not act on them; that
             # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest
@@ -287,8 +294,8 @@ class SparseRelaxation:
         forces_on_stiff = stiff_motions.T @ forces
         amplitudes = forces_on_stiff / energies[is_stiff, None]
         saved_by_stiff = forces_on_stiff.T @ amplitudes
-        motion = scale @ response + stiff_motions @ amplitudes
-        return saved_by_factors + saved_by_stiff, np.asarray(motion)
+        response_of_all = scale @ response + stiff_motions @ amplitudes
+        return saved_by_factors + saved_by_stiff, np.asarray(response_of_all)
 
     def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
         """Return the energies (k,), ascending, of the motions that factors have set aside, and
@@ -306,6 +313,21 @@ class SparseRelaxation:
         energy_form = basis.T @ (block @ basis)
         energies, vectors = np.linalg.eigh(0.5 * (energy_form + energy_form.T))
         return energies, basis @ vectors
+
+    def _require_unmoved(
+        self, negative_motions: Array, mixed: Array, rounding: float, block: Any
+    ) -> None:
+        """Raise :class:`~granphon.base.errors.InstabilityError` if a gradient moves one of the
+        ``negative_motions`` (n_branches, k) of negative energy: if it pulls on the motion by more
+        than ``rounding``. A motion that no gradient moves belongs to another wave vector of a
+        smaller cell.
+
+        ``mixed`` and ``block`` are those of :meth:`eliminate`.
+        """
+        pulls = np.max(np.abs(negative_motions.T @ mixed), axis=1, initial=0.0)
+        moved_numbers = np.flatnonzero(pulls > rounding)
+        if moved_numbers.size:
+            raise self._explain_buckling(block, negative_motions[:, moved_numbers[0]])
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
         """Return the error of a lattice whose inner ``motion`` (n_branches,) has a negative energy
@@ -337,4 +359,4 @@ def _leave_out(basis: Any, vectors: Array) -> Array:
 def _orthonormalise(vectors: Array) -> Array:
     """Return an orthonormal basis (n, r) of the space that ``vectors`` (n, m) span."""
     basis, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(basis[:, singular_values > DEPENDENT])
+    return np.asarray(basis[:, singular_values > DEPENDENCE])

@@ -24,11 +24,15 @@ from granphon.dynamics.linalg import NO_ENERGY
 #: number of balls in a box: half as many make the matrix of the boxes ten times as dear, and save a
 #: tenth of the iterations
 _BALLS_PER_BOX = 20.0
-#: largest number of boxes, by the dimension, whose factors take a gigabyte
+#: largest number of boxes whose factors take a gigabyte, by the number of axes along which boxes
+#: follow each other
 _MOST_BOXES = {1: 50_000, 2: 20_000, 3: 5_000}
+#: thickness, in mean radii, above which balls are taken to lie in more than one layer: a layer of
+#: equal balls is two radii thick, and two close-packed layers are 3.63
+_SINGLE_LAYER = 3.0
 #: eigenvalue of the products of the motions of a box, over the largest, up to which these motions
 #: are dependent
-_DEPENDENT = 1e-6
+_DEPENDENCE = 1e-6
 #: bound of the eigenvalues of a stiffness, over its blocks of single balls: the energy of a contact
 #: is at most twice the sum of its energies with one ball moving at a time
 _BOUND = 2.0
@@ -83,7 +87,10 @@ class _Boxes(NamedTuple):
 
 def _find_boxes(frame: BallFrame) -> _Boxes:
     """Return the boxes of the balls of a ``frame``, of about :data:`_BALLS_PER_BOX` balls each, or
-    more if there would be more than :data:`_MOST_BOXES`; boxes divide the cell evenly.
+    of more balls if there would be more than :data:`_MOST_BOXES` boxes.
+
+    Boxes divide the period evenly along axes with a period, and along the others the extent of the
+    balls, from a mean radius below the lowest centre to one above the highest.
     """
     n = len(frame.positions)
     p = len(frame.cell)
@@ -98,11 +105,14 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     cells = -np.floor(coordinates[:, :p])
     coordinates[:, :p] += cells
     lengths = np.linalg.norm(axes, axis=1)
-    lowest_coordinates = np.where(np.arange(3) < p, 0.0, coordinates.min(axis=0))
-    # across the periods the balls fill the distance of the outermost centres and a diameter more
-    extents = np.where(np.arange(3) < p, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
-    dimension = int(np.count_nonzero(extents * lengths > 3.0 * frame.radius))
-    balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[max(dimension, 1)])
+    has_period = np.arange(3) < p
+    # where the boxes begin, and how far they reach: one period, or the extent of the balls
+    lowest_coordinates = np.where(has_period, 0.0, coordinates.min(axis=0) - frame.radius)
+    extents = np.where(has_period, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
+    is_divided = extents * lengths > _SINGLE_LAYER * frame.radius
+    # a single ball is divided along no axis, and counts as a line
+    dimension = max(int(np.count_nonzero(is_divided)), 1)
+    balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[dimension])
     side = _find_side(extents * lengths, n / balls_per_box)
     # numbers (3,) of boxes along the axes, and the indices (n, 3) of the box of each ball
     numbers = np.maximum(np.rint(extents * lengths / side), 1.0)
@@ -125,9 +135,9 @@ def _find_side(lengths: Array, count: float) -> float:
     """
     side = 0.0
     for dimension in (3, 2, 1):
-        longest = np.sort(lengths)[3 - dimension :]
-        side = float(np.prod(longest) / count) ** (1.0 / dimension)
-        if side <= float(longest[0]):
+        longest_sides = np.sort(lengths)[3 - dimension :]
+        side = float(np.prod(longest_sides) / count) ** (1.0 / dimension)
+        if side <= float(longest_sides[0]):
             break
     return side
 
@@ -160,7 +170,7 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     products = np.zeros((boxes.n_boxes, 6, 6))
     np.add.at(products, boxes.box, np.einsum("nki,nkj->nij", effects, effects))
     squares, vectors = np.linalg.eigh(products)
-    is_motion = squares > _DEPENDENT * squares[:, -1:]
+    is_motion = squares > _DEPENDENCE * squares[:, -1:]
     scale = np.divide(1.0, np.sqrt(np.abs(squares)), out=np.zeros_like(squares), where=is_motion)
     weights = vectors * scale[:, None, :]
     blocks = effects @ weights[boxes.box]  # (n, motions, 6)
@@ -176,14 +186,15 @@ class TwoLevels:
     """An approximate inverse of a sparse Hermitian ``matrix`` (n * ``count``, n * ``count``)
     without negative eigenvalues; calling it multiplies vectors by this inverse.
 
-    ``count`` is the number of motions of a ball, and ``boxes`` are those of :func:`compose_boxes`.
+    ``count`` is the number of motions of a ball, and ``box_motions`` are those that
+    :func:`compose_boxes` returns.
 
     Attributes
     ----------
     ball_inverses : the inverse of the blocks of single balls, sparse.
     """
 
-    def __init__(self, matrix: Any, count: int, boxes: Any) -> None:
+    def __init__(self, matrix: Any, count: int, box_motions: Any) -> None:
         """Invert the blocks of single balls, smooth the motions of boxes, and factorise the matrix
         of the boxes.
         """
@@ -192,10 +203,10 @@ class TwoLevels:
         self._matrix = matrix
         self.ball_inverses, _ = invert_blocks(matrix, count)
         self._step = (_STEP / _BOUND) * self.ball_inverses
-        smoothing = self.ball_inverses @ (matrix @ boxes)
-        self._boxes: Any = (boxes - (_SMOOTHING / _BOUND) * smoothing).tocsr()
-        self._to_boxes: Any = self._boxes.conj().T.tocsr()
-        box_matrix = (self._to_boxes @ (matrix @ self._boxes)).tocsr()
+        smoothing = self.ball_inverses @ (matrix @ box_motions)
+        self._box_motions: Any = (box_motions - (_SMOOTHING / _BOUND) * smoothing).tocsr()
+        self._to_boxes: Any = self._box_motions.conj().T.tocsr()
+        box_matrix = (self._to_boxes @ (matrix @ self._box_motions)).tocsr()
         shift = _SHIFT * float(np.max(matrix.diagonal().real))
         shifted_matrix = box_matrix + shift * eye_array(box_matrix.shape[0])
         self._is_complex = np.iscomplexobj(shifted_matrix.data)
@@ -207,7 +218,8 @@ class TwoLevels:
         """Return the approximate inverse times the ``residual`` (n * count, m)."""
         # single balls, then boxes, then single balls again
         motions = self._step @ residual
-        motions += self._boxes @ self._solve(self._to_boxes @ (residual - self._matrix @ motions))
+        forces_on_boxes = self._to_boxes @ (residual - self._matrix @ motions)
+        motions += self._box_motions @ self._solve(forces_on_boxes)
         return np.asarray(motions + self._step @ (residual - self._matrix @ motions))
 
     def _solve(self, right: NDArray[Any]) -> NDArray[Any]:

@@ -17,20 +17,21 @@ from granphon.dynamics.half_space import HalfSpace
 #: phases from block to block, rad, at which Zak phases and windings are summed
 _PHASES = 2.0 * np.pi * np.arange(256) / 256
 #: determinant, over the product of the norms of its rows, up to which the determinant is zero
-_SINGULAR = 1e-12
+_SINGULARITY = 1e-12
 #: gap in w = omega^2, over the highest w, up to which the gap is closed
-_CLOSED = 1e-12
+_LEAST_GAP = 1e-12
 #: least overlap of branches from one phase to the next at which their gap counts as open
 _LEAST_OVERLAP = 0.5
 #: size of a Zak phase, rad, up to which it is zero but for rounding
-_NO_PHASE = 1e-9
+_PHASE_ROUNDING = 1e-9
 #: largest turn of a determinant from one phase to the next, rad, at which turns can be counted
 _LARGEST_TURN = 0.5 * np.pi
 
 
 def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
     """Return the Zak phase, rad, from 0 to 2 pi, of all branches of the crystal of a ``half_space``
-    above the ``below`` lowest, one or more, at q (p - 1,) in fractions of the reciprocal cell.
+    above the ``below`` lowest, at q (p - 1,) in fractions of the reciprocal cell; ``below`` is one
+    or more, and less than the number of branches.
 
     If the edge is held, the phase is that of the motions of the balls, because such an edge leaves
     whole cells of balls. If it is free, the phase is that of the deformations of contacts, because
@@ -53,7 +54,7 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
     next_states = np.roll(states, -1, axis=0)
     overlaps = np.linalg.det(states.conj().swapaxes(1, 2) @ next_states)  # (phases,)
     gap = np.min(squares[:, below] - squares[:, below - 1])
-    is_closed = gap <= _CLOSED * half_space.highest
+    is_closed = gap <= _LEAST_GAP * half_space.highest
     if is_closed or np.min(np.abs(overlaps)) < _LEAST_OVERLAP:
         branches = "lowest branch" if below == 1 else f"{below} lowest branches"
         raise InputError(
@@ -62,7 +63,7 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
         )
     phase = -float(np.angle(np.prod(overlaps / np.abs(overlaps))))
     # a phase just below zero, which is rounding, would become 2 pi
-    return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
+    return 0.0 if abs(phase) < _PHASE_ROUNDING else phase % (2.0 * np.pi)
 
 
 def find_winding(half_space: HalfSpace, q: Array) -> int:
@@ -89,7 +90,7 @@ def find_winding(half_space: HalfSpace, q: Array) -> int:
     # Hadamard: no determinant is larger than the product of the lengths of its rows
     bounds = np.prod(np.linalg.norm(rows, axis=2), axis=1)
     turns = np.angle(np.roll(determinants, -1) * determinants.conj())
-    is_singular = np.any(np.abs(determinants) <= _SINGULAR * bounds)
+    is_singular = np.any(np.abs(determinants) <= _SINGULARITY * bounds)
     if is_singular or np.max(np.abs(turns)) > _LARGEST_TURN:
         raise InputError("det C vanishes, or nearly, at this wave vector", mend="Take another one")
     return int(np.rint(turns.sum() / (2.0 * np.pi)))

@@ -28,7 +28,7 @@ _PROBES = np.array(
     [[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]]
 )
 #: relative difference up to which two values are equal but for rounding
-_EQUAL = 1e-10
+_VALUE_ROUNDING = 1e-10
 
 
 class Operation(NamedTuple):
@@ -59,13 +59,13 @@ def shortest_vectors(reciprocal: Array) -> Array:
     """Return the p shortest independent vectors (p, p), as rows, of the lattice of the
     ``reciprocal`` vectors (p, p); of equally short vectors, those of ``reciprocal`` come first.
     """
-    longest = float(np.linalg.norm(reciprocal, axis=1).max())
-    vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
+    longest_length = float(np.linalg.norm(reciprocal, axis=1).max())
+    vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest_length) @ reciprocal])
     # nine decimals, so that rounding does not decide among equal lengths
-    lengths = np.round(np.linalg.norm(vectors, axis=1) / longest, 9)
+    lengths = np.round(np.linalg.norm(vectors, axis=1) / longest_length, 9)
     basis: list[Array] = []
     for vector in vectors[np.argsort(lengths, kind="stable")]:
-        rank = np.linalg.matrix_rank(np.array([*basis, vector]), tol=1e-6 * longest)
+        rank = np.linalg.matrix_rank(np.array([*basis, vector]), tol=1e-6 * longest_length)
         if rank > len(basis):
             basis.append(vector)
         if len(basis) == len(reciprocal):
@@ -87,7 +87,9 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     all_values = function(images.reshape(-1, len(basis)) @ basis)
     values = all_values.reshape(len(operations), len(fractions), -1)
     # the first operation is the identity
-    is_equal = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
+    is_equal = np.all(
+        np.abs(values - values[0]) <= _VALUE_ROUNDING * np.abs(values[0]), axis=(1, 2)
+    )
     symmetries = [operations[number] for number in np.flatnonzero(is_equal)]
     group = {operations[0]}
     for symmetry in symmetries:
@@ -157,7 +159,8 @@ def divide_zone(
     Parameters
     ----------
     reciprocal : (p, p) reciprocal vectors as rows, of any cell.
-    order : number of points along each edge of the cube that is mapped to a simplex.
+    order : number of points along each edge of the cube that is mapped to a simplex; two or more in
+        space, where the weights of a single point would not add up to one.
     symmetries : the group of operations that leave the function unchanged; by default those of an
         even function.
     """

@@ -97,11 +97,11 @@ _ONE_LINE = 1e-6
 #: width of a line, and of branches that are zero, in points, and the number of coinciding branches
 #: that widen the lower ones
 _WIDTH = 1.5
-_THIN = 0.6
+_WIDTH_OF_ZERO = 0.6
 _MOST_WIDENED = 3
 #: greatest number of branches whose lines have this width, as they cover a third of the height of a
 #: column; and the least part of the width, with which a line is still printed
-_MOST_WIDE = 30
+_MOST_WIDE_BRANCHES = 30
 _LEAST_PART = 0.15
 #: sides of the inset of the zone, in parts of the axes, large first; side above the lines, and its
 #: distance from the frame
@@ -122,8 +122,9 @@ def find_reciprocal(bands: Bands) -> Array:
 
 
 def write_corner(label: str) -> str:
-    """Return the ``label`` of a corner as it stands in a figure: Γ for G, and an index as a
-    subscript. The label of a jump, such as "K|M", has two names, each written in this way.
+    """Return the ``label`` of a corner as it stands in a figure: Γ for G, GAMMA and Gamma, and the
+    number after a capital letter as a subscript. The label of a jump, such as "K|M", has two names,
+    each written in this way.
     """
     names_in_figure = []
     for name in label.split("|"):
@@ -155,9 +156,10 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ribbon is a line with two ends.
 
     Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along no period
-    and has no zone, and in space for a ``view`` that is no View. In the plane and on a line
-    ``view`` is not used.
+    and has no zone, and for a ``view`` that is no View. A zone on a line or in a plane looks the
+    same from every ``view``.
     """
+    chosen_view = read_view(view)
     repeats = np.asarray(bands.pbc)  # of each vector of the cell
     if not np.any(repeats):
         raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
@@ -168,9 +170,9 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ends = ends_of_segments[..., repeats] @ reciprocal
     if periods == 3:
         faces = zone_faces(reciprocal)
-        view = read_view(view, _choose_view(ends.reshape(-1, 3), faces))
-        outline = _draw_zone_in_space(ax, faces, view)
-        paper_ends = view.project(ends)
+        view_of_zone = chosen_view or _choose_view(ends.reshape(-1, 3), faces)
+        outline = _draw_zone_in_space(ax, faces, view_of_zone)
+        paper_ends = view_of_zone.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
         style: dict[str, Any] = {"facecolor": "white", "edgecolor": "0.3", "linewidth": 0.7}
@@ -573,9 +575,9 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
 
     Lines of branches that coincide must all be seen: a branch is a step wider for each later
     branch that is closer than ``least`` both at a point and at one of its neighbours, up to
-    ``_MOST_WIDENED`` steps. A branch that is below ``least`` at all points, and so is zero, is a
-    thin line. If there are more than ``_MOST_WIDE`` branches, lines are thinner the more branches
-    there are, except where ``is_wide`` (p, b).
+    ``_MOST_WIDENED`` steps. A branch that is at most ``least`` at all points, and so is zero, is a
+    thin line. If there are more than ``_MOST_WIDE_BRANCHES`` branches, lines are thinner the more
+    branches there are, down to the part ``_LEAST_PART``, except where ``is_wide`` (p, b).
     """
     differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
     is_close = differences <= least
@@ -584,11 +586,11 @@ def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array
     coincide = coincide_between[1:] | coincide_between[:-1]
     n_later = np.triu(coincide, 1).sum(axis=2)  # (p, b)
     # many branches would be a solid block
-    part = max(min(_MOST_WIDE / frequencies.shape[1], 1.0), _LEAST_PART)
+    part = max(min(_MOST_WIDE_BRANCHES / frequencies.shape[1], 1.0), _LEAST_PART)
     base_widths = _WIDTH * np.where(is_wide, 1.0, part)
     widths = base_widths * (1.0 + np.minimum(n_later, _MOST_WIDENED))
     is_zero = np.all(frequencies <= least, axis=0)  # (b,)
-    widths[:, is_zero] = min(_THIN, part * _WIDTH)
+    widths[:, is_zero] = min(_WIDTH_OF_ZERO, part * _WIDTH)
     return np.asarray(widths)
 
 
@@ -632,7 +634,7 @@ def plot_asymptotes(
 
     Raises :class:`~granphon.base.errors.InputError` for what is neither velocities nor a lattice,
     for velocities at several loads or along several directions, for those of a crystal in space,
-    and for a ``reach`` that is not above zero.
+    for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix.
     """
     if not isinstance(velocities, Asymptotes):
         raise InputError(
@@ -707,8 +709,10 @@ def _find_long_waves(
         if speed > _ROUNDING * greatest:  # a smaller one is rounding of zero
             waves[name] = speed * q
     if isinstance(velocities, ContactLattice):
-        has_optical_branch = len(velocities.motions.rotations) == velocities.n_balls == 1
-        if has_optical_branch:
+        has_one_rotation = len(velocities.motions.rotations) == velocities.n_balls == 1
+        # where contacts resist rolling or twist alone the rotational branch begins at zero
+        at_gamma = velocities.frequencies(np.zeros((1, velocities.periods)))
+        if has_one_rotation and np.any(at_gamma > 0.0):
             squared, curvature = velocities.optical_branch(direction)
             decrease = 1.0 - curvature * q**2
             # the parabola ends where it would fall below zero
@@ -735,7 +739,8 @@ def plot_dos(
     standard errors (n,), 1/Hz, of the total under "total" in ``errors``, nan where unknown, are a
     grey field about the line; ``errors`` of other names are not drawn.
 
-    Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
+    Raises :class:`~granphon.base.errors.InputError` for ``errors`` that are no mapping, a total of
+    another shape there, and a ``unit`` that is no HertzPrefix.
     """
     unit = _read_unit(unit, dos)
     frequency = dos.frequencies / unit.hertz
@@ -759,7 +764,9 @@ def plot_dos(
     if "total" in given_errors:
         total_errors = read_errors(given_errors["total"], dos.total.shape) * unit.hertz
         total = dos.total * unit.hertz
-        draw_error_band(ax, frequency, total, total_errors, _ERRORS, "errors", upright=horizontal)
+        draw_error_band(
+            ax, frequency, total, total_errors, _ERRORS, "errors", is_upright=horizontal
+        )
         ax.add_line(make_error_handle())
     _set_dos_axes(ax, dos, horizontal, unit)
     return ax
@@ -826,9 +833,11 @@ def bands_figure(
     same axis.
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
-    cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk``,
-    ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` as the errors of
-    :func:`plot_dos`. Raises :class:`~granphon.base.errors.InputError` if both are left out.
+    cluster has none. Bands or densities may be left out. ``asymptotes``, ``gaps``, ``bulk``,
+    ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` are the errors of
+    :func:`plot_dos`; they have no effect without the bands or the densities. Raises
+    :class:`~granphon.base.errors.InputError` if both bands and densities are left out, and what
+    :func:`plot_bands` and :func:`plot_dos` raise.
     """
     main_result = dos if bands is None else bands
     if main_result is None:
@@ -864,14 +873,19 @@ def bands_figure(
             if in_space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
             elif any(bands.pbc):  # a cluster has no zone
-                inset = axes[0].inset_axes(_find_free_place(axes[0]))
-                inset.set_in_layout(False)
-                plot_zone(bands, inset)
+                _add_inset_of_zone(bands, axes[0])
         if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
         _add_joint_legend(figure, axes)
         figure.suptitle(title or "")
     return figure
+
+
+def _add_inset_of_zone(bands: Bands, ax: Axes) -> None:
+    """Draw the zone of bands in a free place of their Axes, which may be extended for it."""
+    inset = ax.inset_axes(_find_free_place(ax))
+    inset.set_in_layout(False)
+    plot_zone(bands, inset)
 
 
 def _add_joint_legend(figure: Figure, axes: Any) -> None:
@@ -915,8 +929,8 @@ def _join_error_entries(handles_by_label: dict[str, Any]) -> None:
 
 
 def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
-    """Return a square clear of every line: x, y, width, height in parts of the axes. If no square
-    is clear, the axes are extended upwards until one is.
+    """Return a square clear of the points of all bands and long waves: x, y, width, height in parts
+    of the axes. If no square is clear, the axes are extended upwards until one is.
     """
     points = _list_points(ax)
     square = _find_clear_square(points)
@@ -959,7 +973,7 @@ def _make_room(ax: Axes, points: Array) -> tuple[float, float, float, float]:
     for start in starts:
         distance = np.abs(points[:, 0] - start - size / 2.0)
         is_beneath = distance < size / 2.0 + _TOP_CLEARANCE
-        heights.append(points[is_beneath, 1].max())
+        heights.append(points[is_beneath, 1].max(initial=0.0))
     extension = max(1.0, (min(heights) + _TOP_CLEARANCE) / bottom_of_square)
     bottom, top = ax.get_ylim()
     ax.set_ylim(bottom, bottom + (top - bottom) * extension)

@@ -2,7 +2,7 @@
 among which many curves are shared out; this module does not load matplotlib.
 
 A *parameter* is a dimension of the sweep besides the load and the medium, or the direction of sound
-where there are several.
+where directions are a dimension.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LOADS, Quantity
 from granphon.base.scales import write_quantity
 from granphon.base.text import list_names, spell, suggest
-from granphon.base.validation import require, truth
+from granphon.base.validation import require, text, truth
 from granphon.figures.style import pick_evenly
 from granphon.figures.words import describe_parameter, write_value
 from granphon.media.choice import split_label
 from granphon.runs.dataset import Dataset, find_load
 
 #: relative difference up to which a number that a user types means a number of the sweep
-_NEAR = 5e-3
+_TOLERANCE = 5e-3
 #: greatest number of shades of a colour that an eye tells apart
 MOST_SHADES = 8
 #: greatest number of combinations of several parameters, whose shades have no order by which an eye
 #: could find one
 _MOST_COMBINATIONS = 4
 #: greatest number of columns and of rows of panels that a figure chooses by itself; and greatest
-#: number of panels if one parameter alone has panels, which then stand in lines of MOST_COLUMNS
+#: number of panels if one dimension alone has panels, which then stand in lines of MOST_COLUMNS
 MOST_COLUMNS = 3
 _MOST_ROWS = 4
-_MOST_ALONE = 12
-#: number of loads that have a curve over a parameter, if there are too many loads
+_MOST_IN_LINES = 12
+#: number of loads that have a curve over a parameter, if there are more than MOST_SHADES loads
 _MOST_LOADS = 5
 #: greatest number of panels that a user may ask for
 _MOST_PANELS = 40
@@ -53,7 +53,8 @@ _LOAD_NAMES = (*LOADS, "reduced_force")
 
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the names of the parameters of a data set: all dimensions of the sweep but the load
-    and the medium. If the sweep has several directions, "direction" follows as the last name.
+    and the medium. If directions are a dimension, "direction" follows as the last name. A parameter
+    may have a single value.
     """
     names = [str(name) for name in dataset["valid"].dims if name not in ("load", "medium")]
     if "direction" in dataset.dims:
@@ -117,25 +118,25 @@ def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
     dimension is free, of whose values the caller draws some. Each time the dimension is held that
     leaves the most states to draw; of several such dimensions the last is taken.
     """
-    held: list[str] = []
-    free = {name: count for name, count in counts.items() if count > 1}
+    held_dimensions: list[str] = []
+    free_counts = {name: count for name, count in counts.items() if count > 1}
 
     def count_drawn(name: str) -> int:
         """Return how many states would be drawn if the free dimension ``name`` were held too: all
         that remain, if these are at most ``most``; ``most`` of them, if one dimension remains; and
         0 if further dimensions would have to be held.
         """
-        n_remaining = math.prod(free.values()) // free[name]
+        n_remaining = math.prod(free_counts.values()) // free_counts[name]
         if n_remaining <= most:
             return n_remaining
-        has_single_dimension = len(free) == 2
+        has_single_dimension = len(free_counts) == 2
         return most if has_single_dimension else 0
 
-    while len(free) > 1 and math.prod(free.values()) > most:
-        name = max(reversed(free), key=count_drawn)
-        del free[name]
-        held.append(name)
-    return held
+    while len(free_counts) > 1 and math.prod(free_counts.values()) > most:
+        name = max(reversed(free_counts), key=count_drawn)
+        del free_counts[name]
+        held_dimensions.append(name)
+    return held_dimensions
 
 
 # -- the states that a user chooses ----------------------------------------------------------------
@@ -173,10 +174,10 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
         if dimension is None or dimension not in (*dataset["valid"].dims, "direction"):
             names = [find_load(dataset), "medium", *list_parameters(dataset)]
             problem = f"{run} is not swept over {name!r}, by which --where chooses"
-            raise InputError(problem, f"It has {', '.join(names)}", suggest(name, names))
+            raise InputError(problem, mend=suggest(name, names))
         is_kept = np.zeros(dataset.sizes[dimension], bool)
-        for text in texts:
-            is_kept |= _match_values(dataset, name, text, run)
+        for text_of_value in texts:
+            is_kept |= _match_values(dataset, name, text_of_value, run)
         dataset = dataset.isel({dimension: np.flatnonzero(is_kept)})
     return dataset
 
@@ -212,21 +213,22 @@ def _read_truth(text: str) -> Any:
 
 def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
     """Return (n,) whether each of the n numbers of the coordinate ``name`` is meant by a ``text``.
-    A range "A to B" means the numbers between A and B, and those beyond by the part ``_NEAR`` of an
-    end at most. A single number means the nearest of the values, or none if the nearest differs by
-    more than this part. InputError for a text that is neither a number nor a range.
+    A range "A to B" means the numbers between A and B, and those beyond by the part ``_TOLERANCE``
+    of an end at most. A single number means the nearest of the values, or none if the nearest
+    differs by more than this part of itself. InputError for a text that is neither a number nor a
+    range, and for a number in the unit of another quantity.
     """
     values = np.asarray(dataset[name].values, float)
     ends = [_read_number(dataset, name, end.strip()) for end in text.split(" to ")]
     if len(ends) == 2:
         low, high = sorted(ends)
-        is_above = values >= low - _NEAR * abs(low)
-        return np.asarray(is_above & (values <= high + _NEAR * abs(high)))
+        is_above = values >= low - _TOLERANCE * abs(low)
+        return np.asarray(is_above & (values <= high + _TOLERANCE * abs(high)))
     if len(ends) > 2:
         raise InputError(f"--where has {name}={text}", mend="Give one number, or 'A to B'")
     distances = np.abs(values - ends[0])
     is_nearest = distances == distances.min()
-    return np.asarray(is_nearest & (distances <= _NEAR * np.abs(values)))
+    return np.asarray(is_nearest & (distances <= _TOLERANCE * np.abs(values)))
 
 
 def _read_number(dataset: Dataset, name: str, text: str) -> float:
@@ -326,7 +328,8 @@ class Layout:
 
 def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, int]:
     """Return the numbers of values, by name, of the parameters in which the curves of a
-    ``variable`` over ``x`` differ. If ``x`` is itself a parameter, the load is among them.
+    ``variable`` over ``x`` differ, each with several values. If ``x`` is itself a parameter in
+    numbers, the load counts as a parameter in its place.
     """
     counts = {}
     if x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu":
@@ -346,29 +349,33 @@ def arrange(
     rows: str | None = None,
     columns: str | None = None,
     *,
-    alone: bool = False,
+    wants_single_curves: bool = False,
 ) -> Layout:
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
     parameter in numbers.
 
-    ``rows`` and ``columns`` name the dimensions whose values have rows and columns of panels.
-    Without them there is one panel, unless several parameters have more combinations than the eye
-    finds among shades of a colour. Then the parameters with the fewest values get the panels: the
-    first gets the columns, the second the rows, and any further one is held at its first value. If
-    a parameter has more values than there is place for, some of them are drawn; so it is with the
-    loads where ``x`` is a parameter. With ``alone`` each combination, also of media, has a panel of
-    its own.
+    ``rows`` and ``columns`` name the dimensions whose values have rows and columns of panels: the
+    medium, parameters, and if ``x`` is a parameter the load. What they do not name are shades of a
+    colour in a panel, unless several parameters have more combinations than the eye finds among
+    shades. Then the parameters with the fewest values get panels, until shades suffice: the first
+    parameter gets the columns, the second the rows, as far as these are free, and all further ones
+    are held at their first value. A parameter that gets panels in this way and has more values than
+    there is place for is drawn at some of them; so is the load over a parameter, if there are more
+    loads than shades. If the figure ``wants_single_curves``, no panel has several combinations, and
+    the medium counts as a parameter.
 
-    Raises :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is
-    swept, or take too many panels.
+    Raises :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` is no name of what
+    tells curves apart, if both are the same, or if they take too many panels.
     """
+    rows = _read_dimension("rows", rows)
+    columns = _read_dimension("columns", columns)
     counts = _count_values(dataset, variable, x)
     all_counts = counts | {"medium": dataset.sizes["medium"]}
     allowed = [name for name, count in all_counts.items() if count > 1]
     _require_swept(rows, columns, allowed)
-    if alone:  # media are told apart as parameters are
+    if wants_single_curves:  # media are told apart as parameters are
         counts = {name: all_counts[name] for name in allowed}
-    _require_few_panels(all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1))
+    _require_few_panels([all_counts[name] for name in (rows, columns) if name is not None])
     # parameters that shades of a colour tell apart within a panel, with their numbers of values
     shaded = {name: count for name, count in counts.items() if name not in (rows, columns)}
     # parameters whose values may not all have a place, with the greatest number that has one
@@ -377,14 +384,15 @@ def arrange(
     if shaded.get(load, 0) > MOST_SHADES:  # a curve for each load over a parameter
         limits[load] = _MOST_LOADS
         shaded[load] = _MOST_LOADS
-    most_curves = 1 if alone else _MOST_COMBINATIONS
-    while math.prod(shaded.values()) > most_curves and (alone or len(shaded) > 1):
+    most_curves = 1 if wants_single_curves else _MOST_COMBINATIONS
+    # one parameter alone has shades in their order, however many values it has
+    while math.prod(shaded.values()) > most_curves and (wants_single_curves or len(shaded) > 1):
         # the fewest values, and of several such parameters the last in the order of the scene
         name = min(reversed(shaded), key=shaded.__getitem__)
         del shaded[name]
         if columns is None:
             columns = name
-            limits[name] = _MOST_ALONE if rows is None else MOST_COLUMNS
+            limits[name] = _MOST_IN_LINES if rows is None else MOST_COLUMNS
         elif rows is None:
             rows = name
             limits[name] = _MOST_ROWS
@@ -400,8 +408,18 @@ def arrange(
     return Layout(rows, columns, shown, is_chosen=bool(limits))
 
 
-def _require_few_panels(n_panels: int) -> None:
-    """Raise InputError if the user asks for more panels than a figure can have."""
+def _read_dimension(option: str, name: Any) -> str | None:
+    """Return the ``name`` of a dimension that a user gives for an ``option``, or None; InputError
+    for what is no name.
+    """
+    return None if name is None else str(require(option, text, name))
+
+
+def _require_few_panels(counts: Sequence[int]) -> None:
+    """Raise InputError if the user asks for more panels than a figure can have; ``counts`` are the
+    numbers of rows and of columns, as far as they are asked for.
+    """
+    n_panels = math.prod(counts)
     if n_panels > _MOST_PANELS:
         problem = f"--rows and --columns ask for {n_panels} panels"
         why = f"A figure has at most {_MOST_PANELS}"

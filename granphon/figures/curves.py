@@ -75,11 +75,12 @@ from granphon.figures.words import (
     find_differing,
     join_facts,
     list_facts,
+    write_unit,
     write_value,
 )
 from granphon.fits.fit import WidthFit
 from granphon.fits.measurements import Measurements
-from granphon.media.choice import MEDIA, AutoMedium
+from granphon.media.choice import MEDIA, AutoMedium, split_label
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.phonons.bands import Bands
@@ -98,9 +99,10 @@ _DATA_STYLE: dict[str, Any] = {
 #: width of a line that is alone; limits of the widths of several lines, of which the later lie on
 #: the earlier; points
 _LONE_WIDTH = 1.6
-_WIDEST, _NARROWEST = 2.2, 1.0
+_GREATEST_WIDTH = 2.2
+_LEAST_WIDTH = 1.0
 #: the largest number on an axis; matplotlib overflows at margins and ticks beyond larger numbers
-_LARGEST = 1e280
+_LARGEST_NUMBER = 1e280
 #: dashes of lines of the same colour, the first solid; they differ from those outside the range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
 #: marks of points, one for each of these dashes
@@ -108,15 +110,15 @@ _MARKERS = ("o", "s", "^", "D")
 #: the greatest number of lines that colours and dashes tell apart
 MOST_LOOKS = len(COLOURS) * len(_DASHES)
 #: marks of the media that an automatic medium chose; a simulation has the mark of its points
-_SERVING = {"ala": "s", "afa": "v", "ema": "^"}
+_MARKS_OF_MEDIA = {"ala": "s", "afa": "v", "ema": "^"}
 #: looks of a line, and of marks, where the medium is not valid
-_OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
-_HOLLOW: dict[str, Any] = {"markerfacecolor": "white"}
-#: sizes of marks: of points, and of marks for the medium that served
+_LOOK_OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
+_HOLLOW_LOOK: dict[str, Any] = {"markerfacecolor": "white"}
+#: sizes of marks, points: of points, and of marks for the medium that served
 _SIZE = 3.0
-_SERVING_SIZE = 3.6
+_SIZE_OF_MEDIA = 3.6
 #: look of points in a legend, without colour and mark
-_POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
+_LOOK_OF_POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
 #: the velocity of pulses through simulated arrays
 _PULSE = "pulse_velocity"
 #: the velocities that a sweep may have, with their symbols
@@ -129,16 +131,16 @@ _VELOCITIES = {
 }
 #: of the two transverse waves in space the fast one has an ordinary line, the slow one is
 #: dash-dotted; points differ too
-_SLOW = "transverse_slow"
-_SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
-_VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
+_SLOW_WAVE = "transverse_slow"
+_DASHES_OF_SLOW_WAVE = (6.0, 1.5, 1.0, 1.5)
+_VELOCITY_MARKERS = {_SLOW_WAVE: "v", "transverse_fast": "^", _PULSE: "s"}
 #: greatest number of letters of a line of a legend in a column, and of a title
 _LETTERS = 50
 _LETTERS_OF_TITLE = 60
 #: greatest number of letters of a line of the legend of a fit
 _LETTERS_OF_FIT = 28
 #: greatest number of combinations of parameters in a legend
-_MOST_NAMED = 8
+_MOST_NAMES = 8
 #: number of marks for the medium that served along a curve
 _MARKS_OF_CURVE = 12
 #: symbols of velocities are written in one text if they are nearer than this, over the height
@@ -148,7 +150,7 @@ _WIDTH_OF_LETTER = 0.55
 #: least number of letters of a line of a title, however narrow its axes are
 _LEAST_LETTERS_OF_TITLE = 20
 #: number of forces of a curve that is drawn from a fit
-_FORCES = 200
+_N_FORCES = 200
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 #: quantities of the axis of loads
@@ -169,21 +171,7 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     lattice is left out.
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
-    label = _describe_fit(fit)
-    fit_style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
-    has_many_frequencies = np.ndim(fit.waves.frequency) > 0
-    if has_many_frequencies:
-        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **fit_style)
-    else:
-        forces = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
-        ax.plot(forces, fit.velocity_at(forces), linewidth=1.2, **fit_style)
-        ideal_style: dict[str, Any] = {
-            "color": GUIDE,
-            "label": "equal balls",
-            "gid": "ideal",
-            "zorder": 1.0,
-        }
-        ax.plot(forces, fit.velocity_at(forces, "ala"), linewidth=0.8, **ideal_style)
+    _draw_fit(ax, fit)
     residual_ax.axhline(0.0, color=VERMILION, linewidth=1.2, zorder=1.0)
     residuals = fit.residuals / fit.sigma
     residual_ax.errorbar(fit.force, residuals, 1.0, **_DATA_STYLE, gid="residuals")
@@ -197,6 +185,27 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
     residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     return ax, residual_ax
+
+
+def _draw_fit(ax: Axes, fit: WidthFit) -> None:
+    """Draw the velocities of a fit, and those of equal balls; where each pulse has a frequency of
+    its own, the velocities of the fit at the data alone.
+    """
+    label = _describe_fit(fit)
+    fit_style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
+    has_many_frequencies = np.ndim(fit.waves.frequency) > 0
+    if has_many_frequencies:
+        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **fit_style)
+    else:
+        forces = np.geomspace(fit.force.min(), fit.force.max(), _N_FORCES)
+        ax.plot(forces, fit.velocity_at(forces), linewidth=1.2, **fit_style)
+        ideal_style: dict[str, Any] = {
+            "color": GUIDE,
+            "label": "equal balls",
+            "gid": "ideal",
+            "zorder": 1.0,
+        }
+        ax.plot(forces, fit.velocity_at(forces, "ala"), linewidth=0.8, **ideal_style)
 
 
 def _describe_fit(fit: WidthFit) -> str:
@@ -216,7 +225,7 @@ def write_width(fit: WidthFit) -> str:
     """
     if not fit.errors_are_known:
         return write_value(fit.width, "m")
-    return write_uncertain(fit.width, fit.stderr, "m").replace("+/-", "±").replace("u", "µ")
+    return write_unit(write_uncertain(fit.width, fit.stderr, "m")).replace("+/-", "±")
 
 
 def fit_figure(fit: WidthFit) -> Figure:
@@ -261,8 +270,8 @@ class Curve:
         points, the others as a line.
     served : for an automatic medium the name of the medium that served each load; else empty.
     units : the units of x and y.
-    measured : whether the values are data.
-    path : whether the values are in the order of a path, on which the loads go up and down.
+    is_measured : whether the values are data.
+    is_path : whether the values are in the order of a path, on which the loads go up and down.
     """
 
     run: str
@@ -274,12 +283,12 @@ class Curve:
     simulated: NDArray[np.bool_]
     served: tuple[str, ...] = ()
     units: tuple[str, str] = ("", "")
-    measured: bool = False
-    path: bool = False
+    is_measured: bool = False
+    is_path: bool = False
 
     def sorted(self) -> Curve:
         """Return the same curve in order of x; a path keeps its order."""
-        if self.path:
+        if self.is_path:
             return self
         order = np.argsort(self.x, kind="stable")
         served = tuple(self.served[n] for n in order.tolist()) if self.served else ()
@@ -310,9 +319,10 @@ class Curve:
         ).sorted()
 
     @property
-    def as_points(self) -> bool:
-        """Whether the curve is drawn as points without a line: all values are from simulations or
-        data, or there is only one value.
+    def is_points(self) -> bool:
+        """Whether the curve is one of points: all values are from simulations or data, or there is
+        only one value. A thin line joins the points of a path, and a thin line with marks takes
+        their place if an automatic medium served.
         """
         return bool(np.all(self.simulated)) or self.x.size == 1
 
@@ -323,14 +333,15 @@ def choose_widths(count: int) -> list[float]:
     """
     if count == 1:
         return [_LONE_WIDTH]
-    widths: list[float] = np.linspace(_WIDEST, _NARROWEST, count + 1)[1:].tolist()
+    widths: list[float] = np.linspace(_GREATEST_WIDTH, _LEAST_WIDTH, count + 1)[1:].tolist()
     return widths
 
 
 def make_looks(count: int) -> list[Look]:
     """Return looks of ``count`` curves: colours first, then dashes and marks.
 
-    Beyond :data:`MOST_LOOKS` the looks are repeated.
+    Beyond :data:`MOST_LOOKS` the colours and dashes are repeated, so that curves differ in the
+    width of their lines alone.
     """
     widths = choose_widths(count)
     looks = []
@@ -347,17 +358,17 @@ def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, 
     part where the medium is valid, and that of the whole curve, which is drawn beneath this part.
     """
     common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
-    if curve.as_points and not curve.served:
+    if curve.is_points and not curve.served:
         points = common | {"marker": look.marker}
         # a path joins its points by a thin line
-        line = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
-        return points | {"linestyle": "none"}, points | line | _HOLLOW
+        line = {"linestyle": "-", "linewidth": 0.6} if curve.is_path else {"linestyle": "none"}
+        return points | {"linestyle": "none"}, points | line | _HOLLOW_LOOK
     # a line is thinner below marks, so that the marks are seen
     width = 0.8 if curve.served else look.width
     valid_line = common | {"marker": "", "linewidth": width}
     if look.dashes:
         valid_line |= {"dashes": look.dashes}
-    thin_line = common | {"marker": ""} | _OUTSIDE
+    thin_line = common | {"marker": ""} | _LOOK_OUTSIDE
     return valid_line, thin_line
 
 
@@ -369,21 +380,7 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     the curve of an automatic medium each kind of mark stands for the medium that served. The names
     of the drawn parts in an SVG file begin with ``gid``.
     """
-    is_point = curve.simulated | curve.as_points
-    has_bar = is_point & (curve.error > 0.0)
-    errors_of_line = np.where(is_point, np.nan, curve.error)
-    draw_error_band(ax, curve.x, curve.y, errors_of_line, look.colour, f"{gid}-errors")
-    if np.any(has_bar):
-        bars = np.where(has_bar, curve.error, np.nan)
-        ax.errorbar(
-            curve.x,
-            curve.y,
-            bars,
-            fmt="none",
-            elinewidth=0.8,
-            color=look.colour,
-            gid=f"{gid}-errors",
-        )
+    _draw_errors(ax, curve, look.colour, gid)
     valid_y = np.where(curve.valid, curve.y, np.nan)
     valid_style, style_of_all = _choose_styles(curve, look)
     if "dashes" in valid_style:
@@ -398,11 +395,28 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **style_of_all)
     ax.plot(curve.x, valid_y, gid=f"{gid}-valid", **valid_style)
     is_fall = np.diff(curve.x, prepend=curve.x[0]) < 0.0
-    if curve.path and np.any(is_fall):
+    if curve.is_path and np.any(is_fall):
         triangles = valid_style | {"marker": "v", "markersize": 5.0}
+        # hollow ones remain seen where the medium is not valid
+        falls = curve.x[is_fall], curve.y[is_fall]
+        ax.plot(*falls, gid=f"{gid}-falling-all", **triangles | _HOLLOW_LOOK)
         ax.plot(curve.x[is_fall], valid_y[is_fall], gid=f"{gid}-falling", **triangles)
     if curve.served:
         _mark_media(ax, curve, look.colour, gid)
+
+
+def _draw_errors(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
+    """Draw the standard errors of a curve in its ``colour``: bars at simulated values, at data and
+    at a value that is alone, and a band along the line. ``gid`` is that of :func:`draw_curve`.
+    """
+    is_point = curve.simulated | curve.is_points
+    errors_of_line = np.where(is_point, np.nan, curve.error)
+    draw_error_band(ax, curve.x, curve.y, errors_of_line, colour, f"{gid}-errors")
+    has_bar = is_point & (curve.error > 0.0)
+    if np.any(has_bar):
+        bars = np.where(has_bar, curve.error, np.nan)
+        style: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": colour}
+        ax.errorbar(curve.x, curve.y, bars, gid=f"{gid}-errors", **style)
 
 
 def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
@@ -412,7 +426,7 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     ``gid`` is that of :func:`draw_curve`.
     """
     n = curve.x.size
-    media = np.array([label.partition("(")[0] for label in curve.served])
+    media = np.array([split_label(label)[0] for label in curve.served])
     changes = np.flatnonzero(media[1:] != media[:-1])  # the last loads before each change
     step = max(1, math.ceil(n / _MARKS_OF_CURVE))
     even_loads = np.arange(0, n, step)
@@ -421,14 +435,14 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     names = dict.fromkeys(media.tolist())  # each once, in order
     for name, is_valid in itertools.product(names, (True, False)):
         is_marked = is_chosen & (media == name) & (curve.valid == is_valid)
-        filling: dict[str, Any] = {} if is_valid else _HOLLOW
+        filling: dict[str, Any] = {} if is_valid else _HOLLOW_LOOK
         if np.any(is_marked):
             ax.plot(
                 curve.x[is_marked],
                 curve.y[is_marked],
-                _SERVING.get(name, "o"),
+                _MARKS_OF_MEDIA.get(name, "o"),
                 color=colour,
-                markersize=_SERVING_SIZE,
+                markersize=_SIZE_OF_MEDIA,
                 linestyle="none",
                 gid=f"{gid}-served-{name}",
                 **filling,
@@ -437,7 +451,8 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
 
 def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     """Scale the axes for curves of the quantity ``y`` over ``x``, and name them with their
-    units.
+    units, which are those of the first curve. Raises what
+    :func:`~granphon.figures.scales.scale_axis` raises.
     """
     xs = np.concatenate([curve.x for curve in curves])
     ys = np.concatenate([curve.y for curve in curves])
@@ -453,7 +468,7 @@ def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
     ``is_points``, else a line.
     """
     if is_points:
-        style: dict[str, Any] = {"marker": look.marker} | _POINTS
+        style: dict[str, Any] = {"marker": look.marker} | _LOOK_OF_POINTS
     else:
         # in the legend no line is wider than a line that is alone
         style = {"linewidth": min(look.width, _LONE_WIDTH)}
@@ -470,23 +485,23 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     handles = list[Line2D]()
     grey = "0.3"
     if not all(np.all(curve.valid) for curve in curves):
-        hollow_points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
-        look = hollow_points if all(curve.as_points for curve in curves) else _OUTSIDE
+        hollow_points: dict[str, Any] = {"marker": "o"} | _LOOK_OF_POINTS | _HOLLOW_LOOK
+        look = hollow_points if all(curve.is_points for curve in curves) else _LOOK_OUTSIDE
         handles.append(Line2D([], [], label="outside its range", color=grey, **look))
-    lines = [curve for curve in curves if not curve.as_points]
+    lines = [curve for curve in curves if not curve.is_points]
     errors = np.concatenate([[0.0], *(line.error * ~line.simulated for line in lines)])
     if np.any(errors > 0.0):
         handles.append(
             make_error_handle(np.concatenate([[0.0], *(line.y for line in lines)]), errors)
         )
-    names = {label.partition("(")[0] for curve in curves for label in curve.served}
+    names = {split_label(label)[0] for curve in curves for label in curve.served}
     for name in sorted(names, key=list(MEDIA).index):
         handle = Line2D(
             [],
             [],
             color=grey,
-            marker=_SERVING.get(name, "o"),
-            markersize=_SERVING_SIZE,
+            marker=_MARKS_OF_MEDIA.get(name, "o"),
+            markersize=_SIZE_OF_MEDIA,
             linestyle="none",
             label=f"{describe_medium(name)} served",
         )
@@ -498,19 +513,18 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 
 
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
-    """Return a variable of a data set, an array with the axis "load"; ``run`` names the data set in
-    messages.
+    """Return the variable ``name`` of a data set, an array with the axis "load"; ``run`` names the
+    data set in messages.
 
-    Raises :class:`InputError` for a variable that cannot be drawn, and FigureError for numbers
-    beyond the axes of matplotlib.
+    Raises :class:`~granphon.base.errors.InputError` for a ``name`` that the data set does not have,
+    for a variable that is not one number or truth value at each load, and for one without a finite
+    value; :class:`~granphon.base.errors.FigureError` for a number beyond the axes of matplotlib.
     """
+    quantities = list_quantities(dataset, "fiub")
     if require("variable", text, name) not in dataset.variables:
-        raise InputError(
-            f"the sweep has no variable {name!r}",
-            f"It has {', '.join(map(str, dataset.data_vars))}",
-        )
+        raise InputError(f"the sweep has no variable {name!r}", mend=suggest(name, quantities))
     values = dataset[name]
-    if name not in list_quantities(dataset, "fiub"):
+    if name not in quantities:
         raise InputError(f"{name!r} is not one number at each load", mend="Draw another variable")
     if not np.any(np.isfinite(values)):
         why = "It is infinite for equal balls" if name == "reduced_force" else ""
@@ -518,19 +532,19 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
             f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
         )
     magnitudes = np.abs(np.asarray(values, float))
-    is_too_large = np.isfinite(magnitudes) & (magnitudes > _LARGEST)
-    is_too_small = (magnitudes > 0.0) & (magnitudes < 1.0 / _LARGEST)
+    is_too_large = np.isfinite(magnitudes) & (magnitudes > _LARGEST_NUMBER)
+    is_too_small = (magnitudes > 0.0) & (magnitudes < 1.0 / _LARGEST_NUMBER)
     is_far = is_too_large | is_too_small
     if np.any(is_far):
         problem = f"{name!r} has the value {np.asarray(values)[is_far].flat[0]:g}"
-        why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
+        why = f"Figures have axes from {1.0 / _LARGEST_NUMBER:g} to {_LARGEST_NUMBER:g}"
         raise FigureError(problem, why, "Draw another variable")
     return values
 
 
 def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
-    """Return the names of the variables that are one number at each load; ``kinds`` holds the
-    letters of the types of NumPy that count as numbers.
+    """Return the names of the variables and coordinates that are one number at each load;
+    ``kinds`` holds the letters of the types of NumPy that count as numbers.
     """
     dimensions_of_curves = {"load", "medium", *list_parameters(dataset)}
     names = []
@@ -569,7 +583,7 @@ def read_curve(
     if medium.startswith(AutoMedium.name) and "choice" in dataset:
         served = tuple(map(str, select(dataset["choice"]).tolist()))
     labels = served or (medium,)
-    is_simulated = [label.partition("(")[0] == DirectSimulation.name for label in labels]
+    is_simulated = [split_label(label)[0] == DirectSimulation.name for label in labels]
     # the data set of a fit says so itself: a fit is a line, whatever its medium
     simulated = np.asarray(dataset.attrs.get("points", is_simulated), bool)
     media_of_sweep = json.loads(dataset.attrs.get("media", "[{}]"))  # {name: options} of each
@@ -584,7 +598,7 @@ def read_curve(
         simulated=np.broadcast_to(simulated, x_values.shape),
         served=served,
         units=(_read_unit(dataset, x), _read_unit(dataset, variable)),
-        path=bool(options.get("ordered")),
+        is_path=bool(options.get("ordered")),
     )
     return curve.sorted()
 
@@ -602,16 +616,8 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     simulation count cells, not balls, if a cell has several balls or the lattice is not known.
     """
     facts_of_balls, periods, n_balls = _describe_balls(dataset)
-    # the facts of each medium
-    labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
-    media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
-    if "overlap" in facts_of_balls:
-        has_finite_overlap = list_finite_overlap(dataset)  # None where the load decides
-        # a medium whose geometry the load decides has the words of the others, if these agree
-        words_of_others = True in has_finite_overlap and False not in has_finite_overlap
-        for facts_of_medium, is_finite in zip(media, has_finite_overlap, strict=True):
-            finite = words_of_others if is_finite is None else is_finite
-            facts_of_medium["overlap"] = describe_overlap(finite=finite)
+    has_overlap = "overlap" in facts_of_balls
+    media = _describe_media(dataset, periods, n_balls, has_overlap=has_overlap)
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
@@ -627,6 +633,25 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
         for medium, facts_of_medium in enumerate(media):
             lines.append((facts | facts_of_medium, index | {"medium": medium}))
     return lines
+
+
+def _describe_media(
+    dataset: Dataset, periods: int, n_balls: int, *, has_overlap: bool
+) -> list[dict[str, str]]:
+    """Return the facts of each medium of a data set, in words by kind: the medium, and if
+    ``has_overlap`` whether its states have terms of overlap/diameter. ``periods`` and ``n_balls``
+    are those of :func:`_describe_balls`.
+    """
+    labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
+    media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
+    if has_overlap:
+        has_finite_overlap = list_finite_overlap(dataset)  # None where the load decides
+        # a medium whose geometry the load decides has the words of the others, if these agree
+        words_of_others = True in has_finite_overlap and False not in has_finite_overlap
+        for facts_of_medium, is_finite in zip(media, has_finite_overlap, strict=True):
+            has_terms = words_of_others if is_finite is None else is_finite
+            facts_of_medium["overlap"] = describe_overlap(has_terms=has_terms)
+    return media
 
 
 def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
@@ -669,18 +694,18 @@ def plot_sweep(
     """Draw a variable of a sweep, one line for each medium and combination of parameters, in order
     of ``x``.
 
-    Media have colours, or of one medium the values of the first of several parameters; the
-    combinations of the others are shades of them.
+    Media have colours. Of one medium with several parameters the values of the first parameter
+    that has at most six have colours. All other combinations are shades of these.
 
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
-    variable, x : names of variables or coordinates over load; ``x`` is by default the load of the
-        sweep, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
-        with a line for each load. At a single load ``x`` is by default the parameter in numbers
-        with the most values.
-    legend : whether to draw a legend; it names at most eight combinations, and gives the
-        number of all.
+    variable, x : names of variables or coordinates over load. ``x`` may also be a parameter in
+        numbers, such as A.diameter; then each load has a line. By default ``x`` is the load of the
+        sweep, a force, a pressure or an overlap, or at a single load the parameter in numbers with
+        the most values.
+    legend : whether to draw a legend; it names at most eight shades, and gives the number of all
+        if there are more.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid,
     thin and dashed elsewhere. Each line is thinner than the one before, so that all remain visible
@@ -692,8 +717,10 @@ def plot_sweep(
 
     Raises
     ------
-    InputError : the sweep has no such variable, or the variable is not one number at each load, or
-        is nowhere finite.
+    InputError : ``variable`` or ``x`` is no name, or the sweep does not have it, or it is not one
+        number or truth value at each load, or is nowhere finite; or the values of an axis that
+        would be logarithmic are not all from 1e-150 to 1e150.
+    FigureError : a value is beyond the axes of matplotlib.
     """
     _, handles = _draw_sweep(dataset, ax, variable, x)
     if legend:
@@ -712,11 +739,12 @@ def _draw_sweep(
 
 
 def choose_x(dataset: Dataset, x: str | None) -> str:
-    """Return the name of the quantity on the axis of x, which is ``x`` if it is given. Otherwise it
-    is the load; but at a single load it is the parameter in numbers with the most values, if a
-    parameter in numbers varies. :class:`~granphon.base.errors.InputError` if ``x`` is no name.
+    """Return the name of the quantity on the axis of x, which is ``x`` unless that is None.
+    Otherwise it is the load; but at a single load it is the parameter in numbers with the most
+    values, if a parameter in numbers varies. :class:`~granphon.base.errors.InputError` if ``x`` is
+    no name; whether the sweep has the name is not checked here.
     """
-    if x:
+    if x is not None:
         return str(require("x", text, x))
     if dataset.sizes["load"] == 1:
         return find_longest_parameter(dataset) or find_load(dataset)
@@ -738,7 +766,7 @@ def _draw_lines(
     shades = []
     for number in range(len(groups)):
         shades += _make_shades(COLOURS[number % len(COLOURS)], n_shades)
-    dashes = _SLOW_DASHES if variable == _SLOW else None
+    dashes = _DASHES_OF_SLOW_WAVE if variable == _SLOW_WAVE else None
     marker = _VELOCITY_MARKERS.get(variable, "o")
     widths = choose_widths(len(curves))
     for curve, shade, width in zip(curves, shades, widths, strict=True):
@@ -767,10 +795,10 @@ def _read_groups(
 
 
 def _are_points(curves: Sequence[Curve]) -> bool:
-    """Whether the legend shows all curves as points: curves of simulations, without an automatic
-    medium.
+    """Whether the legend shows all curves as points: all are drawn as points, and none is that of
+    an automatic medium, whose points have the marks of the media that served.
     """
-    return all(np.all(curve.simulated) and not curve.served for curve in curves)
+    return all(curve.is_points and not curve.served for curve in curves)
 
 
 def _name_colours(groups: Sequence[Sequence[Curve]], coloured_dimension: str) -> list[Line2D]:
@@ -790,14 +818,14 @@ def _name_colours(groups: Sequence[Sequence[Curve]], coloured_dimension: str) ->
 
 def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]:
     """Return the entries of a legend for the shades, which are the same in all ``groups`` of
-    curves, as shades of one ``colour``. Of many shades ``_MOST_NAMED`` are named, and a last entry
+    curves, as shades of one ``colour``. Of many shades ``_MOST_NAMES`` are named, and a last entry
     gives the number of all.
     """
     curves = groups[0]
     are_points = all(_are_points(group) for group in groups)
     kinds, _ = find_differing([curve.facts for curve in curves])
     shades = _make_shades(colour, len(curves))
-    numbers = pick_evenly(len(curves), _MOST_NAMED)
+    numbers = pick_evenly(len(curves), _MOST_NAMES)
     handles = []
     for number in numbers:
         label = ", ".join(curves[number].facts[kind] for kind in kinds)
@@ -810,8 +838,8 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
 
 def _choose_coloured_dimension(dataset: Dataset) -> str:
     """Return the name of the dimension whose values have colours. It is the medium; but if the data
-    set has one medium and several parameters, it is the first parameter that has no more values
-    than there are colours.
+    set has one medium and several parameters of several values, it is the first of these that has
+    no more values than there are colours, if one has.
     """
     names = [name for name in list_parameters(dataset) if dataset.sizes[name] > 1]
     if dataset.sizes["medium"] > 1 or len(names) < 2:
@@ -842,8 +870,8 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
     and the popular 1/4.
 
     The exponent of v_T is the same, except in a simulation. The points of a simulation of several
-    samples have bars of their standard errors. ``x`` is that of :func:`plot_sweep`. See
-    :func:`granphon.local_exponent`.
+    samples have bars of their standard errors. There is no legend. ``x``, and what is raised, are
+    those of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     # an exponent is a slope of logarithms already, and may be zero or below
@@ -889,11 +917,12 @@ def sweep_figure(
     shared out likewise, see :func:`granphon.figures.choices.arrange`, and ``tell`` is called with a
     sentence that says what stands where.
 
-    Velocities that are zero, of waves across a chain, are left out. Without any other velocity, as
-    for a mechanism, the normal stiffness is drawn; for motions without velocities the velocity of
-    the peak, or the greatest force. For a sweep without exponents (finite overlap), or for one
-    ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises, and
-    InputError for ``rows`` and ``columns`` that are not swept, or take too many panels.
+    Velocities that are zero at all loads, as those of waves across a chain, or known at none are
+    left out. Without any other velocity, as for a mechanism, the normal stiffness is drawn; for
+    motions without velocities the velocity of the peak, or the greatest force. For a sweep without
+    exponents (finite overlap), or for one ``variable``, there is the upper panel alone. Raises what
+    :func:`plot_sweep` raises, and InputError for ``rows`` and ``columns`` that are no different
+    names of what tells curves apart, or take too many panels.
     """
     velocities, variables = _choose_variables(dataset, variable)
     x_name = choose_x(dataset, x)
@@ -905,7 +934,12 @@ def sweep_figure(
     if layout.has_panels or layout.shown:
         draw = partial(_draw_panel, variable=main, x=x_name)
         return draw_panels(dataset, layout, draw, partial(label_axes, x=x_name, y=main))
-    has_exponent = variable is None and bool(velocities) and "exponent" in dataset
+    has_exponent = (
+        variable is None
+        and bool(velocities)
+        and "exponent" in dataset
+        and bool(np.any(np.isfinite(dataset["exponent"])))
+    )
     return _draw_large_panels(dataset, velocities, variables, x_name, has_exponent=has_exponent)
 
 
@@ -957,7 +991,9 @@ def _draw_large_panels(
 
 def _choose_variables(dataset: Dataset, variable: str | None) -> tuple[list[str], list[str]]:
     """Return the velocities that the figure of a sweep shows, and all variables in it: the one
-    ``variable`` that is requested, the velocities, or what stands for them.
+    ``variable`` that is requested; without one the velocities that are not all zero or nan, or what
+    stands for them. The list of velocities is empty where one variable is requested, and where
+    another variable stands for velocities.
     """
     # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
@@ -966,7 +1002,11 @@ def _choose_variables(dataset: Dataset, variable: str | None) -> tuple[list[str]
         single_variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
     if single_variable is not None:
         return [], [single_variable]
-    velocities = [name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)]
+    velocities = []
+    for name in _VELOCITIES:
+        # a velocity may be zero, across a chain, or nan, where none was found
+        if name in dataset and np.any(np.nan_to_num(dataset[name]) != 0.0):
+            velocities.append(name)
     return velocities, velocities or ["normal_stiffness"]
 
 
@@ -988,11 +1028,12 @@ def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
 def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) -> None:
     """Write above a figure the values of the parameters that have one value in a data set, such as
     a value that a user has chosen. A single load is written too, unless it is on the axis of ``x``.
-    ``curve`` is any of the curves.
+    ``curve`` is any of the curves; a direction without effect on the curves is not among its facts,
+    and not written.
     """
     names = [name for name in list_parameters(dataset) if dataset[name].size == 1 and name != x]
     kinds = [describe_value(dataset, name, 0)[0] for name in names]
-    facts = [curve.facts[kind] for kind in kinds]
+    facts = [curve.facts[kind] for kind in kinds if kind in curve.facts]
     if dataset.sizes["load"] == 1 and x != find_load(dataset):
         facts.append(_describe_first_load(dataset))
     if facts:
@@ -1008,9 +1049,9 @@ def _name_velocities(velocities: Sequence[str], *, are_points: bool) -> list[Lin
     handles = []
     for name, marker in _VELOCITY_MARKERS.items():
         # a transverse wave alone, without the slow one, needs no entry
-        has_entry = name == _PULSE or _SLOW in velocities
+        has_entry = name == _PULSE or _SLOW_WAVE in velocities
         if name in velocities and has_entry:
-            dashes = _SLOW_DASHES if name == _SLOW else None
+            dashes = _DASHES_OF_SLOW_WAVE if name == _SLOW_WAVE else None
             look = Look("0.3", 1.2, dashes, marker)
             is_points = are_points or name == _PULSE
             handles.append(_make_handle(look, _VELOCITIES[name], is_points=is_points))
@@ -1079,10 +1120,11 @@ def plot_together(
     ----------
     results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping
         stand in the legend for all that the curves of a result share.
-    x : "force", "pressure", "overlap" or "reduced_force"; by default the load of the results if all
-        have the same kind of load, else the force.
+    x : "force", "pressure", "overlap" or "reduced_force", or a parameter in numbers over which all
+        results are swept; by default the load of the results if all have the same kind of load,
+        else the force.
     y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by
-        default the longitudinal velocity, or another velocity that all hold.
+        default the longitudinal velocity, or another velocity that all hold, or the bulk modulus.
     data : measured velocities, one or several: files in the form of ``granphon fit``, or
         :class:`~granphon.fits.measurements.Measurements`.
     balls_per_side : number of balls at a side of the hexagonal frame, for files of data with side
@@ -1097,9 +1139,13 @@ def plot_together(
 
     Raises
     ------
-    InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the
-        units differ, or some are bands and others are not; the error names the results. Data are
-        no velocities, or their loads cannot be converted.
+    InputError : there is no result, or something else than results; the results cannot share an
+        axis: one of them does not hold ``x`` or ``y``, or has no finite value of it, the units
+        differ, the paths of bands differ, or some are bands and others are not (the error names
+        the results); there are more curves than colours and dashes tell apart. Data are neither
+        measurements nor files of them, ``y`` is then no velocity, or the loads of data cannot be
+        converted.
+    FigureError : a value is beyond the axes of matplotlib.
     """
     runs = _list_runs(results)
     handles, common = _draw_together(runs, ax, x, y, data, balls_per_side, distance)
@@ -1137,8 +1183,10 @@ def comparison_figure(
     the legend below it.
 
     A single sweep has panels for ``rows`` and ``columns``, and for too many curves, of which
-    ``tell`` is told, as in :func:`sweep_figure`; measured points stand in each panel.
-    :class:`InputError` for ``rows`` and ``columns`` of several results.
+    ``tell`` is told, as in :func:`sweep_figure`; measured points stand in each panel, and the
+    legend below the panels is always drawn. Raises what :func:`plot_together` raises, and
+    :class:`~granphon.base.errors.InputError` for ``rows`` and ``columns`` of anything but one
+    sweep.
     """
     runs = _list_runs(results)
     if len(runs) == 1 and runs[0].dataset is not None and runs[0].measured is None:
@@ -1146,8 +1194,8 @@ def comparison_figure(
         if figure_of_panels is not None:
             return figure_of_panels
     elif rows is not None or columns is not None:
-        why = "Panels are those of one sweep"
-        raise InputError("--rows and --columns have several results", why, "Give one sweep")
+        problem = "--rows and --columns are given for other results than one sweep"
+        raise InputError(problem, "Panels are those of one sweep", "Give one sweep")
     with styled_figure(2.5) as figure:  # without legend and title, which make it higher
         handles, common = _draw_together(runs, figure.subplots(), **options)
         if not legend:
@@ -1162,10 +1210,14 @@ def comparison_figure(
 
 def _list_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
     """Return the runs of several ``results``, by name or in a list; InputError if there is none,
-    and for a single result.
+    for a single result that is not in a list, and for what is no result.
     """
+    # a data set is a mapping too, of variables
+    is_single = isinstance(results, str) or find_dataset(results) is not None
+    if is_single:
+        raise InputError(f"results are {brief(results)}", mend="Give a list, or results by name")
     if isinstance(results, Mapping):
-        runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
+        runs = [Run.of(str(name), result, is_named=True) for name, result in results.items()]
     elif isinstance(results, Iterable):
         runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
     else:
@@ -1176,8 +1228,8 @@ def _list_runs(results: Sequence[Any] | Mapping[str, Any]) -> list[Run]:
 
 
 def _list_data(data: Any) -> list[Any]:
-    """Return the sets of measured velocities that an argument gives, one or several; InputError for
-    anything else.
+    """Return the sets of measured velocities, or their files, that an argument gives, one or
+    several; InputError for what is neither one nor a list.
     """
     if isinstance(data, str | os.PathLike | Measurements):
         return [data]
@@ -1197,9 +1249,10 @@ def _draw_run_in_panels(
     balls_per_side: int | None = None,
     distance: float | tuple[float, float] | None = None,
 ) -> Figure | None:
-    """Return a figure of the sweep of a run in small panels, with measured points in each; None if
-    the sweep has so few curves that each has a colour. ``rows``, ``columns`` and ``tell`` are those
-    of :func:`comparison_figure`, and the other arguments those of :func:`plot_together`.
+    """Return a figure of the sweep of a run in panels, with measured points in each; None if all
+    curves have room in one panel and each can have a colour of its own. ``rows``, ``columns`` and
+    ``tell`` are those of :func:`comparison_figure`, and the other arguments those of
+    :func:`plot_together`.
     """
     dataset: Any = run.dataset
     requested_x = _read_axis("x", x)
@@ -1278,8 +1331,8 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
     curves = []
     if run.measured is not None:
         points = read_curve(run.measured, y, x, {"medium": 0}, run.name)
-        curves.append(replace(points, measured=True))
-    name_of_run = {"name": run.name} if run.named else {}
+        curves.append(replace(points, is_measured=True))
+    name_of_run = {"name": run.name} if run.is_named else {}
     for facts_of_line, index in describe_lines(run.dataset, y):
         facts = name_of_run | facts_of_line | run.facts
         if x in run.dataset.coords:  # a parameter that is the axis is no fact
@@ -1290,8 +1343,8 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
 
 def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Caption:
     """Draw the bands of all ``runs`` one over the other; ``all_bands`` are those of each run.
-    Return the entries of the legend, and the facts that all runs share. InputError if the paths of
-    the bands differ.
+    Branches are followed through their crossings if the bands have eigenvectors. Return the entries
+    of the legend, and the facts that all runs share. InputError if the paths of the bands differ.
     """
     first = all_bands[0]
     for run, bands in zip(runs[1:], all_bands[1:], strict=True):
@@ -1299,8 +1352,9 @@ def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Ax
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in all_bands))
     lines = []
     for bands in all_bands:
-        frequencies = bands.connected_frequencies / unit.hertz
-        lines.append(list(zip(bands.distances, frequencies, strict=True)))
+        has_vectors = bands.eigenvectors is not None
+        hertz = bands.connected_frequencies if has_vectors else bands.frequencies
+        lines.append(list(zip(bands.distances, hertz / unit.hertz, strict=True)))
     caption = _draw_spectra(runs, ax, "bands", lines)
     corners = np.append(first.distances[:, 0], first.distances[-1, -1])
     name_corners(ax, corners, first.labels)
@@ -1378,7 +1432,7 @@ class Run:
 
     Attributes
     ----------
-    name : name of the run in messages; where ``named``, also in legends, for all facts that the
+    name : name of the run in messages; where ``is_named``, also in legends, for all facts that the
         curves of the run share.
     dataset, bands, dos : the results of the run; None without such a result.
     measured : the data of a fit, at their loads.
@@ -1389,29 +1443,29 @@ class Run:
     dataset: Dataset | None = None
     bands: Bands | None = None
     dos: DensityOfStates | None = None
-    named: bool = False
+    is_named: bool = False
     measured: Dataset | None = None
     facts: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, name: str, result: Any, named: bool = False) -> Run:
-        """Return the run of a ``result`` of the library, called ``name``, and ``named`` in legends
-        or not; a run is returned as it is. :class:`~granphon.base.errors.InputError` for a result
-        that shares no figure with others.
+    def of(cls, name: str, result: Any, is_named: bool = False) -> Run:
+        """Return the run of a ``result`` of the library, called ``name``, also in legends if
+        ``is_named``; a run is returned as it is. :class:`~granphon.base.errors.InputError` for a
+        result that shares no figure with others.
         """
         if isinstance(result, Run):
             return result
         if isinstance(result, WidthFit):
-            return _tabulate_fit(name, result, named=named)
+            return _tabulate_fit(name, result, is_named=is_named)
         if isinstance(result, Bands):
-            return cls(name, bands=result, named=named)
+            return cls(name, bands=result, is_named=is_named)
         if isinstance(result, DensityOfStates):
-            return cls(name, dos=result, named=named)
+            return cls(name, dos=result, is_named=is_named)
         dataset = find_dataset(result)
         if dataset is not None:
             bands = getattr(result, "bands", None)
             dos = getattr(result, "dos", None)
-            return cls(name, dataset, bands, dos, named)
+            return cls(name, dataset, bands, dos, is_named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
         raise InputError(f"{brief(result)} shares no figure with others", mend=mend)
 
@@ -1437,9 +1491,9 @@ class Run:
         return () if self.dataset is None else list_quantities(self.dataset)
 
 
-def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
+def _tabulate_fit(name: str, fit: WidthFit, *, is_named: bool) -> Run:
     """Return the run of a ``fit``, called ``name``: a data set of the curve, and one of the
-    measured data. ``named`` says whether a legend gives the name.
+    measured data. ``is_named`` says whether a legend gives the name.
     """
     frequency = fit.waves.frequency
     branch = fit.waves.branch
@@ -1449,7 +1503,7 @@ def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
         force = fit.force
         velocity = fit.velocities
     else:
-        force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
+        force = np.geomspace(fit.force.min(), fit.force.max(), _N_FORCES)
         velocity = fit.velocity_at(force)
     facts = {}
     if "width" in fit.parameters:
@@ -1461,14 +1515,15 @@ def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
     data = {branch: fit.velocity, f"{branch}_error": fit.sigma}
     measured = _tabulate_over_force(fit, fit.force, data, are_points=True)
     curve = _tabulate_over_force(fit, force, {branch: velocity}, are_points=is_at_data)
-    return Run(name, curve, named=named, measured=measured, facts=facts)
+    return Run(name, curve, is_named=is_named, measured=measured, facts=facts)
 
 
 def _tabulate_over_force(
     fit: WidthFit, force: Array, velocities: Mapping[str, Array], *, are_points: bool
 ) -> Dataset:
     """Return the data set of ``velocities`` (n,), m/s, by their names, over the contact ``force``
-    (n,), N, of a fit, with the other loads that its medium has; ``are_points``: a figure draws no
+    (n,), N, of a fit, with the other loads at this force, but without the overlap if another medium
+    stands in for that of the fit. ``are_points`` says whether figures draw points in place of a
     line.
     """
     choice = fit.choice.stand_in
@@ -1513,7 +1568,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
     common = [name for name in runs[0].quantities if all(name in run.quantities for run in runs)]
     load = _choose_load(runs, common, x)
     if y is None:
-        return load, _choose_velocity(runs, common)
+        return load, _choose_y(runs, common)
     name = y.lower().replace(" ", "_")
     failing_runs = [run for run in runs if name not in run.quantities]
     if failing_runs:
@@ -1552,14 +1607,15 @@ def _explain_no_curve(runs: Sequence[Run], failing_runs: Sequence[Run], name: st
 
 def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> str:
     """Return the name of the x axis: the load or parameter in numbers ``x``, or if ``x`` is None
-    the load that all runs have, else the force; InputError if a run does not hold ``x``.
+    the load that all runs have, else the force; InputError if ``x`` is neither a load nor a
+    parameter, and if a run does not hold it as one number at each load.
 
     ``common`` are the quantities that all runs hold.
     """
     if x is None:
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
         return loads.pop() if len(loads) == 1 else "force"
-    is_parameter = all(run.dataset is not None and x in run.dataset.coords for run in runs)
+    is_parameter = any(run.dataset is not None and x in run.dataset.coords for run in runs)
     load = x if is_parameter else x.lower().replace(" ", "_")
     if load not in _LOADS and not is_parameter:
         dataset = runs[0].dataset
@@ -1572,19 +1628,21 @@ def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> s
     runs_without = [run for run in runs if load not in run.quantities]
     if runs_without:
         problem = f"{_join_names(runs_without, 'has', 'have')} no {load}"
+        if is_parameter and load not in _LOADS:
+            problem = f"{_join_names(runs_without, 'is', 'are')} not swept over numbers of {load}"
         shared_loads = ", ".join(name for name in _LOADS if name in common)
         mend = f"Use {shared_loads or 'figures of their own'}"
         raise InputError(problem, "The runs cannot share that axis", mend)
     return load
 
 
-def _choose_velocity(runs: Sequence[Run], common: Sequence[str]) -> str:
-    """Return the first of the usual velocities that is among the ``common`` quantities of runs;
-    InputError if none is.
+def _choose_y(runs: Sequence[Run], common: Sequence[str]) -> str:
+    """Return the first velocity among the ``common`` quantities of ``runs``, or without one the
+    bulk modulus; InputError if this is not common either.
     """
-    for velocity in ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk"):
-        if velocity in common:
-            return velocity
+    for name in ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk"):
+        if name in common:
+            return name
     problem = f"{_join_names(runs)} cannot share an axis: no velocity is in all"
     if len(runs) == 1:
         problem = f"{runs[0].name} has no velocity"
@@ -1607,15 +1665,17 @@ def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") 
 
 def _find_load_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
     """Return the ratio of the load ``x`` to the contact force, SI, by which the forces of measured
-    points become loads; :class:`InputError`, with the advice ``mend``, if the ratio is not the same
-    at all loads of all ``runs``.
+    points become loads. :class:`~granphon.base.errors.InputError`, with the advice ``mend``, if the
+    ratio is not the same at all loads of all ``runs``, or not finite, and for an overlap or a
+    parameter ``x``.
     """
     if x == "force":
         return 1.0
     ratios = np.zeros(0)
     for run in runs:
-        # an overlap is no multiple of the force
-        if run.dataset is not None and x in run.dataset and x != "overlap":
+        # an overlap is no multiple of the force, and a parameter is no load
+        is_multiple = x in _LOADS and x != "overlap"
+        if run.dataset is not None and x in run.dataset and is_multiple:
             ratios_of_run = np.ravel(run.dataset[x] / run.dataset["force"])
             ratios = np.concatenate([ratios, ratios_of_run])
     is_known = ratios.size > 0 and np.all(np.isfinite(ratios))
@@ -1623,6 +1683,8 @@ def _find_load_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the for
         why = "It is not the same multiple of the contact force in all of them"
         if x == "overlap":
             why = "The overlap of balls was not measured"
+        elif x not in _LOADS:
+            why = "They are measured over a load"
         raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
     return float(np.median(ratios))
 
@@ -1670,7 +1732,7 @@ def _read_points(
         error=np.broadcast_to(np.asarray(sigma, float), loads.shape),
         valid=all_true,
         simulated=all_true,
-        measured=True,
+        is_measured=True,
     )
     return curve.sorted()
 
@@ -1683,7 +1745,9 @@ def _read_measurements(
 ) -> Measurements:
     """Return the measurements of the file ``path``. Its pressures act on the packing of ``runs``,
     and its side forces on a hexagonal frame with ``balls_per_side``. ``distance``, m, or (distance,
-    standard error), is that of times of flight.
+    standard error), is that of times of flight. Raises what
+    :meth:`~granphon.fits.measurements.Measurements.read` raises, and what :func:`_find_load_ratio`
+    raises for pressures.
     """
     frame = None
     if balls_per_side is not None:
@@ -1697,7 +1761,7 @@ def _read_measurements(
     unit_of_pressure = ""
     if dataset is not None and "pressure" in dataset:
         unit_of_pressure = _read_unit(dataset, "pressure")
-    # the unit of pressure tells along how many periods balls repeat
+    # the unit of pressure tells along how many periods balls repeat; two if it is not known
     periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit_of_pressure, 2)
     return Measurements.read(
         path, distance=distance, frame=frame, pressed=find_force, periods=periods
@@ -1709,32 +1773,33 @@ def _read_measurements(
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
     """Return a pair of a heading and a label for each curve in the legend, and the facts that all
-    curves share, which the title gives.
+    curves share, which the title gives. A curve that is alone has its medium as the label, without
+    a heading.
 
-    The curves of a run of several curves stand below a heading, which gives the facts that they
-    share. A run of one curve stands below the heading of another run, if it shares these facts.
-    Other curves have an empty heading.
+    Heading and label of a curve together give the facts in which curves differ, as far as the curve
+    has them: the heading those that all curves of its run share, if the run has several curves. A
+    curve without such a heading stands below the heading of another run that also holds for the
+    curve; otherwise its heading is empty. Where no fact is left for the label, the label is the
+    name of the run.
     """
     differing_kinds, shared_facts = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
         label = curves[0].facts.get("medium", curves[0].run)
         return [("", label)], [text for text in shared_facts if text != label]
     kinds_by_curve = list[list[str]]()  # the kinds of facts in heading and label
-    heading_kinds = list[list[str]]()  # the kinds of facts in the heading
+    heading_kinds = list[list[str]]()  # the kinds of facts in the heading of the curve's run
     for curve in curves:
-        facts_of_run = [model.facts for model in curves if model.run == curve.run]
+        curves_of_run = [other for other in curves if other.run == curve.run]
         kinds = [kind for kind in differing_kinds if kind in curve.facts]
-        shared_kinds = [
-            kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1
-        ]
+        shared_kinds = _list_constant(kinds, curves_of_run, [curve.run] * len(curves_of_run))
         if "name" in shared_kinds:  # the name stands for all facts that the curves of the run share
             kinds = [kind for kind in kinds if kind == "name" or kind not in shared_kinds]
             shared_kinds = ["name"]
         kinds_by_curve.append(kinds)
-        heading_kinds.append(shared_kinds if len(facts_of_run) > 1 else [])
+        heading_kinds.append(shared_kinds if len(curves_of_run) > 1 else [])
     labels = []
-    for curve, kinds, own_kinds in zip(curves, kinds_by_curve, heading_kinds, strict=True):
-        kinds_above = own_kinds or _find_heading(curve, kinds, curves, heading_kinds)
+    for curve, kinds, kinds_of_run in zip(curves, kinds_by_curve, heading_kinds, strict=True):
+        kinds_above = kinds_of_run or _find_heading(curve, kinds, curves, heading_kinds)
         heading = join_facts([curve.facts[kind] for kind in kinds_above], _LETTERS)
         if heading:
             heading += ":"
@@ -1764,13 +1829,13 @@ def _find_heading(
 
 
 class _CurveTable(NamedTuple):
-    """Curves as the entries of a table, which tell apart colours, shades and dashes.
+    """The looks of curves as a table of colours, shades and dashes, each with labels of its own.
 
     Attributes
     ----------
-    labels : the labels of the colours, of the shades, and of the dashes; one empty label where all
-        are the same.
-    places : numbers of the colour, the shade and the dashes of each curve.
+    labels : the labels of the colours, of the shades, and of the dashes; a single label where all
+        curves have the same look.
+    places : the index, in each of the three lists of labels, of the look of each curve.
     """
 
     labels: tuple[list[str], list[str], list[str]]
@@ -1778,7 +1843,7 @@ class _CurveTable(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of entries in the legend."""
+        """Number of entries in the legend: a look that all curves have has none."""
         return sum(len(labels) for labels in self.labels if len(labels) > 1)
 
 
@@ -1788,8 +1853,8 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
     there are, and has fewer entries than there are curves.
 
     Each table that is tried gives a colour to each value of one kind of facts, and shades to the
-    facts that vary within a colour (:func:`_tabulate_by`). The facts that are the same in all
-    curves of a run may have dashes instead.
+    facts that vary within a colour (:func:`_tabulate_by`). The tables are tried without dashes, and
+    with dashes for the facts that are the same in all curves of a run.
     """
     differing_kinds, _ = find_differing([curve.facts for curve in curves])
     # of tables with equally short legends the first is taken: media have colours in a sweep too
@@ -1799,7 +1864,7 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
     for kinds_of_dashes in ([], kinds_of_runs):
         kinds = [kind for kind in differing_kinds if kind not in kinds_of_dashes]
         tables += [_tabulate_by(kind, kinds, kinds_of_dashes, curves) for kind in kinds]
-    limits = (len(COLOURS), _MOST_NAMED, len(_DASHES))
+    limits = (len(COLOURS), _MOST_NAMES, len(_DASHES))
     possible_tables = []
     for table in tables:
         counts = [len(labels) for labels in table.labels]
@@ -1832,17 +1897,19 @@ def _list_constant(
 def _tabulate_by(
     kind: str, kinds: Sequence[str], kinds_of_dashes: Sequence[str], curves: Sequence[Curve]
 ) -> _CurveTable:
-    """Return the table of the curves in which each value of the facts of one ``kind`` has a colour.
+    """Return the table of the curves in which each value of the facts of one ``kind`` has a colour,
+    also the lack of such a fact.
 
-    Of the other ``kinds``, those that do not vary within a colour are named by the colour too, and
-    all others have shades. ``kinds_of_dashes``, which are not among ``kinds``, have dashes.
+    Of the other ``kinds``, those that do not vary within a colour are in the label of the colour
+    too, and all others have shades. ``kinds_of_dashes``, which are not among ``kinds``, have
+    dashes. Where a colour, shade or dashes would give the name of a run among other facts, they
+    give the name alone, and curves that differ in the other facts have one look.
     """
     kinds_of_colours = _list_constant(kinds, curves, [curve.facts.get(kind) for curve in curves])
     kinds_of_shades = [other for other in kinds if other not in kinds_of_colours]
     labels: list[list[str]] = []
     numbers: list[list[int]] = []
     for kinds_of_look in (kinds_of_colours, kinds_of_shades, kinds_of_dashes):
-        # the name of a run stands for all facts that the curves of the run share
         kinds_of_label = ["name"] if "name" in kinds_of_look else kinds_of_look
         texts = []
         for curve in curves:
@@ -1884,30 +1951,15 @@ def _draw_table(
 def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Caption:
     """Draw ``y`` over ``x``: the ``curves`` of runs, among which may be the measured points of
     fits, and other ``measured`` points. Return the entries of the legend, and the facts that all
-    curves share. InputError for more curves than looks tell apart.
+    curves but measured points share. InputError for more curves than looks tell apart, and what
+    :func:`label_axes` raises.
     """
-    states = [curve for curve in curves if not curve.measured]
+    states = [curve for curve in curves if not curve.is_measured]
     models = _name_runs(_join_states(states))
-    points = _drop_doubles([curve for curve in curves if curve.measured] + measured)
-    table = _tabulate_curves(models) if len(models) > len(COLOURS) else None
-    if table is None and len(models) > MOST_LOOKS:
-        problem = f"{len(models)} curves are too many to be told apart"
-        why = f"Colours and dashes tell {MOST_LOOKS} apart"
-        mend = "Choose some of the states, as by --where, or draw fewer runs in one figure"
-        raise InputError(problem, why, mend)
+    points = _drop_doubles([curve for curve in curves if curve.is_measured] + measured)
+    groups, common = _draw_models(ax, models, y)
     # entries below a heading come last, so that no other entry stands below a heading
-    groups: dict[str, list[Line2D]] = {"": []}  # entries by their heading, which may be empty
-    if table is not None:
-        groups[""] += _draw_table(ax, models, table, y)
-        _, common = find_differing([curve.facts for curve in models])
-    else:
-        labels, common = _write_legend(models)
-        looks = make_looks(len(models))
-        for curve, look, (heading, label) in zip(models, looks, labels, strict=True):
-            draw_curve(ax, curve, look, y)
-            is_points = curve.as_points and not curve.served
-            groups.setdefault(heading, []).append(_make_handle(look, label, is_points=is_points))
-    handles = groups.pop("")
+    handles = groups.pop("", [])
     is_alone = len(points) == 1
     for number, curve in enumerate(points):
         handles.append(_draw_measured(ax, curve, number, is_alone=is_alone))
@@ -1917,6 +1969,37 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
         handles += group
     label_axes(ax, [*models, *points], x, y)
     return handles, common
+
+
+def _draw_models(
+    ax: Axes, models: Sequence[Curve], variable: str
+) -> tuple[dict[str, list[Line2D]], list[str]]:
+    """Draw the curves ``models`` of a ``variable``, each in a look of its own. Return the entries
+    of the legend by their heading, which may be empty, and the facts that all curves share.
+    InputError for more curves than looks tell apart.
+
+    Many curves have the looks of a table if there is one with a shorter legend.
+    """
+    table = _tabulate_curves(models) if len(models) > len(COLOURS) else None
+    if table is not None:
+        _, common = find_differing([curve.facts for curve in models])
+        return {"": _draw_table(ax, models, table, variable)}, common
+    _require_looks(len(models), "Choose some of the states, as by --where, or draw fewer runs")
+    labels, common = _write_legend(models)
+    looks = make_looks(len(models))
+    groups: dict[str, list[Line2D]] = {}
+    for curve, look, (heading, label) in zip(models, looks, labels, strict=True):
+        draw_curve(ax, curve, look, variable)
+        handle = _make_handle(look, label, is_points=_are_points([curve]))
+        groups.setdefault(heading, []).append(handle)
+    return groups, common
+
+
+def _require_looks(n_curves: int, mend: str) -> None:
+    """Raise InputError, with the advice ``mend``, for more curves than looks tell apart."""
+    if n_curves > MOST_LOOKS:
+        problem = f"{n_curves} curves are too many to be told apart"
+        raise InputError(problem, f"Colours and dashes tell {MOST_LOOKS} apart", mend)
 
 
 def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
@@ -1956,8 +2039,8 @@ def _draw_measured(ax: Axes, curve: Curve, number: int, *, is_alone: bool) -> Li
 
 
 def _join_states(curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curves, with single states that differ in their load alone joined to one curve,
-    in the place of the first.
+    """Return the curves, with single states that have the same facts, so that they differ in their
+    load at most, joined to one curve, in the place of the first.
     """
     joined_curves = list[Curve]()
     indices: dict[Any, int] = {}  # of the joined curves of states, by facts and units
@@ -1994,11 +2077,13 @@ def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Caption:
     """Draw the lines of each run in one look; return the entries of the legend, and the facts that
-    all runs share, which are the title. For a single run no facts are returned.
+    all runs share, which are the title. For a single run no facts are returned. InputError for more
+    runs than looks tell apart.
 
     ``lines`` has for each run its lines, pairs of x (n,) and y (n,). In an SVG file the names of
     the lines begin with ``name``.
     """
+    _require_looks(len(runs), "Draw fewer runs")
     labels, common = _label_runs(runs)
     handles = []
     looks = make_looks(len(runs))
@@ -2038,7 +2123,7 @@ def _label_runs(runs: Sequence[Run]) -> tuple[list[str], list[str]]:
 
 def _describe_state(run: Run) -> dict[str, str]:
     """Return the facts of a run of one state, in words by kind."""
-    facts = {"name": run.name} if run.named else {}
+    facts = {"name": run.name} if run.is_named else {}
     if run.dataset is None:
         return facts
     facts_of_state, _ = describe_lines(run.dataset, "force")[0]

@@ -83,7 +83,7 @@ def _draw_history(design: Design, ax: Axes) -> None:
     ax.set(xlabel="Evaluation", title=f"Search from {start}")
     most = float(np.max(np.abs([*history, design.value]), initial=0.0))
     label = "Gap" if is_gap else "Goal"
-    name_axis(ax.yaxis, most, label, design.unit, short=is_gap)
+    name_axis(ax.yaxis, most, label, design.unit, is_short=is_gap)
 
 
 def _draw_variables(design: Design, ax: Axes) -> None:

@@ -35,7 +35,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, one_of
+from granphon.base.validation import finite_array, one_of, require_instance
 from granphon.figures.style import (
     BLUE,
     GUIDE,
@@ -53,8 +53,8 @@ from granphon.phonons.phonopy_atoms import number_kinds
 
 #: colours of balls that move, of balls that do not, and of walls and contacts without force
 _BALL = "0.95"
-_STILL = "0.75"
-_IDLE = "0.55"
+_FIXED_BALL = "0.75"
+_WALL = "0.55"
 #: colours of balls of several masses, whose kinds are not known
 _TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
 #: largest distance of a ball from the layer that is drawn, in diameters
@@ -132,7 +132,8 @@ def plot_forces(
         or "auto", all contacts of arrays of up to 48 diameters, and the density of larger arrays,
         whose lines would be too thin to be told apart.
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
-        by default the 24 diameters in the middle.
+        by default the 24 diameters in the middle. It has no effect if all contacts or the density
+        are shown.
     color : what the balls of a network are coloured by; None for their kinds. "force" is the mean
         normal force of the contacts of each ball, "contacts" their number, and "overlap" their mean
         overlap, found from the places of balls; the overlap with a flat wall, which places do not
@@ -144,9 +145,10 @@ def plot_forces(
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
     :class:`~granphon.base.errors.InputError` for another word of ``show`` or ``color``, a color of
-    a sample, numbers that are not one of each ball, a window without a ball, a network without a
-    contact, and an object that is neither a sample nor a network; and what
-    :func:`~granphon.find_nonaffine` raises for the colors that need it.
+    a sample, numbers that are not finite or not one of each ball, "spin" of balls that do not turn
+    about z, a ``window`` that is not four edges in order, a window without a ball or a contact, a
+    network without a contact whose density is not shown, and an object that is neither a sample nor
+    a network; and what :func:`~granphon.find_nonaffine` raises for the colors that need it.
     """
     one_of("show", show, _SHOWS)
     source: Any = sample
@@ -164,7 +166,8 @@ def plot_forces(
         values = _BallValues.of(sample, color).take(layer.indices)
         layer = replace(layer, colours=values.find_colours(), kinds={})
     view = _choose_view(layer, window) if show == "auto" else show
-    edges = _choose_window(layer, window) if view == "window" else layer.edges
+    edges_of_window = _choose_window(layer, window)  # refuses a wrong window in all views
+    edges = edges_of_window if view == "window" else layer.edges
     if ax is None:
         is_default_window = view == "window" and window is None
         with styled_figure(_find_height(layer, is_default_window=is_default_window)) as new_figure:
@@ -243,7 +246,7 @@ class _BallValues:
         bar = figure.colorbar(self.mapping, ax=ax, location="right", aspect=40, pad=0.02).ax
         if self.unit:
             greatest = float(np.max(np.abs(self.numbers)))
-            name_axis(bar.yaxis, greatest, self.name, self.unit, short=True)
+            name_axis(bar.yaxis, greatest, self.name, self.unit, is_short=True)
         else:
             bar.set_ylabel(self.name)
 
@@ -255,8 +258,10 @@ def _find_mean_force(network: ContactNetwork) -> Array:
 
 
 def _find_mean_overlap(network: ContactNetwork) -> Array:
-    """Return the mean overlap (n,), m, of the contacts of each ball; zero without contacts."""
-    # the places of a ball and a flat wall, whose centre is infinitely far, have no overlap
+    """Return the mean overlap (n,), m, of the contacts of each ball with other balls; zero without
+    such contacts.
+    """
+    # the overlap with a flat wall, whose centre is infinitely far, does not follow from places
     has_centres = np.isfinite(network.distance)
     i = network.i[has_centres]
     j = network.j[has_centres]
@@ -323,10 +328,10 @@ def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:
         largest = float(np.max(layer.size))
         # a network on a line has a name along the line alone
         for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
-            name_axis(axis, largest, name, "m", short=True)
+            name_axis(axis, largest, name, "m", is_short=True)
     is_single_row = top - bottom < 2.0 * layer.diameter
     if is_single_row:
-        ax.set_yticks([0.0])
+        ax.set_yticks([float(np.mean(layer.places[:, 1]))])
 
 
 def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: str) -> None:
@@ -337,7 +342,7 @@ def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: s
         bar.set_xlabel(f"Contact force over its mean{remark}")
     else:
         _, greatest_force = bar.get_xlim()
-        name_axis(bar.xaxis, greatest_force, "Contact force", "N", short=True, more=remark)
+        name_axis(bar.xaxis, greatest_force, "Contact force", "N", is_short=True, more=remark)
 
 
 def _choose_view(layer: _Map, window: Sequence[float] | None) -> Show:
@@ -405,7 +410,7 @@ def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, 
 def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
     """Draw the contacts between these ``edges``, the left, lower, right and upper one, and the
     balls if there are few; return the lines of the contacts. InputError if there is no contact at
-    all, and if no ball or contact is between the edges.
+    all, and if no ball, or no contact within a diameter, is between the edges.
     """
     lines, forces_of_lines = layer.find_lines()
     if not forces_of_lines.size:
@@ -420,9 +425,9 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     is_inside = np.all((layer.places + radii > low) & (layer.places - radii < high), axis=1)
     if not np.any(is_inside) or not forces.size:
         unit = "diameters" if layer.network is None else "m"
-        raise InputError(
-            "no ball of the array is in the window", mend=f"Give edges inside the array, in {unit}"
-        )
+        thing = "contact" if np.any(is_inside) else "ball"
+        problem = f"no {thing} of the array is in the window"
+        raise InputError(problem, mend=f"Give edges inside the array, in {unit}")
     if np.count_nonzero(is_inside) <= _MOST_BALLS:
         _draw_balls(layer, is_inside, ax)
     if layer.network is not None:
@@ -436,7 +441,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     if greatest_force > 0.0:
         chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, greatest_force))
     else:
-        chains.set(color=_IDLE)
+        chains.set(color=_WALL)
     ax.add_collection(chains, autolim=False)
     return chains
 
@@ -483,14 +488,16 @@ def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
 
 
 def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
-    """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall."""
+    """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall; of
+    a wall that the viewer sees from the front the piece is a point.
+    """
     is_wall = np.isinf(network.radii[network.j])  # a flat wall is a ball of infinite radius
     touch = network.contact_places[is_wall, :2]
     normal = network.normal[is_wall, :2]
     along_wall = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     half = 0.5 * network.radii[network.i[is_wall], None] * along_wall
     pieces = np.stack([touch - half, touch + half], axis=1)
-    walls = LineCollection(list(pieces), colors=_IDLE, linewidths=1.0, gid="walls")
+    walls = LineCollection(list(pieces), colors=_WALL, linewidths=1.0, gid="walls")
     ax.add_collection(walls, autolim=False)
 
 
@@ -712,7 +719,7 @@ def _colour_balls(network: ContactNetwork, indices: NDArray[np.intp]) -> tuple[d
     each mass, by which the colours are named, unless there are more masses than tints.
     """
     is_moving = network.moving[indices]
-    colours = np.full(len(indices), _STILL, dtype=object)
+    colours = np.full(len(indices), _FIXED_BALL, dtype=object)
     names = np.array(network.kinds or [""] * network.n_balls, object)
     colours_of_kinds = colour_kinds(names[network.moving])
     if colours_of_kinds:
@@ -795,19 +802,7 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     several loads, and for a state without samples.
     """
     samples = _list_samples(state)
-    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
-    smallest = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
-    largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
-    extent = largest - smallest
-    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in samples]))
-    width = max(fluctuation / _BINS_PER_FLUCTUATION, _LEAST_BIN)
-    n_bins = int(np.clip(extent / width, _LEAST_BINS, _MOST_BINS))
-    margin = extent / (2.0 * n_bins)  # half a bin
-    if extent < _EQUAL_FORCES:
-        n_bins = _BINS_OF_EQUAL_FORCES
-        margin = _MARGIN_OF_EQUAL_FORCES
-    low = max(smallest - margin, 0.0)
-    high = largest + margin
+    n_bins, low, high = _choose_bins(samples)
     # all samples have the same bins
     histograms = [sample.force_distribution(n_bins, high, low) for sample in samples]
     edges = histograms[0][0]
@@ -822,15 +817,35 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     return ax
 
 
+def _choose_bins(samples: Sequence[Sample]) -> tuple[int, float, float]:
+    """Return the number of the bins of the distribution of the contact forces of all samples, over
+    their means, and the lower edge of the first and the upper edge of the last bin. The edges are
+    about half a bin beyond the forces, but not below zero; equal forces have a bin in the middle.
+    """
+    forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
+    smallest = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
+    largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
+    extent = largest - smallest
+    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in samples]))
+    width = max(fluctuation / _BINS_PER_FLUCTUATION, _LEAST_BIN)
+    n_bins = int(np.clip(extent / width, _LEAST_BINS, _MOST_BINS))
+    margin = extent / (2.0 * n_bins)  # half a bin
+    if extent < _EQUAL_FORCES:
+        n_bins = _BINS_OF_EQUAL_FORCES
+        margin = _MARGIN_OF_EQUAL_FORCES
+    return n_bins, max(smallest - margin, 0.0), largest + margin
+
+
 def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:
     """Draw the angular density of the contacts of a network in a plane, and that in which each
     contact counts as its force, over the density without a preferred direction.
 
     Dashed lines are the second orders, 1 + a cos 2(theta - theta_0), which the tensors
     ``network.fabric`` and ``network.force_fabric`` give. If ``ax`` is not given, a new figure, one
-    column wide, is made. Raises :class:`~granphon.base.errors.InputError` for a network on a line
-    or in space, without contacts, or without forces.
+    column wide, is made. Raises :class:`~granphon.base.errors.InputError` for what is no network,
+    and for a network on a line or in space, without contacts, or without forces.
     """
+    require_instance("network", network, ContactNetwork, "Give a gp.ContactNetwork")
     if network.dimension != 2:
         fault = f"the balls of the network are in {counted(network.dimension, 'dimension')}"
         raise InputError(fault, "One angle is the direction of a contact in a plane")

@@ -75,9 +75,10 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
         errors = _read_errors(states, "top_frequency") / unit.hertz
         if x_values is None:  # one line across the panel
             x_values = _find_span(states, "gap")
-            top, errors = np.repeat(top, 2), np.repeat(errors, 2)
+            top = np.repeat(top, 2)
+            errors = np.repeat(errors, 2)
         draw_error_band(ax, x_values, top, errors, _TOP["color"], "top-errors")
-        lonely_points = np.flatnonzero(_find_lonely(np.isfinite(top))).tolist()
+        lonely_points = np.flatnonzero(_are_lonely(np.isfinite(top))).tolist()
         ax.plot(x_values, top, gid="top", markevery=lonely_points, **_TOP)
 
     look_in_legend = {**_TOP, "marker": ""}
@@ -153,7 +154,7 @@ def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
     return np.asarray(errors.transpose(*dims) if dims else errors, float)
 
 
-def _find_lonely(is_known: Flags) -> Flags:
+def _are_lonely(is_known: Flags) -> Flags:
     """Return (n,) whether each of n points of a curve is lonely: the point is known, and its
     neighbours are not, so that no line leads to the point. ``is_known`` (n,) says which are known.
     """
@@ -172,7 +173,7 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
     names of its edges.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
-    lonely_points = np.flatnonzero(_find_lonely(np.isfinite(lower))).tolist()
+    lonely_points = np.flatnonzero(_are_lonely(np.isfinite(lower))).tolist()
     if lonely_points:
         ends = lower[lonely_points], upper[lonely_points]
         ax.vlines(x[lonely_points], *ends, color=BLUE, alpha=0.3, linewidth=_BAR)
@@ -265,11 +266,12 @@ def _draw_panels(
     ``draw`` draws, and with a legend of the ``handles``.
 
     The panels share their axes. The axis of y reaches to the greatest value of the ``variable``,
-    Hz. The axis of x has ``x``; if ``x`` has one value only, the axis counts the indices along the
-    ``dimension`` instead. The other arguments are those of :func:`sweep_gaps_figure`.
+    Hz. The axis of x has ``x``; over a single value, at which each panel has one state, the axis
+    counts the indices along the ``dimension`` instead. The other arguments are those of
+    :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
-    layout = arrange(dataset, variable, x_name, rows, columns, alone=True)
+    layout = arrange(dataset, variable, x_name, rows, columns, wants_single_curves=True)
     if layout.shown and tell is not None:
         tell(f"too many combinations for a panel of each: {layout.describe(dataset)}")
     values = dataset[variable].values
@@ -278,9 +280,11 @@ def _draw_panels(
     unit = HertzPrefix.for_top(greatest)
     if f"{variable}_error" in dataset:
         handles = [*handles, make_error_handle(values, dataset[f"{variable}_error"].values)]
-    all_x = np.asarray(read_values(turn_over(dataset, x_name), x_name), float)
+    over_x = turn_over(dataset, x_name)
+    all_x = np.asarray(read_values(over_x, x_name), float)
     x_unit = str(dataset[x_name].attrs.get("units", ""))
-    is_single_state = np.unique(all_x).size == 1  # over the axis of x
+    # several states of a panel may have the same x, and stand above each other
+    is_single_state = over_x.sizes["load"] == 1 and np.unique(all_x).size == 1
 
     def draw_panel(states: Dataset, ax: Axes) -> Panel:
         """Draw the states of one combination."""

@@ -50,17 +50,17 @@ if TYPE_CHECKING:
 
 
 #: longest displacement in the drawing, in diameters; spins are drawn on the same scale
-_LARGEST = 0.4
+_LONGEST_DISPLACEMENT = 0.4
 #: angle of the mark of a ball at rest, rad
 _MARK = np.pi / 2.0
 #: most balls of a network that are drawn
 _MOST_BALLS = 500
 #: most balls of a network in space that are drawn, with those that are points
 _MOST_POINTS = 20_000
-#: part of the greatest amplitude above which a ball in space is no point, and radius of a point, in
-#: diameters
-_SEEN = 0.05
-_POINT = 0.06
+#: part of the greatest amplitude up to which a ball in space is drawn as a point, and the radius of
+#: a point, in diameters
+_LEAST_AMPLITUDE = 0.05
+_POINT_RADIUS = 0.06
 #: largest denominator of a fraction in the title, for components of q
 _MOST_DENOMINATOR = 24
 #: numbers of cells that are drawn along the periods of a line and of a plane
@@ -71,9 +71,9 @@ _MOST_CELLS = 1000
 _CUBE = 2.4
 #: colours of balls, and of balls that do not move
 _BALL = "0.93"
-_STILL = "0.75"
+_FIXED_BALL = "0.75"
 #: colours of the sectors of spins, and the white rim of their arcs on balls of any colour
-_LIGHT = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}
+_SECTOR_COLOURS = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}
 _RIM = withStroke(linewidth=2.0, foreground="white")
 #: width of the shaft of an arrow, in diameters
 _SHAFT = 0.055
@@ -92,15 +92,15 @@ _HEAD = 0.47
 _MOST_OF_ARC = 0.8
 #: widths of the lines of contacts without a share, and with the largest, points; and the margin
 #: around these lines, in diameters
-_THIN = 0.4
-_THICK = 3.0
+_LEAST_WIDTH = 0.4
+_GREATEST_WIDTH = 3.0
 _MARGIN = 0.5
 #: rounding of places, in diameters
 _ROUNDING = 1e-6
 #: sine of the angle between an axis and the line of sight below which the two count as one
 _ALONG_SIGHT = 1e-3
-#: spins and displacements below this part of a diameter are not drawn
-_LEAST = 0.01
+#: spins and displacements of spheres up to this part of a diameter are not drawn
+_LEAST_LENGTH = 0.01
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,9 @@ class _Motion:
     shift: NDArray[Any]  # (m, 3) displacements at phase 0, complex
     turn: NDArray[Any]  # (m, 3) angles at phase 0, complex, rad
     gyration: Array  # (m,) radii of gyration
-    rotate: bool  # whether the balls turn
-    planar: bool  # whether balls of a plane or a line stay in their plane
-    seen: NDArray[np.bool_]  # (m,) which balls are drawn, the others as points
+    can_rotate: bool  # whether the balls turn
+    is_planar: bool  # whether balls of a plane or a line stay in their plane
+    is_seen: NDArray[np.bool_]  # (m,) which balls of space are spheres, the others being points
     title: str
     colours: list[str]  # (m,)
     kinds: dict[str, str]  # colours of known kinds of balls, by their names
@@ -135,7 +135,7 @@ class _Motion:
         """
         shift = (self.shift * np.exp(1j * phase)).real
         turn = (self.turn * np.exp(1j * phase)).real
-        if self.planar:
+        if self.is_planar:
             _draw_plane(ax, self, shift[:, :2], turn[:, 2])
         elif are_moved:
             _draw_moved_spheres(ax, view, self, size * self.radii, shift, turn)
@@ -181,20 +181,23 @@ def plot_mode(
     phase : phase of the motion, rad, which at the time t is -omega t.
     direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch,
         and (required) at Gamma.
-    view : direction from which spheres are seen.
+    view : direction from which spheres are seen; by default oblique to the rows of the common
+        lattices.
     size : size of spheres over their real size.
 
     Raises
     ------
-    InputError : a ``q`` without p or three components, no such branch, ``cells`` that are not p
-        whole numbers from 1 to 1000, a ``phase`` that is not finite, a ``view`` of another class, a
-        ``size`` that is not above zero, several directions, or at a point where branches touch,
-        Gamma among them, no ``direction``.
+    InputError : a ``q`` without p or three components, or with one that is not finite, no such
+        branch, ``cells`` that are not p whole numbers from 1 to 1000, a ``phase`` that is not
+        finite, a ``view`` of another class, a ``size`` that is not above zero, several directions,
+        one that is zero or not finite, or at a point where branches touch, Gamma among them, no
+        ``direction``.
     """
-    motion = _find_motion(phonons, q, branch, cells, direction)
-    direction_of_view = read_view(view, motion.view)
+    chosen_view = read_view(view)
     phase_of_motion = read_angle("phase", phase, "rad")
-    motion.draw(ax, phase_of_motion, direction_of_view, positive("size", size))
+    ball_size = positive("size", size)
+    motion = _find_motion(phonons, q, branch, cells, direction)
+    motion.draw(ax, phase_of_motion, chosen_view or motion.view, ball_size)
     return ax
 
 
@@ -225,18 +228,20 @@ def plot_network_mode(
     With ``show="sensitivity"`` the contacts are drawn in place of the balls' motions. The larger
     the share of a contact in the frequency (``modes.contact_shares``), the darker and wider is its
     line: a contact that is stiffer by 1 % raises the frequency by 0.5 % of its share. A contact
-    across the edge of a period is drawn at both sides; a network in space is seen along z.
+    across the edge of a period is drawn at both sides; a network in space is seen along z. The
+    other arguments have no effect.
 
     Raises :class:`~granphon.base.errors.InputError` if there is no such mode, for another word of
-    ``show``, and for a ``phase`` or ``size`` that :func:`plot_mode` refuses.
+    ``show``, and for a ``phase``, ``view`` or ``size`` that :func:`plot_mode` refuses.
     """
     index = whole_number("mode", mode, 0, len(modes.frequencies) - 1)
+    chosen_view = read_view(view)
+    phase_of_motion = read_angle("phase", phase, "rad")
+    ball_size = positive("size", size)
     if one_of("show", show, ("motion", "sensitivity")) == "sensitivity":
         return _draw_shares(modes, index, ax)
     motion = _find_network_motion(modes, index)
-    direction_of_view = read_view(view, motion.view)
-    phase_of_motion = read_angle("phase", phase, "rad")
-    motion.draw(ax, phase_of_motion, direction_of_view, positive("size", size))
+    motion.draw(ax, phase_of_motion, chosen_view or motion.view, ball_size)
     return ax
 
 
@@ -262,7 +267,7 @@ def _draw_shares(modes: NetworkModes, mode: int, ax: Axes) -> Axes:
         array=values[order],
         cmap=FORCES,
         norm=Normalize(0.0, largest),
-        linewidths=_THIN + (_THICK - _THIN) * values[order] / largest,
+        linewidths=_LEAST_WIDTH + (_GREATEST_WIDTH - _LEAST_WIDTH) * values[order] / largest,
         capstyle="round",
         gid="shares",
     )
@@ -303,7 +308,7 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     displacements, spins = _split_motion(
         motions, modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
     )
-    scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
+    scale = _LONGEST_DISPLACEMENT / max(_find_amplitude(displacements), _find_amplitude(spins))
     is_moving = network.moving[balls]
     inertias = network.inertias[balls][is_moving]
     gyration = np.ones(balls.size)  # of balls that do not move any number will do
@@ -312,7 +317,7 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     is_seen = np.ones(balls.size, bool)
     if not is_planar:
         amplitudes = np.maximum(_find_amplitudes(displacements), _find_amplitudes(spins))
-        is_seen = amplitudes > _SEEN * amplitudes.max()
+        is_seen = amplitudes > _LEAST_AMPLITUDE * amplitudes.max()
         is_seen &= np.isin(balls, _choose_balls(modes, mode, _MOST_BALLS))
     return _Motion(
         places=network.positions[balls] / diameter,
@@ -321,9 +326,9 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
         shift=scale * displacements,
         turn=scale * spins / gyration[:, None],
         gyration=gyration,
-        rotate=motions.rotate,
-        planar=is_planar,
-        seen=is_seen,
+        can_rotate=motions.rotate,
+        is_planar=is_planar,
+        is_seen=is_seen,
         title=_write_network_title(modes, mode, int(np.count_nonzero(is_seen))),
         colours=[colours[ball] for ball in balls.tolist()],
         kinds=colours_of_kinds,
@@ -378,7 +383,7 @@ def _colour_balls(network: ContactNetwork) -> tuple[dict[str, str], list[str]]:
     colours_of_kinds = colour_kinds(itertools.compress(names, network.moving))
     colours = []
     for name, is_moving in zip(names, network.moving, strict=True):
-        colours.append(colours_of_kinds.get(name, _BALL) if is_moving else _STILL)
+        colours.append(colours_of_kinds.get(name, _BALL) if is_moving else _FIXED_BALL)
     return colours_of_kinds, colours
 
 
@@ -419,13 +424,14 @@ def animate_mode(
     a period, 2 to 1000. Raises what :func:`plot_mode` raises, and
     :class:`~granphon.base.errors.InputError` for another number of frames.
     """
-    motion = _find_motion(phonons, q, branch, cells, direction)
     n_frames = whole_number("frames", frames, 2, 1000)
     ball_size = positive("size", size)
-    direction_of_view = read_view(view, motion.view)
+    chosen_view = read_view(view)
+    motion = _find_motion(phonons, q, branch, cells, direction)
+    direction_of_view = chosen_view or motion.view
     # limits of spheres, the same in all pictures
     centres = direction_of_view.project(motion.places)
-    margin = _LARGEST + ball_size * motion.radii.max() + _MARGIN_OF_SPHERES
+    margin = _LONGEST_DISPLACEMENT + ball_size * motion.radii.max() + _MARGIN_OF_SPHERES
     low = centres.min(axis=0) - margin
     high = centres.max(axis=0) + margin
     with styled_figure(COLUMN_WIDTH, dpi=150) as figure:
@@ -437,7 +443,7 @@ def animate_mode(
         ax.clear()
         with matplotlib.rc_context(STYLE):
             motion.draw(ax, phase, direction_of_view, ball_size, are_moved=True)
-            if not motion.planar:
+            if not motion.is_planar:
                 hide_axes(ax, low, high)
 
     milliseconds_per_frame = _PERIOD // n_frames
@@ -467,12 +473,13 @@ def _find_motion(
     displacements, spins = _split_motion(
         motions, _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
     )
-    scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
+    scale = _LONGEST_DISPLACEMENT / max(_find_amplitude(displacements), _find_amplitude(spins))
     places, balls, pairs = _place_balls(lattice, cells)
     q_per_diameter = modes.wavevectors[0] * phonons.scales.length  # rad per diameter
     phases = places[:, : lattice.periods] @ q_per_diameter  # (m,)
     wave = np.exp(1j * phases)[:, None]
     angles = scale * spins / lattice.gyration[:, None]
+    # in diameters; atoms without radii are balls of one diameter
     radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))
     names = phonons.state.kinds or [""] * n_balls
     colours_of_kinds = colour_kinds(names)
@@ -485,9 +492,9 @@ def _find_motion(
         shift=scale * displacements[balls] * wave,
         turn=angles[balls] * wave,
         gyration=lattice.gyration[balls],
-        rotate=motions.rotate,
-        planar=is_flat and _stay_in_plane(motions),
-        seen=np.ones(balls.size, bool),
+        can_rotate=motions.rotate,
+        is_planar=is_flat and _stay_in_plane(motions),
+        is_seen=np.ones(balls.size, bool),
         title=_write_title(modes, fractions, branch, motions.rotate),
         colours=[colours_of_kinds.get(names[ball], _BALL) for ball in balls.tolist()],
         kinds=colours_of_kinds,
@@ -589,13 +596,14 @@ def _find_pairs(
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     """Draw discs with their displacements ``shift`` (m, 2), in diameters, as arrows; where balls
     rotate, their ``angles`` (m,), rad, each as a sector, an arc with a head, and a marked diameter.
+    The axes end beside the discs.
     """
     centres = motion.places[:, :2]
     radii = motion.radii
     discs = [Circle((x, y), radius) for (x, y), radius in zip(centres, radii, strict=True)]
     look: dict[str, Any] = {"facecolor": motion.colours, "edgecolor": "0.45", "linewidth": 0.6}
     ax.add_collection(PatchCollection(discs, **look, zorder=1.0, gid="balls"))
-    if motion.rotate:
+    if motion.can_rotate:
         _draw_spins(ax, centres, radii, angles)
     ax.quiver(
         *centres.T,
@@ -643,7 +651,7 @@ def _draw_spins(ax: Axes, centres: Array, radii: Array, angles: Array) -> None:
     wings = 0.5 * (tips - necks) @ quarter_turn
     heads = np.concatenate([tips, necks + wings, necks - wings], axis=1)  # triangles (m, 3, 2)
     sectors = np.concatenate([centres[:, None], arcs], axis=1)
-    light: dict[str, Any] = {"facecolors": [_LIGHT[colour] for colour in colours]}
+    light: dict[str, Any] = {"facecolors": [_SECTOR_COLOURS[colour] for colour in colours]}
     ax.add_collection(PolyCollection(list(sectors), **light, linewidths=0.0, zorder=1.5))
     ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
     line_look: dict[str, Any] = {"colors": colours, "linewidths": 1.0, "path_effects": [_RIM]}
@@ -663,18 +671,18 @@ def _draw_spheres_with_arrows(
     a viewer who looks along the arrow the ball turns clockwise.
     """
     painter = Painter(view)
-    is_between_seen = np.all(motion.seen[motion.pairs], axis=1)
+    is_between_seen = np.all(motion.is_seen[motion.pairs], axis=1)
     _add_bonds(painter, motion.pairs[is_between_seen], motion.places, radii)
     spins = motion.gyration[:, None] * turn
-    for centre in motion.places[~motion.seen]:
-        painter.add_point(centre, _POINT, _STILL)
-    for ball in np.flatnonzero(motion.seen).tolist():
+    for centre in motion.places[~motion.is_seen]:
+        painter.add_point(centre, _POINT_RADIUS, _FIXED_BALL)
+    for ball in np.flatnonzero(motion.is_seen).tolist():
         centre = motion.places[ball]
         radius = radii[ball]
         painter.add_sphere(centre, radius, motion.colours[ball])
         _add_arrow(painter, centre, radius, shift[ball], "black")
         _add_arrow(painter, centre, radius, spins[ball], VERMILION)
-        if motion.gyration[ball] * np.linalg.norm(turn[ball]) > _LEAST:
+        if motion.gyration[ball] * np.linalg.norm(turn[ball]) > _LEAST_LENGTH:
             _add_arc(painter, centre, _RIM_OF_SPHERE * radius, turn[ball])
     _show_spheres(painter, ax)
 
@@ -723,7 +731,7 @@ def _add_arrow(painter: Painter, centre: Array, radius: float, arrow: Array, col
     """Add an ``arrow`` (3,) that starts at the surface of a ball with ``centre`` (3,), unless the
     arrow is too short to be seen; an arrow away from the viewer starts at the outline of the ball.
     """
-    if np.linalg.norm(arrow) <= _LEAST:
+    if np.linalg.norm(arrow) <= _LEAST_LENGTH:
         return
     to_viewer = painter.view.axes[2]
     # of an arrow away from the viewer, the direction on the paper
@@ -742,9 +750,9 @@ def _add_circles(painter: Painter, centre: Array, radius: float, circles: Array)
     view = painter.view
     nearness = float(view.nearness(centre))
     for circle in circles:
-        visible = np.flatnonzero(view.nearness(circle) >= 0.0)  # indices of points
-        ends = np.flatnonzero(np.diff(visible) > 1)  # where a stretch ends
-        for stretch in np.split(visible, ends + 1):
+        indices = np.flatnonzero(view.nearness(circle) >= 0.0)  # of the visible points
+        ends = np.flatnonzero(np.diff(indices) > 1)  # where a stretch ends
+        for stretch in np.split(indices, ends + 1):
             if len(stretch) > 1:
                 points = centre + radius * circle[stretch]
                 painter.add_line(points, "0.3", 0.5, nearness=nearness)

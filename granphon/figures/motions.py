@@ -47,7 +47,7 @@ _ENERGIES = {
     "lost": ("lost", "0.4"),
 }
 #: part of the greatest amplitude of a spectrum at which its axis ends
-_LEAST = 1e-6
+_LEAST_AMPLITUDE = 1e-6
 #: the length of this number of radii chooses the unit of positions
 _RADII = 20.0
 #: layers are apart by more than this part of a radius
@@ -62,36 +62,30 @@ def plot_motion(
     """Draw a map over position and time: velocities of balls along an axis, or changes of the
     forces of contacts.
 
-    Positions are along ``axis``, 0 to 2, by default the first axis along which the array does not
-    repeat, or 0 if there is none. Positions and values are means over a layer of balls, or over the
-    contacts from one layer to the next. An oblique cell is drawn as a rectangle. Raises
-    :class:`~granphon.base.errors.InputError` for another word of ``show``, and another ``axis``.
+    Positions are along ``axis``, 0 to 2, from the first layer on; by default the axis is the first
+    of the array along which it does not repeat, or 0 if there is none. Positions and values are
+    means over a layer of balls, or over the contacts from one layer to the next. An oblique cell is
+    drawn as a rectangle. Raises :class:`~granphon.base.errors.InputError` for another word of
+    ``show``, and another ``axis``.
     """
     network = motion.network
     one_of("show", show, _SHOWS)
-    if axis is None:  # argmin finds the first axis without a period
+    if axis is None:
+        # argmin finds the first axis without a period, which may be one across a line or a plane
         drawn_axis = int(np.argmin(network.pbc)) % network.dimension
     else:
         drawn_axis = whole_number("axis", axis, 0, 2)
     letter = "xyz"[drawn_axis]
-    is_ball = np.isfinite(network.radii)
-    radius = float(np.mean(network.radii[is_ball]))
-    ball_positions, contact_positions = _find_positions(motion, drawn_axis, radius)
-    layers = _find_layers(ball_positions, radius)
-    coordinates = ball_positions
-    values = motion.velocities[:, is_ball, drawn_axis]
+    positions, means = _average_motion(motion, drawn_axis, show)
     si_unit = "m/s"
     quantity = f"Velocity along {letter}"
     if show == "forces":
-        coordinates = contact_positions
-        values = motion.forces - motion.forces[0]
         si_unit = "N"
         quantity = "Change of force"
-    positions, means = _average_layers(layers, coordinates, values)
     greatest = max(float(np.abs(means).max()), LEAST_LIMIT)
     scale, unit = prefixed(greatest, si_unit)
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
-    metres, unit_of_length = prefixed(_RADII * radius, "m")
+    metres, unit_of_length = prefixed(_RADII * _find_mean_radius(motion), "m")
     mesh = ax.pcolormesh(
         (positions - positions[0]) / metres,
         motion.times / seconds,
@@ -108,6 +102,26 @@ def plot_motion(
     )
     add_bar(ax, mesh, f"{quantity} ({write_unit(unit)})")
     return ax
+
+
+def _find_mean_radius(motion: Motion) -> float:
+    """Return the mean radius of the balls, m, without flat walls, whose radii are infinite."""
+    radii = motion.network.radii
+    return float(np.mean(radii[np.isfinite(radii)]))
+
+
+def _average_motion(motion: Motion, axis: int, show: Show) -> tuple[Array, Array]:
+    """Return the mean position (m,), m, of each of m layers along an ``axis``, and the means
+    (n_times, m) in each layer at each time: of the velocities of balls along the axis, m/s, or if
+    ``show`` is "forces", of the changes of the forces of contacts since the first frame, N.
+    """
+    radius = _find_mean_radius(motion)
+    ball_positions, contact_positions = _find_positions(motion, axis, radius)
+    layers = _find_layers(ball_positions, radius)
+    if show == "forces":
+        return _average_layers(layers, contact_positions, motion.forces - motion.forces[0])
+    is_ball = np.isfinite(motion.network.radii)
+    return _average_layers(layers, ball_positions, motion.velocities[:, is_ball, axis])
 
 
 def _find_positions(motion: Motion, axis: int, radius: float) -> tuple[Array, Array]:
@@ -245,12 +259,12 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     frequencies, amplitudes = motion.spectrum(ball, axis)
     greatest = max(float(amplitudes.max()), LEAST_LIMIT)
     # of a ball that stays where it is, all amplitudes are zero, and all frequencies are shown
-    is_seen = amplitudes >= _LEAST * float(amplitudes.max())
+    is_seen = amplitudes >= _LEAST_AMPLITUDE * float(amplitudes.max())
     top = float(frequencies[is_seen][-1])
     prefix = HertzPrefix.for_top(top)
     scale, unit = prefixed(greatest, "m")
     # a logarithmic axis has no zero: smaller amplitudes are drawn far below the axes
-    heights = np.maximum(amplitudes, 1e-3 * _LEAST * greatest)
+    heights = np.maximum(amplitudes, 1e-3 * _LEAST_AMPLITUDE * greatest)
     ax.plot(frequencies / prefix.hertz, heights / scale, color=BLUE, linewidth=0.9)
     ax.set(
         xlabel=f"Frequency ({write_hertz(prefix)})",
@@ -258,7 +272,7 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
         yscale="log",
     )
     ax.set_xlim(0.0, top / prefix.hertz)
-    ax.set_ylim(_LEAST * greatest / scale, 3.0 * greatest / scale)
+    ax.set_ylim(_LEAST_AMPLITUDE * greatest / scale, 3.0 * greatest / scale)
     return ax
 
 
@@ -275,8 +289,7 @@ def plot_harmonics(
     if not np.any(amplitudes):
         raise InputError(f"no ball moves along {'xyz'[axis]}", mend="Give another axis")
     positions = motion.network.positions[:, axis]
-    median_radius = float(np.median(motion.network.radii))  # flat walls have infinite radii
-    metres, unit_of_length = prefixed(_RADII * median_radius, "m")
+    metres, unit_of_length = prefixed(_RADII * _find_mean_radius(motion), "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(positions, kind="stable")
     distances = (positions - positions.min())[order]
@@ -314,13 +327,14 @@ def motion_figure(
 
     Of a chain, and with ``show`` or ``axis``, the motion is a map over time and the position along
     the axis, see :func:`plot_motion`. Of any other array the balls are drawn at three frames after
-    the first, or at all of these if the motion has fewer than four frames.
+    the first, or at all of these if the motion has fewer than four frames. Raises what
+    :func:`plot_motion` and :func:`plot_energies` raise.
     """
     is_map = motion.network.dimension == 1 or show is not None or axis is not None
     if is_map:
         with styled_figure(2.7, PAGE_WIDTH) as figure:
             left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
-            plot_motion(motion, left, show=show or "velocities", axis=axis)
+            plot_motion(motion, left, show="velocities" if show is None else show, axis=axis)
             plot_energies(motion, right, errors)
         return figure
     greatest_speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)  # of each frame

@@ -59,8 +59,8 @@ def draw_panels(
 
     ``draw`` draws the states of a panel on its Axes, and returns what was drawn. ``label`` scales
     and names the axes of an Axes; it takes the Axes and the curves of all panels. With columns
-    alone the panels stand in lines. The figure is one column wide, or as wide as a page if more
-    than three panels stand side by side.
+    alone the panels stand in lines of three. The figure is one column wide, or as wide as a page if
+    more than three panels stand side by side.
     """
     has_lines = layout.rows is None
     numbers_of_rows = layout.list_numbers(dataset, layout.rows)
@@ -173,7 +173,8 @@ def _write_shared(
     figure: Figure, drawn_panels: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout
 ) -> None:
     """Write below the panels ``drawn_panels`` one legend of the entries of all, each label once,
-    and above the panels the facts of parameters that have one value in the figure.
+    and above the panels the facts of parameters that have one value in the figure; a direction
+    without effect on the curves is not among their facts.
     """
     handles: dict[str, Line2D] = {}
     for _, panel in drawn_panels:
@@ -184,6 +185,7 @@ def _write_shared(
     names = [name for name in list_parameters(dataset) if dataset[name].size == 1]
     names += [name for name, numbers in layout.shown.items() if len(numbers) == 1]
     _, panel = drawn_panels[0]
-    facts = [panel.facts[_find_kind(dataset, name)] for name in names]
+    kinds = [_find_kind(dataset, name) for name in names]
+    facts = [panel.facts[kind] for kind in kinds if kind in panel.facts]
     if facts:
         figure.suptitle(join_facts(facts, _LETTERS_OF_TITLE), fontsize=STYLE["axes.titlesize"])

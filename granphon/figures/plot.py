@@ -9,6 +9,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief
+from granphon.base.validation import require_instance
 from granphon.networks.network import ContactNetwork, refuse_unpressed
 from granphon.runs.dataset import find_dataset, find_energy_errors, find_wave_errors
 
@@ -95,14 +96,15 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     figure, which a notebook shows.
 
     ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a
-    sample), a sweep, a fit, a trade-off, spectra along a path or at single wave vectors, a pulse, a
-    response, a motion, a design, traces of sensors (``velocity`` adds their arrivals), modes of a
-    network (``mode`` is the number of the mode), a state at one load, a sample, a network of
-    contacts, or the result of a scene's run, of which bands, density of states or sweep are drawn.
-    A state whose contacts follow from a law is drawn as some cells of its network. ``options`` go
-    to the function of :mod:`granphon.figures` that draws the result, such as ``asymptotes`` of
-    ``bands_figure`` and ``variable`` of ``sweep_figure``. The same modules have functions that draw
-    on your own Axes.
+    sample), a sweep, a fit, a trade-off, spectra along a path, at single wave vectors or of an
+    edge, a pulse, a response, a motion, a design, traces of sensors (``velocity`` adds their
+    arrivals), modes of a network (``mode`` is the number of the mode), a state at one load, a
+    sample, a network of contacts, or the result of a scene's run. Of this the bands and the density
+    of states are drawn, or the spectrum of an edge, or the motion, or the data set, whichever it
+    has first. A data set of one state with a response or a motion is drawn as that. A state whose
+    contacts follow from a law is drawn as some cells of its network. ``options`` go to the function
+    of :mod:`granphon.figures` that draws the result, such as ``asymptotes`` of ``bands_figure`` and
+    ``variable`` of ``sweep_figure``. The same modules have functions that draw on your own Axes.
 
     A list of results, or a mapping that names results, is one picture: sweeps, fits and results of
     scenes over the load, with measured points, or bands, or densities of states. ``options`` are
@@ -111,8 +113,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     figure of the Axes is returned.
 
     Raises :class:`~granphon.base.errors.InputError` for any other object, for a state of several
-    loads, for no results, for results that cannot share an axis, and for an option that the
-    function does not have.
+    loads, for no results, for results that cannot share an axis, for ``axes`` that are no Axes, and
+    for an option that the function does not have; and what the function raises.
     """
     # a data set is a mapping too, of variables; a result may be a tuple with names
     are_several = (
@@ -127,6 +129,9 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
         if axes is None:
             return _make_showable(comparison_figure(results, **options))
+        from matplotlib.axes import Axes
+
+        require_instance("axes", axes, Axes, "Give Axes of matplotlib, one of figure.subplots()")
         figure: Any = plot_together(results, axes, **options).get_figure()
         return figure  # type: ignore[no-any-return]
     dataset = find_dataset(result)

@@ -8,7 +8,7 @@ from granphon.figures.scales import styled_figure
 
 from matplotlib.axes import Axes
 
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.figures.style import BLUE
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import validity
@@ -24,12 +24,14 @@ def plot_rigidity(networks: Iterable[ContactNetwork], ax: Axes | None = None) ->
     (:meth:`~granphon.ContactNetwork.series`), of which one is held at a time. If ``ax`` is not
     given, a new figure, one column wide, is made.
 
-    Raises :class:`~granphon.base.errors.InputError` without a network and for a network that is in
-    no list, and what :func:`granphon.moduli` raises.
+    Raises :class:`~granphon.base.errors.InputError` without a network, for a network that is in
+    no list and for what is no list, and what :func:`granphon.moduli` raises.
     """
     if isinstance(networks, ContactNetwork):
         why = "A point stands for a packing"
         raise InputError("networks is a single network", why, "Give a list of networks")
+    if not isinstance(networks, Iterable):
+        raise InputError(f"networks is {brief(networks)}", mend="Give a list of networks")
     if ax is None:
         with styled_figure(2.4) as figure:
             return plot_rigidity(networks, figure.subplots())

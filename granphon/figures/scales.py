@@ -129,8 +129,8 @@ POLARISATION = LinearSegmentedColormap.from_list(
 )
 #: least and largest value of a logarithmic axis: squares of values beyond them are beyond floating
 #: point
-_LEAST = 1e-150
-_LARGEST = 1e150
+_LEAST_LOGARITHMIC = 1e-150
+_LARGEST_LOGARITHMIC = 1e150
 #: greatest number of letters of a label in a legend of this number of columns
 _LETTERS_OF_COLUMNS = {3: 9, 2: 24}
 #: values of an axis, or ticks and their limits, that differ by less than this part are equal
@@ -139,8 +139,8 @@ _ROUNDING = 1e-9
 _PIXELS_PER_INCH = 120
 #: least number of plain ticks of a logarithmic axis
 _LEAST_TICKS = 4
-#: least number of plain ticks of a logarithmic axis in a small panel
-_FEW_TICKS = 3
+#: least number of ticks of an axis in a small panel
+_LEAST_TICKS_OF_PANEL = 3
 #: mean width of a digit, as a part of the size of its font
 _LETTER_WIDTH = 0.6
 #: height of a row of a legend, in inches
@@ -168,32 +168,37 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         return
     lowest = finite_values.min()
     largest = finite_values.max()
-    if lowest < _LEAST or largest > _LARGEST:
+    if lowest < _LEAST_LOGARITHMIC or largest > _LARGEST_LOGARITHMIC:
         problem = f"the {which} axis cannot reach from {lowest:.4g} to {largest:.4g}"
-        why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
+        why = f"An axis goes from {_LEAST_LOGARITHMIC:g} to {_LARGEST_LOGARITHMIC:g} at most"
         raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis = find_axis(ax, which)
     if largest / lowest < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_locator(_PlainTicks(minor=True))
+        axis.set_minor_locator(_PlainTicks(is_minor=True))
     axis.set_minor_formatter(NullFormatter())
 
 
 def thin_ticks(ax: Axes) -> None:
     """Replace the ticks of an Axes that stands in a small panel: a logarithmic axis with plain
-    numbers has fewer, whose texts do not overlap, and a linear axis has ``_FEW_TICKS`` at least.
+    numbers has fewer, whose texts do not overlap, and a linear axis has three at least where its
+    values allow. Axes with ticks of their own keep them.
     """
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), _PlainTicks):
             # texts of the axis of y stand above each other, so that their width does not count
-            letter = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
-            axis.set_major_locator(_PlainTicks(least=_FEW_TICKS, letter=letter))
-            axis.set_minor_locator(_PlainTicks(minor=True, least=_FEW_TICKS))
+            letter_width = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
+            axis.set_major_locator(
+                _PlainTicks(least=_LEAST_TICKS_OF_PANEL, letter_width=letter_width)
+            )
+            axis.set_minor_locator(_PlainTicks(is_minor=True, least=_LEAST_TICKS_OF_PANEL))
         elif isinstance(axis.get_major_locator(), AutoLocator):
             steps = [1, 2, 2.5, 5, 10]
-            axis.set_major_locator(MaxNLocator("auto", steps=steps, min_n_ticks=_FEW_TICKS))
+            axis.set_major_locator(
+                MaxNLocator("auto", steps=steps, min_n_ticks=_LEAST_TICKS_OF_PANEL)
+            )
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
@@ -204,8 +209,8 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
     """
     lowest = float(values.min())
     largest = float(values.max())
-    differ_by_rounding = largest < lowest * (1.0 + _ROUNDING)
-    if differ_by_rounding:
+    is_single_value = largest < lowest * (1.0 + _ROUNDING)
+    if is_single_value:
         low, high = find_axis(ax, which).get_view_interval()
         wide_low = min(low, 0.95 * lowest)
         wide_high = max(high, 1.05 * largest)
@@ -213,28 +218,28 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
 
 
 def name_axis(
-    axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = ""
+    axis: Axis, most: float, label: str, unit: str, *, is_short: bool = False, more: str = ""
 ) -> None:
     """Label an axis, after its scale is set.
 
     ``most`` is the largest number of the axis, in the SI ``unit``. Lengths, forces, stiffnesses,
     pressures and frequencies (m, N, N/m, Pa, Hz) have a decimal prefix where ``most`` is below
-    0.01, or 1e5 or more (of Hz: 1e4 or more); with ``short``, as in a narrow bar, they always have
+    0.01, or 1e5 or more (of Hz: 1e4 or more); if ``is_short``, as in a narrow bar, they always have
     the prefix that suits ``most``. Other units stay as they are. ``more`` follows the unit in the
-    label. The data of the axis stay in SI: only the texts at the ticks are divided. With ``short``
-    these texts are plain numbers or powers of ten, also without a prefix.
+    label. The data of the axis stay in SI: only the texts at the ticks are divided. If
+    ``is_short``, these texts are plain numbers or powers of ten, also without a prefix.
     """
     takes_prefix = unit in ("m", "N", "N/m", "Pa", "Hz")
     # numbers that are read well in the unit itself
     is_handy = 1e-2 <= most < (1e4 if unit == "Hz" else 1e5)
     size_of_unit = 1.0
     name_of_unit = unit
-    if takes_prefix and (short or not is_handy):
+    if takes_prefix and (is_short or not is_handy):
         size_of_unit, name_of_unit = prefixed(most, unit)
     unit_in_print = name_of_unit.replace("u", "µ").replace("^2", "²").replace("^3", "³")
     ending = "" if name_of_unit in ("", "1") else f" ({unit_in_print})"
     axis.set_label_text(f"{label}{ending}{more}")
-    if size_of_unit == 1.0 and not short:
+    if size_of_unit == 1.0 and not is_short:
         return  # nothing is divided, and the ticks keep the texts of their scale
 
     def write_power(value: float, _: float) -> str:
@@ -313,10 +318,11 @@ def draw_error_band(
     gid: str,
     convert: Callable[[Array], Array] | None = None,
     *,
-    upright: bool = False,
+    is_upright: bool = False,
 ) -> None:
     """Draw the band of the standard errors of a curve, ``values`` (n,) over ``x`` (n,); for a
-    single point a bar. An ``upright`` curve has ``x`` on the axis of y, and values to the right.
+    single point a bar. If the curve ``is_upright``, ``x`` is on the axis of y, and values are to
+    the right.
 
     ``errors`` are (n,), nan where unknown, or (2, n), below and above the curve; without an error
     above zero nothing is drawn. ``convert`` turns values into numbers on their axis. ``gid`` names
@@ -328,10 +334,10 @@ def draw_error_band(
     edges = [values - below, values + above]
     lower, upper = edges if convert is None else map(convert, edges)
     if values.size == 1:
-        bar = ax.hlines if upright else ax.vlines
+        bar = ax.hlines if is_upright else ax.vlines
         bar(x, lower, upper, color=colour, linewidth=0.8, gid=gid)
     else:
-        fill = ax.fill_betweenx if upright else ax.fill_between
+        fill = ax.fill_betweenx if is_upright else ax.fill_between
         fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
 
 
@@ -364,11 +370,11 @@ def make_error_handle(values: ArrayLike = (), errors: ArrayLike = ()) -> Line2D:
 
     For ``values`` with standard ``errors``, arrays of one shape, the entry tells the least and the
     greatest relative error. Values that are near zero beside the greatest value do not count, nor
-    errors that are zero or nan. The mark of the entry is empty if lines hide all bands.
+    errors of zero, nor what is not finite. The mark of the entry is empty if lines hide all bands.
     """
-    magnitudes = np.nan_to_num(np.abs(np.ravel(values)))
+    magnitudes = np.nan_to_num(np.abs(np.ravel(values)), posinf=0.0)
     relative_errors = np.divide(
-        np.nan_to_num(np.ravel(errors)),
+        np.nan_to_num(np.ravel(errors), posinf=0.0),
         magnitudes,
         out=np.zeros(magnitudes.shape),
         where=magnitudes > 0.0,
@@ -555,15 +561,15 @@ def _keep_inside(ticks: Array, low: float, high: float) -> Array:
     return ticks[is_inside]
 
 
-def _keep_apart(ticks: Array, axis: Any, letter: float) -> Array:
+def _keep_apart(ticks: Array, axis: Any, letter_width: float) -> Array:
     """Return every tick, or every second, third and so on of the ``ticks`` (n,), so that the texts
-    beside an ``axis`` x, as wide as it is drawn, do not overlap; letters are ``letter`` points
-    wide.
+    beside an ``axis`` x, as wide as it is drawn, do not overlap; letters are ``letter_width``
+    points wide.
     """
     format_tick = axis.get_major_formatter()
     longest = max((len(format_tick(tick, None)) for tick in ticks), default=0)
     pixels_per_point = axis.axes.get_figure().dpi / POINTS_PER_INCH
-    width = (longest + 1) * letter * pixels_per_point
+    width = (longest + 1) * letter_width * pixels_per_point
     pixels = axis.axes.transData.transform(np.stack([ticks, ticks], axis=-1))[:, 0]
     stride = 1
     while stride < ticks.size and np.any(np.diff(pixels[::stride]) < width):
@@ -576,14 +582,16 @@ class _PlainTicks(Locator):
     ticks.
     """
 
-    def __init__(self, minor: bool = False, least: int = _LEAST_TICKS, letter: float = 0.0) -> None:
-        """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more; fewer if
-        their texts, whose letters are ``letter`` points wide, would overlap. A ``letter`` of zero
-        is for axes of y, whose texts stand above each other and never overlap.
+    def __init__(
+        self, is_minor: bool = False, least: int = _LEAST_TICKS, letter_width: float = 0.0
+    ) -> None:
+        """Give the ticks of an axis, or if ``is_minor`` its minor ticks, with ``least`` ticks or
+        more; fewer if their texts, whose letters are ``letter_width`` points wide, would overlap. A
+        width of zero is for axes of y, whose texts stand above each other and never overlap.
         """
-        self._minor = minor
+        self._is_minor = is_minor
         self._least = least
-        self._letter = letter
+        self._letter_width = letter_width
 
     def __call__(self) -> Any:
         """Return the ticks of the axis as far as it is shown; if the width of a letter is known,
@@ -591,7 +599,7 @@ class _PlainTicks(Locator):
         """
         axis: Any = self.axis
         ticks = self.tick_values(*axis.get_view_interval())
-        return _keep_apart(ticks, axis, self._letter) if self._letter > 0.0 else ticks
+        return _keep_apart(ticks, axis, self._letter_width) if self._letter_width > 0.0 else ticks
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks, or the minor ticks, of an axis between ``vmin`` and ``vmax``: see
@@ -599,7 +607,7 @@ class _PlainTicks(Locator):
         """
         low, high = sorted((float(vmin), float(vmax)))
         major, minor = _choose_round_numbers(low, high, self._least)
-        return minor if self._minor else major
+        return minor if self._is_minor else major
 
 
 @lru_cache(maxsize=32)
@@ -609,7 +617,7 @@ def _choose_round_numbers(low: float, high: float, least: int) -> tuple[Array, A
     are read-only, and kept for further calls: matplotlib asks some twenty times to draw an axis.
     """
     major = minor = np.empty(0)
-    for ticks, finer_ticks in _list_round_numbers(low, high, few=least < _LEAST_TICKS):
+    for ticks, finer_ticks in _list_round_numbers(low, high, is_sparse=least < _LEAST_TICKS):
         major = _keep_inside(ticks, low, high)
         minor = _keep_inside(finer_ticks, low, high)
         if major.size >= least:
@@ -619,13 +627,15 @@ def _choose_round_numbers(low: float, high: float, least: int) -> tuple[Array, A
     return major, minor
 
 
-def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple[Array, Array]]:
-    """Yield pairs of ticks and finer minor ticks, both sets of round numbers from about ``low`` to
-    ``high``, the smallest sets first. With ``few`` the sets begin with one number in each decade,
-    or with three evenly spaced numbers.
+def _list_round_numbers(
+    low: float, high: float, *, is_sparse: bool
+) -> Iterator[tuple[Array, Array]]:
+    """Yield pairs of ticks and finer minor ticks, both round numbers from about ``low`` to
+    ``high``, both above zero.
 
-    All decades have the same digits. From ``low`` to less than four times ``low``, the numbers are
-    evenly spaced instead.
+    If ``high`` is at least four times ``low``, the first sets have the same digits in all decades.
+    The others, which follow or are alone, are evenly spaced. Of both kinds the sets with the fewest
+    numbers come first; if ``is_sparse``, one number in each decade, and at most three intervals.
     """
     span = high / low
     if span >= 4.0:
@@ -637,7 +647,7 @@ def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple
             minor_digits = np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
         minor_ticks = np.outer(decades, minor_digits).ravel()
-        if few:
+        if is_sparse:
             yield decades, minor_ticks
         if span > 50.0:
             yield np.outer(decades, (1.0, 3.0)).ravel(), minor_ticks
@@ -647,8 +657,8 @@ def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple
             (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
         ):
             yield np.outer(decades, digits).ravel(), minor_ticks
-    for count in (3, 5, 8, 12) if few else (5, 8, 12):
-        ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+    for n_intervals in (3, 5, 8, 12) if is_sparse else (5, 8, 12):
+        ticks = np.asarray(MaxNLocator(n_intervals, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
         # a step of 2 has four parts, a step of 1, 5 or 10 has five: their ends are round
         is_step_of_two = f"{step:.0e}".startswith("2")

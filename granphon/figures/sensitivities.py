@@ -20,7 +20,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.figures.style import BLUE, FRAME, STYLE, VERMILION
-from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.observables.catalogue import axis_label
 from granphon.runs.dataset import Dataset
 from granphon.runs.sensitivities import EDGE_WAVE, spell_quantity
 
@@ -32,7 +32,7 @@ _MOST_COLUMNS = 2
 _BAR = 0.13
 _MARGINS = 0.5
 _SHARED_MARGIN = 0.2
-#: letters in a line of the title of a panel
+#: greatest number of letters of a line of the title of a panel
 _LETTERS = 16
 #: most intervals between ticks of a panel
 _MOST_TICKS = 5
@@ -136,7 +136,7 @@ def _draw_bars(ax: Axes, derivatives: Array) -> None:
 def _name_quantity(name: str) -> str:
     """Return the name of a quantity in words, as the title of its panel."""
     if " " not in name:
-        return CATALOGUE[name].label
+        return axis_label(name, "")
     words = spell_quantity(name)
     # a title never breaks before a number or a corner
     unbroken_words = re.sub(" (?=[^ ]+( at |$))", "\N{NO-BREAK SPACE}", words)

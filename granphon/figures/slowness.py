@@ -99,13 +99,15 @@ def plot_slowness(
     ----------
     state : the state of the contacts, at one load, or a sample or network as in
         :func:`~granphon.sound_velocities`, with two or three periods.
-    plane : (2, 3) two Cartesian directions that span the cut, the first to the right; the second is
-        turned so that it is perpendicular to the first. By default x and y.
+    plane : (2, 3) two Cartesian directions that span the cut through a crystal in space, the first
+        to the right; the second is turned so that it is perpendicular to the first. By default x
+        and y.
     colorbar : whether to draw the colour bar, above the axes.
 
     Raises
     ------
-    InputError : several loads, one period, or a ``plane`` that is not two different directions.
+    InputError : several loads, one period, balls that move across their plane alone, a ``plane``
+        that is not two different directions, or a ``plane`` for a lattice of two periods.
     MechanismError : a motion of the lattice costs no energy.
     """
     contact_state = as_state(state)
@@ -231,7 +233,7 @@ def plot_slowness_surface(
 
     Raises
     ------
-    InputError : several loads, or fewer than three periods.
+    InputError : several loads, fewer than three periods, or a ``view`` that is no View.
     MechanismError : a motion of the lattice costs no energy.
     """
     crystal_state = as_state(state)
@@ -239,8 +241,8 @@ def plot_slowness_surface(
     if periods != 3:
         problem = f"the {crystal_state.name} has {counted(periods, 'period')}"
         raise InputError(problem, "Surfaces belong to three", "Use plot_slowness")
-    # the octant of positive x, y, z faces the viewer
-    view = read_view(view, View(32.0, 24.0))
+    # by default the octant of positive x, y, z faces the viewer
+    view = read_view(view) or View(32.0, 24.0)
     directions = _make_mesh()
     slowness, longitudinal, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
     shape = (*directions.shape[:2], 3)  # three waves in each direction

@@ -10,7 +10,7 @@ import itertools
 import os
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,8 @@ import numpy as np
 
 from granphon.base.errors import FigureError, GranphonError
 from granphon.base.scales import HertzPrefix
+from granphon.base.staging import put_beside
+from granphon.base.text import require_path
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -107,22 +109,29 @@ def pick_evenly(count: int, most: int) -> list[int]:
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:
     """Save a figure, in the format of the suffix of ``path``; ``options`` are those of
-    ``Figure.savefig``.
+    ``Figure.savefig``. A ``path`` without a suffix gets that of matplotlib's ``savefig.format``,
+    unless the options have a ``format``.
 
     The folder is made if need be. The figure keeps the places of its axes at which it is saved.
 
     Raises
     ------
     FigureError : matplotlib cannot draw the figure: a label with broken mathtext, ``text.usetex``
-        without LaTeX, an unknown format or backend. No file is left at ``path``.
-    OSError : the file cannot be written.
+        without LaTeX, an unknown format or backend. What was at ``path`` stays as it was.
+    InputError : ``path`` is no name of a file.
+    OutputError : the file cannot be written; this is an OSError.
     """
+    from matplotlib import rcParams
+
+    target = _read_target(path)
+    if target.name and not target.suffix and options.get("format") is None:
+        target = target.with_name(f"{target.name}.{rcParams['savefig.format']}")
     suspects = "at the labels, and at the settings of matplotlib (matplotlibrc)"
     mend = f"Look {suspects}"
     if options.get("backend"):  # the backend may be missing, or lack a package
         mend = f"Leave --backend (backend) out or give another, or look {suspects}"
-    with _explain_failure(Path(path), mend) as target, _laid_out(figure):
-        figure.savefig(target, **options)
+    with _explain_failure(target, mend) as file, _laid_out(figure):
+        figure.savefig(file, **options)
 
 
 @contextmanager
@@ -154,34 +163,46 @@ def _laid_out(figure: Figure) -> Iterator[None]:
 
 
 def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> None:
-    """Save an animation as a GIF that repeats; raises what :func:`save_figure` raises."""
+    """Save an animation in the format of the suffix of ``path``, such as a GIF, which repeats;
+    raises what :func:`save_figure` raises.
+    """
     mend = "Look at the settings of matplotlib (matplotlibrc), and at how Pillow is installed"
-    with _explain_failure(Path(path), mend) as target:
-        animation.save(target, writer="pillow")
+    with _explain_failure(_read_target(path), mend) as file:
+        animation.save(file, writer="pillow")
+
+
+def _read_target(path: str | os.PathLike[str]) -> Path:
+    """Return the ``path`` of a picture; InputError for what is no name of a file."""
+    require_path(path)
+    return Path(path)
 
 
 @contextmanager
 def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
-    """Make the folder of ``target``, and give ``target`` to the block, which saves a picture there.
+    """Give to the block the path of a new file beside ``target``, with the same suffix, in which
+    the block saves a picture; after the block the file takes the place of ``target``. The folder is
+    made if need be.
 
-    If the picture cannot be drawn, remove ``target`` unless it was there before, and raise
-    FigureError with the advice ``mend``. Errors of the file system, a lack of memory and granphon's
-    own errors pass as they are.
+    If the picture cannot be drawn, the file is removed, and FigureError is raised with the advice
+    ``mend``. Errors of the file system become OutputError; a lack of memory and granphon's own
+    errors pass as they are.
     """
-    is_new = not target.exists()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        yield target
-    except Exception as error:
-        # an OSError with a number comes from the file system, and the caller reports it
-        is_of_file_system = isinstance(error, OSError) and error.errno is not None
-        if is_of_file_system or isinstance(error, GranphonError | MemoryError):
-            raise
-        if is_new:
-            target.unlink(missing_ok=True)
-        raise FigureError(
-            f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend
-        ) from error
+    with put_beside(target) as temporary:
+        file = temporary.with_name(f"{temporary.name}-drawn{target.suffix}")
+        try:
+            yield file
+            file.replace(temporary)
+        except Exception as error:
+            # an OSError with a number comes from the file system, and the caller explains it
+            is_of_file_system = isinstance(error, OSError) and error.errno is not None
+            if is_of_file_system or isinstance(error, GranphonError | MemoryError):
+                raise
+            raise FigureError(
+                f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend
+            ) from error
+        finally:
+            with suppress(OSError):
+                file.unlink()
 
 
 def draw(
@@ -191,7 +212,7 @@ def draw(
     ``folder``; a figure that cannot be drawn does not stop the others.
 
     Returns a sentence for each figure that could not be drawn, by name. Raises OSError if a file
-    cannot be written.
+    cannot be written, or cannot be read by ``make_figure``.
     """
     failures = {}
     for name in names:

@@ -11,6 +11,7 @@ import numpy as np
 
 from granphon.base.scales import prefixed, write_uncertain
 from granphon.figures.style import BLUE, GUIDE, VERMILION
+from granphon.figures.words import write_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 _HEIGHT = 0.8
 #: most samples of a trace that are drawn one by one; of a longer trace only the least and the
 #: greatest sample of each group are drawn
-_MOST_DRAWN = 4000
+_MOST_SAMPLES = 4000
 
 
 def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None) -> Axes:
@@ -43,8 +44,8 @@ def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None)
         ax.plot(times / time_unit, values / length_unit, color=BLUE, linewidth=0.7)
     if velocity is not None:
         _draw_arrivals(velocity, ax, time_unit, length_unit)
-    ax.set_xlabel(f"Time ({time_name.replace('u', 'µ')})")
-    ax.set_ylabel(f"Distance of the sensor ({length_name.replace('u', 'µ')})")
+    ax.set_xlabel(f"Time ({write_unit(time_name)})")
+    ax.set_ylabel(f"Distance of the sensor ({write_unit(length_name)})")
     ax.margins(x=0.0)
     return ax
 
@@ -86,13 +87,14 @@ def traces_figure(traces: Traces, velocity: TraceVelocity | None = None) -> Figu
 
 def _reduce_samples(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ``times`` (n,) and ``values`` (n,) of a trace to draw. If there are more samples
-    than can be seen, they are grouped: the least and the greatest value of each group stand at the
-    time of its first sample. The last samples are left out if they do not fill a group.
+    than can be seen, more than ``_MOST_SAMPLES``, they are grouped: the least and the greatest
+    value of each group stand at the time of its first sample. The last samples are left out if they
+    do not fill a group.
     """
-    if times.size <= _MOST_DRAWN:
+    if times.size <= _MOST_SAMPLES:
         return times, values
     # each group leaves two points
-    group_size = math.ceil(2 * times.size / _MOST_DRAWN)
+    group_size = math.ceil(2 * times.size / _MOST_SAMPLES)
     n_groups = times.size // group_size
     groups = values[: n_groups * group_size].reshape(n_groups, group_size)
     extremes = np.stack([groups.min(axis=1), groups.max(axis=1)], axis=1)

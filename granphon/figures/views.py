@@ -41,16 +41,15 @@ def read_angle(name: str, value: Any, unit: str) -> float:
     return angle
 
 
-def read_view(view: Any, default: View) -> View:
-    """Return the ``view`` that a user gives, ``default`` for None; InputError for what is no
-    view.
+def read_view(view: Any) -> View | None:
+    """Return the ``view`` that a user gives, also None, for a view by default; InputError for what
+    is no view.
     """
-    if view is None:
-        return default
-    if not isinstance(view, View):
+    if view is not None and not isinstance(view, View):
         mend = "Give granphon.figures.views.View(azimuth, elevation)"
         raise InputError(f"view is {brief(view)}", mend=mend)
-    return view
+    chosen_view: View | None = view
+    return chosen_view
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,8 @@ class Painter:
         nearness: float | None = None,
     ) -> None:
         """Add a flat arrow from ``start`` (3,) by ``along`` (3,), with a shaft of ``width``, in
-        units of length; the arrow is as near as its middle unless ``nearness`` is given.
+        units of length; the arrow is as near as its middle unless ``nearness`` is given. An arrow
+        whose length on the paper is below ``width`` is left out.
         """
         if nearness is None:
             nearness_of_arrow = float(self.view.nearness(start + 0.5 * along))
@@ -190,7 +190,7 @@ class Painter:
         arrow = self.view.project(along)
         length = float(np.linalg.norm(arrow))
         if length < width:
-            return  # the arrow points along the line of sight
+            return  # too short to be seen, or nearly along the line of sight
         direction = arrow / length
         normal = np.array([-direction[1], direction[0]])
         # an arrow that is short on the paper keeps its shape, and is drawn smaller
@@ -222,8 +222,8 @@ class Painter:
         nearnesses, paths, faces, edges, widths = zip(*shapes, strict=True)
         nearest = nearnesses[-1]
         depth = max(nearest - nearnesses[0], 1e-9)  # above zero where all are equally near
-        # the white part of each shape, (n, 1)
-        white = fade * (nearest - np.array(nearnesses)[:, None]) / depth
+        # of each shape, (n, 1)
+        white_parts = fade * (nearest - np.array(nearnesses)[:, None]) / depth
         look: dict[str, Any] = {
             "linewidths": widths,
             "capstyle": "round",
@@ -232,7 +232,7 @@ class Painter:
         }
         for name, colours in (("facecolors", faces), ("edgecolors", edges)):
             rgba = np.array(colours)
-            rgba[:, :3] += white * (1.0 - rgba[:, :3])
+            rgba[:, :3] += white_parts * (1.0 - rgba[:, :3])
             look[name] = rgba
         collection = PathCollection(list(paths), **look, **options)
         ax.add_collection(collection, autolim=False)

@@ -40,7 +40,8 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed, write_quantity
-from granphon.base.validation import positive, whole_number
+from granphon.base.validation import number as in_range
+from granphon.base.validation import positive, require, require_instance, whole_number
 from granphon.figures.bands import name_corners
 from granphon.figures.choices import choose_held, describe_value, list_parameters
 from granphon.figures.curves import describe_lines
@@ -74,21 +75,23 @@ from granphon.waves.spectral_functions import SpectralFunction
 _SHADES = 1e3
 #: least number of rows of a map in which frequencies are grouped: many more cannot be told apart in
 #: print
-_ROWS = 600
+_LEAST_ROWS = 600
 #: a spectrum ends at this multiple of the highest frequency of the bands
-_BEYOND_BANDS = 1.08
+_TOP_OVER_BANDS = 1.08
 #: a line below this part of the highest peak is not drawn
 _LEAST_LINE = 1e-3
 #: greatest height of a trace of a pulse, whose rows are 1 apart, so that a gap to the next is left
 _HEIGHT = 0.45
 #: a line counts as resolved if its width is resolved in this part of the samples
-_RESOLVED = 0.5
-#: number of receivers up to which each receiver has a colour and an entry of the legend
-_FEW = len(COLOURS)
+_LEAST_RESOLVED = 0.5
+#: greatest magnitude of the power of a law of attenuation
+_MOST_POWER = 100.0
+#: greatest number of receivers of which each has a colour and an entry of the legend
+_MOST_RECEIVERS = len(COLOURS)
 #: greatest number of maps in a figure, and of receivers if several states are drawn
-_PANELS = 4
+_MOST_PANELS = 4
 #: greatest number of states in a figure
-_STATES = 8
+_MOST_STATES = 8
 #: number of loads from which responses are maps over the load, and range of their colours, in dB
 _LOADS_OF_MAP = 6
 _DECIBELS = 80.0
@@ -126,7 +129,7 @@ def plot_spectrum(
     highest = float(spectra.bands.max() if has_bands else spectrum.frequencies.max())
     unit = HertzPrefix.for_top(highest)
     x = spectra.distances[order]
-    top = _BEYOND_BANDS * highest if has_bands else highest
+    top = _TOP_OVER_BANDS * highest if has_bands else highest
     is_below_top = spectrum.frequencies <= top
     frequencies = spectrum.frequencies[is_below_top]
     edges_y, row_values = _group_rows(frequencies, spectrum.values[order][:, is_below_top])
@@ -179,11 +182,11 @@ def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefi
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
     """Return the rows of a map over ``frequencies`` (n_f,), Hz: their edges (r + 1,), Hz, and the
     greatest of the ``values`` (n, n_f) in each row, (n, r). A row has as many frequencies as leave
-    ``_ROWS`` rows or more, and at least one. Last frequencies that do not fill a row are left out.
-    The edge between two rows is half way from the last frequency of the one to the first of the
-    other; the outer edges are the lowest and the highest frequency in a row.
+    ``_LEAST_ROWS`` rows or more, and at least one. Last frequencies that do not fill a row are left
+    out. The edge between two rows is half way from the last frequency of the one to the first of
+    the other; the outer edges are the lowest and the highest frequency in a row.
     """
-    n_per_row = max(1, frequencies.size // _ROWS)
+    n_per_row = max(1, frequencies.size // _LEAST_ROWS)
     n_rows = frequencies.size // n_per_row
     rows = values[:, : n_rows * n_per_row].reshape(len(values), n_rows, n_per_row)
     row_frequencies = frequencies[: n_rows * n_per_row].reshape(n_rows, n_per_row)
@@ -284,11 +287,15 @@ def plot_surface(
     dots, and fields about dotted waves.
 
     Raises :class:`~granphon.base.errors.InputError` for one frequency, for several wave vectors
-    that are all the same, and for errors of another number than that of the waves.
+    that are all the same, for ``branches`` that are none or at other wave vectors, and for errors
+    of another number than that of the waves.
     """
     unit = HertzPrefix.for_top(float(spectrum.edges.max()))
     q = spectrum.qpoints
-    drawn_branches = branches or spectrum.waves
+    drawn_branches = spectrum.waves
+    if branches is not None:
+        _require_branches_at(q, branches)
+        drawn_branches = branches
     n_waves = 0 if drawn_branches is None else len(drawn_branches.frequencies)
     wave_errors = np.zeros(n_waves)
     if errors is not None:
@@ -319,6 +326,17 @@ def plot_surface(
     ax.set(ylabel=f"Frequency ({write_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
+
+
+def _require_branches_at(q: Array, branches: SurfaceBranches) -> None:
+    """Raise InputError unless ``branches`` are waves of an edge at the wave vectors ``q``
+    (n_q, 3).
+    """
+    mend = "Give surface.branches of the wave vectors of the spectrum"
+    require_instance("branches", branches, SurfaceBranches, mend)
+    are_same = branches.qpoints.shape == q.shape and np.allclose(branches.qpoints, q, rtol=0.0)
+    if not are_same:
+        raise InputError("the branches are at other wave vectors than the spectrum", mend=mend)
 
 
 def _draw_surface_curves(
@@ -432,15 +450,18 @@ def plot_attenuation(
     """Draw the attenuation of resolved lines over their frequency, with a power law through the
     line of the lowest frequency. Axes are logarithmic where a law is drawn.
 
-    ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
-    dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
-    have no law by default. Points and law have one ``colour``. The standard errors (n,) of
-    frequencies, Hz, and of attenuations, 1/m, under "peak" and "attenuation" in ``errors``, nan
-    where unknown, are bars; ``errors`` of other names are not drawn.
+    ``power``, from -100 to 100, is by default that of Rayleigh's scattering by small disorder:
+    omega^(d+1) in d dimensions, where d is the number of components of q. Lines of rotations, which
+    are no sound, have no law by default. Points and law have one ``colour``. The standard errors
+    (n,) of frequencies, Hz, and of attenuations, 1/m, under "peak" and "attenuation" in ``errors``,
+    nan where unknown, are bars; ``errors`` of other names are not drawn.
 
-    Raises :class:`~granphon.base.errors.InputError` for errors of another shape, and for ``errors``
-    that are no mapping.
+    Raises :class:`~granphon.base.errors.InputError` for errors of another shape, for ``errors``
+    that are no mapping, and for another ``power``.
     """
+    law_power = power
+    if power is not None:
+        law_power = require("power", partial(in_range, low=-_MOST_POWER, high=_MOST_POWER), power)
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
     frequencies = spectrum.peak[is_drawn] / unit.hertz
@@ -465,25 +486,33 @@ def plot_attenuation(
             elinewidth=0.7,
         )
     is_rotation = spectrum.polarisation.startswith("rot")
-    has_law = power is not None or not is_rotation
-    if frequencies.size > 1 and has_law:
-        exponent = spectrum.q.shape[1] + 1.0 if power is None else power
-        lowest = int(np.argmin(frequencies))
-        ends = np.array([frequencies.min(), frequencies.max()])
-        label = f"$f^{{{exponent:g}}}$"
-        _, labels_in_legend = ax.get_legend_handles_labels()
-        style: dict[str, Any] = {
-            "color": colour,
-            "linewidth": 0.9,
-            "linestyle": ":",
-            "label": "_" if label in labels_in_legend else label,
-        }
-        ax.plot(ends, attenuations[lowest] * (ends / frequencies[lowest]) ** exponent, **style)
-        ax.set(yscale="log")
-        scale_axis(ax, "x", frequencies)
+    if law_power is None and not is_rotation:
+        law_power = spectrum.q.shape[1] + 1.0
+    if law_power is not None and frequencies.size > 1:
+        _draw_power_law(ax, frequencies, attenuations, law_power, colour)
     ax.set(xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
+
+
+def _draw_power_law(ax: Axes, x: Array, y: Array, power: float, colour: str) -> None:
+    """Draw the law y proportional to x^power through the point of the least ``x``, from the least
+    to the greatest ``x``, dotted, and make the axes logarithmic. ``x`` and ``y`` (n,) are above
+    zero, and in the units of the axes. Of laws of one power the first is named in the legend.
+    """
+    lowest = int(np.argmin(x))
+    ends = np.array([x.min(), x.max()])
+    label = f"$f^{{{power:g}}}$"
+    _, labels_in_legend = ax.get_legend_handles_labels()
+    style: dict[str, Any] = {
+        "color": colour,
+        "linewidth": 0.9,
+        "linestyle": ":",
+        "label": "_" if label in labels_in_legend else label,
+    }
+    ax.plot(ends, y[lowest] * (ends / x[lowest]) ** power, **style)
+    ax.set(yscale="log")
+    scale_axis(ax, "x", x)
 
 
 def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
@@ -491,11 +520,11 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     of fewer.
 
     The axis of frequency ends above the highest frequency at which a line has a thousandth of the
-    highest peak.
+    highest peak, or more.
     """
     drawn_numbers = pick_evenly(len(spectrum.q), len(COLOURS))
     values = spectrum.values[drawn_numbers]
-    is_seen = values.max(axis=0) > _LEAST_LINE * values.max()  # (n_f,)
+    is_seen = values.max(axis=0) >= _LEAST_LINE * values.max()  # (n_f,), all if all are zero
     top = float(spectrum.frequencies[np.flatnonzero(is_seen)[-1]])
     unit = HertzPrefix.for_top(top)
     for colour, number in zip(COLOURS, drawn_numbers, strict=False):
@@ -524,7 +553,8 @@ def plot_sample_dos(
 
     ``errors`` are further standard errors (n,), 1/Hz, nan where unknown, by the names of the
     densities: those that errors of parameters cause, which add up in squares with the density's
-    own. Raises :class:`~granphon.base.errors.InputError` for errors of another shape.
+    own. Raises :class:`~granphon.base.errors.InputError` for errors of another shape, and for
+    ``errors`` that are no mapping.
     """
     frequencies = dos.frequencies
     densities = [("black", "total", dos.total, dos.error)]
@@ -630,7 +660,7 @@ def _draw_line_frequencies(
     x = read_variable("path_distance") / read_variable("path_corners")[-1]
     peak = read_variable("line_frequency", number) / unit.hertz
     width = read_variable("line_width", number) / unit.hertz
-    is_resolved = read_variable("line_resolved", number) >= _RESOLVED
+    is_resolved = read_variable("line_resolved", number) >= _LEAST_RESOLVED
     half_width = np.where(is_resolved, 0.5 * width, 0.0)
     style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
     dots, *_ = ax.errorbar(x, peak, half_width, elinewidth=0.8, zorder=3, **style)
@@ -647,21 +677,20 @@ def _draw_attenuation(
     has_errors: bool,
 ) -> Array:
     """Draw the attenuation of the resolved lines of one polarisation in a state over their
-    frequency, with bars of the standard errors where all are known; return the frequencies (m,) of
-    the lines in this ``unit``.
+    frequency, with bars of the standard errors where these are known; return the frequencies (m,)
+    of the lines in this ``unit``.
 
     ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`; ``has_errors`` says
     whether the data set has standard errors.
     """
     attenuation = read_variable("attenuation", number)
-    is_resolved = read_variable("line_resolved", number) >= _RESOLVED
+    is_resolved = read_variable("line_resolved", number) >= _LEAST_RESOLVED
     is_drawn = is_resolved & (attenuation > 0.0)  # the axis is logarithmic
     frequencies = (read_variable("line_frequency", number) / unit.hertz)[is_drawn]
     bars = None
     if has_errors:
-        errors = read_variable("attenuation_error", number)
-        if np.all(np.isfinite(errors)):
-            bars = _limit_bars(attenuation[is_drawn], errors[is_drawn])
+        errors = np.nan_to_num(read_variable("attenuation_error", number)[is_drawn])
+        bars = _limit_bars(attenuation[is_drawn], errors)
     style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
     ax.errorbar(frequencies, attenuation[is_drawn], bars, elinewidth=0.7, **style)
     return frequencies
@@ -673,6 +702,7 @@ def _scale_attenuation(ax: Axes, frequencies: Array) -> None:
     """
     if frequencies.size:
         scale_axis(ax, "x", frequencies)
+        # the limits of the data hold the ends of bars too
         scale_axis(ax, "y", np.asarray(ax.dataLim.intervaly))
         return
     style: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
@@ -702,10 +732,10 @@ def pick_states(
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")
     dimensions = ("load", "medium", *list_parameters(dataset))
     counts = {dim: dataset.sizes[dim] for dim in dimensions if dim in dataset[name].dims}
-    held_dimensions = choose_held(counts, _STATES)
+    held_dimensions = choose_held(counts, _MOST_STATES)
     remaining_states = dataset.isel({dim: [0] for dim in held_dimensions})
     labels, indices = _list_states(remaining_states, name)
-    drawn_numbers = pick_evenly(len(labels), _STATES)
+    drawn_numbers = pick_evenly(len(labels), _MOST_STATES)
     # the light end of the colours is too pale; a single state has a colour of its dark end
     positions = np.linspace(0.0, 0.85, len(drawn_numbers)) if len(drawn_numbers) > 1 else [0.3]
     shades = colormaps["viridis"](positions)
@@ -724,13 +754,13 @@ def pick_states(
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
     n_states = math.prod(counts.values())
     if n_states > len(drawn_numbers):
-        values = _describe_held(remaining_states, name, held_dimensions)
+        values = _describe_held_dimensions(remaining_states, name, held_dimensions)
         note = ", ".join([*values, f"{len(drawn_numbers)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
 
 
-def _describe_held(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
+def _describe_held_dimensions(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
     """Return in words the only value that each of these ``dimensions`` has in a data set; ``name``
     is a variable of the data set, by whose lines the facts are found.
     """
@@ -751,7 +781,8 @@ def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str,
     """Return the label of each state in which a sweep has the variable ``name``, in order of load,
     and the index of each state by dimension.
 
-    A label has the load, if the sweep has several, and the facts in which the states differ.
+    A label has the load, if the sweep has several, and the facts in which the states differ. A
+    state that is alone has its load as the label.
     """
     load = find_load(dataset)
     loads = dataset[load].values
@@ -848,7 +879,7 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
             if name in given_errors:
                 heights = read_errors(given_errors[name], values.shape) / scale
                 draw_error_band(below, times, values / scale, heights, colour, f"{name}-errors")
-        if given_errors:
+        if {"coherent", "envelope", "speckle"} & set(given_errors):
             below.add_line(make_error_handle())
         below.set(
             xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None)
@@ -867,9 +898,10 @@ def plot_frame(
     ``frame`` is counted from 0, and ``most`` is the velocity, m/s, of the strongest colour; by
     default the greatest velocity of the frame. Balls at rest have the colour in the middle, also if
     all are at rest. Raises :class:`~granphon.base.errors.InputError` if the pulse has no such
-    frame, and for a ``most`` that is not above zero.
+    frame, for a ``network`` of another number of balls than that of the pulse, and for a ``most``
+    that is not above zero.
     """
-    _require_frames(pulse)
+    _require_frames(network, pulse)
     number = whole_number("frame", frame, 0, len(pulse.frames) - 1)
     velocities = pulse.velocities[number] @ pulse.polarisation
     if most is None:
@@ -881,10 +913,18 @@ def plot_frame(
     return ax
 
 
-def _require_frames(pulse: Pulse) -> None:
-    """Raise InputError for a pulse that has no frames."""
+def _require_frames(network: ContactNetwork, pulse: Pulse) -> None:
+    """Raise InputError for a pulse that has no frames, and for a ``network`` that is none or has
+    another number of balls and walls than that of the pulse.
+    """
+    mend = "Give the network in which the pulse runs"
+    require_instance("network", network, ContactNetwork, mend)
     if not len(pulse.frames):
         raise InputError("the pulse has no frames", mend="Give transmit the times of frames")
+    n_balls = pulse.velocities.shape[1]
+    if network.n_balls != n_balls:
+        problem = f"the pulse runs in {n_balls} balls, and the network has {network.n_balls}"
+        raise InputError(problem, mend=mend)
 
 
 def animate_pulse(
@@ -894,12 +934,12 @@ def animate_pulse(
     picture for each frame.
 
     ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new figure.
-    Raises :class:`~granphon.base.errors.InputError` for a pulse without frames, and for an
-    ``interval`` that is not above zero.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse without frames, for a ``network``
+    that :func:`plot_frame` refuses, and for an ``interval`` that is not above zero.
     """
     from matplotlib.animation import FuncAnimation
 
-    _require_frames(pulse)
+    _require_frames(network, pulse)
     milliseconds = positive("interval", interval, "ms")
     velocities = pulse.velocities @ pulse.polarisation  # (frames, n)
     with styled_figure(COLUMN_WIDTH, dpi=150) as new_figure:
@@ -981,7 +1021,7 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
     is a strong line.
     """
     curves: list[tuple[NDArray[Any], Any, float, str]]  # responses, colour, width of line, label
-    if len(response.receivers) <= _FEW:
+    if len(response.receivers) <= _MOST_RECEIVERS:
         receivers = zip(response.values.T, COLOURS, response.names, strict=False)
         curves = [(values, colour, 1.2, name) for values, colour, name in receivers]
     else:
@@ -1064,12 +1104,12 @@ def _share_out_responses(
 ) -> list[_ResponsePanel]:
     """Return the panels of the responses of ``states``, each a colour and the function that returns
     the values of a variable. One state has a panel with a curve for each receiver, at most
-    ``_FEW``. Several states have a panel for each receiver, at most ``_PANELS``, with a curve for
-    each state. ``receivers`` are the names of all; those drawn are taken evenly.
+    ``_MOST_RECEIVERS``. Several states have a panel for each receiver, at most ``_MOST_PANELS``,
+    with a curve for each state. ``receivers`` are the names of all; those drawn are taken evenly.
     """
     if len(states) == 1:
         ((_colour, read_variable),) = states
-        pairs = zip(pick_evenly(len(receivers), _FEW), COLOURS, strict=False)
+        pairs = zip(pick_evenly(len(receivers), _MOST_RECEIVERS), COLOURS, strict=False)
         curves = [(read_variable, receiver, colour) for receiver, colour in pairs]
         return [_ResponsePanel("", curves)]
     return [
@@ -1077,7 +1117,7 @@ def _share_out_responses(
             receivers[receiver] if len(receivers) > 1 else "",
             [(read_variable, receiver, colour) for colour, read_variable in states],
         )
-        for receiver in pick_evenly(len(receivers), _PANELS)
+        for receiver in pick_evenly(len(receivers), _MOST_PANELS)
     ]
 
 
@@ -1135,7 +1175,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
     kinds, _ = find_differing([facts for facts, _ in lines])
     # (facts in words, index of the line in the data set, number of the receiver) of each map
     panels = [(facts, index, number) for facts, index in lines for number in range(len(receivers))]
-    drawn_numbers = pick_evenly(len(panels), _PANELS)
+    drawn_numbers = pick_evenly(len(panels), _MOST_PANELS)
     with styled_figure(0.3 + 2.7 * len(drawn_numbers)) as figure:
         axes = figure.subplots(len(drawn_numbers), 1, squeeze=False, sharex=True)[:, 0]
         chosen_panels = [panels[number] for number in drawn_numbers]

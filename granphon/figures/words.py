@@ -103,7 +103,9 @@ def _write_setting(option: str, value: str, periods: int) -> str:
 
 
 def _describe_start(value: str, periods: int) -> str:
-    """Return the start of a simulation in words, from "a*" or from the name and size of a load."""
+    """Return the start of a simulation in words, from the reduced spacing a*, as "0.4", or from the
+    name and the size of a load, as "pressure 100"; ``periods`` decide the unit of the load.
+    """
     load, _, size = value.rpartition(" ")
     if not load:
         return f"a* of {size}"
@@ -132,7 +134,8 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     "W = 2 µm").
 
     A parameter of a kind of ball, "A.diameter", has the kind in its words: "d = 8 mm of A". A
-    number is in SI units.
+    number is in SI units. The kind of fact is the ``name``, but "spread" for the width of all
+    balls, and balls of the width zero are called equal.
     """
     if name in SPRING_PARAMETERS:
         motion = name.partition(".")[2]
@@ -190,12 +193,14 @@ def list_facts(packing: Packing) -> dict[str, str]:
     if spread is not None and packing.width and spread.kind != "uniform":
         # the fact of the width, see describe_parameter
         facts["spread"] += f" ({spread.kind})"
-    return facts | {"overlap": describe_overlap(finite=False)}
+    return facts | {"overlap": describe_overlap(has_terms=False)}
 
 
-def describe_overlap(*, finite: bool) -> str:
-    """Return in words whether states have the terms of relative order delta/d."""
-    return f"{'with' if finite else 'without'} terms of overlap/diameter"
+def describe_overlap(*, has_terms: bool) -> str:
+    """Return in words whether states have the terms of the relative order delta/d, where delta is
+    the overlap and d the diameter.
+    """
+    return f"{'with' if has_terms else 'without'} terms of overlap/diameter"
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:
@@ -221,8 +226,8 @@ def join_facts(facts: Iterable[str], letters: int) -> str:
 
 
 def wrap_fact(fact: str, letters: int) -> str:
-    """Return a ``fact`` in lines of at most so many ``letters``; a line is longer only where a
-    single word is. The name of a kind of balls stays on the line of the "of" before it.
+    """Return a ``fact`` in lines of at most so many ``letters``. The name of a kind of balls stays
+    on the line of the "of" before it; a line is longer only where a word, or these, are.
     """
     text = fact.replace(" of ", f" of{_NO_BREAK}")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)

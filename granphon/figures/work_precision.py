@@ -30,8 +30,8 @@ _LOOKS = tuple(zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, "#000000"), "os^DvP"
 #: of points closer than these ratios of time and error, in decades, the first has a label
 _CLOSE_TIMES = 0.25
 _CLOSE_ERRORS = 0.6
-#: a point slower than this part of the slowest has its label to the left
-_SLOW = 0.3
+#: a point that takes more than this part of the time of the slowest has its label to the left
+_PART_OF_SLOWEST = 0.3
 #: a bar goes down by this part of its value at most, because a logarithmic axis has no zero
 _BAR = 0.9
 #: the floor of rounding is drawn if it is above this part of the least error
@@ -77,24 +77,37 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         widen_axis(ax, axis, numbers)
     if not points_run:
         ax.set_xlim(*_TIMES)
-    _draw_floor(ax, points)
+    if errors:
+        floors = [point.floor for point in points if not point.failure and not point.random]
+        _draw_floor(ax, max(floors, default=0.0), min(errors))
+    else:
+        ax.set_ylim(*_ERRORS)
+        look: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "color": "0.4"}
+        ax.annotate(_explain_no_errors(points_run), (0.5, 0.5), **look)
     if points_run:
-        handles, _ = ax.get_legend_handles_labels()
-        ax.legend(
-            handles=[*handles, *_explain_markers(points_run)],
-            ncols=2,
-            handlelength=1.4,
-            columnspacing=1.0,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.17),
-            borderaxespad=0.0,
-        )
+        _add_legend_below(ax, points_run)
     counts_not_run = {
         method: sum(not point.ran for point in points if point.method == method)
         for method in methods
     }
     _write_not_run(ax, counts_not_run, len(points))
     return ax
+
+
+def _add_legend_below(ax: Axes, points_run: Sequence[MeasuredPoint]) -> None:
+    """Add below the axes the legend of the methods, and of the markers of the points that were
+    run.
+    """
+    handles, _ = ax.get_legend_handles_labels()
+    ax.legend(
+        handles=[*handles, *_explain_markers(points_run)],
+        ncols=2,
+        handlelength=1.4,
+        columnspacing=1.0,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.17),
+        borderaxespad=0.0,
+    )
 
 
 def _explain_markers(points_run: Sequence[MeasuredPoint]) -> list[Line2D]:
@@ -154,44 +167,44 @@ def _draw_method(
             gid="without-error",
             **look,
         )
-    for point in points_with_error:
-        if not point.resolved:
-            ax.plot(
-                point.seconds,
-                point.error,
-                linestyle="none",
-                mfc="white",
-                ms=_MARKER,
-                mew=0.9,
-                zorder=3.0,
-                **look,
-            )
+    points_with_open_marker = [point for point in points_with_error if not point.resolved]
+    ax.plot(
+        [point.seconds for point in points_with_open_marker],
+        [point.error for point in points_with_open_marker],
+        linestyle="none",
+        mfc="white",
+        ms=_MARKER,
+        mew=0.9,
+        zorder=3.0,
+        **look,
+    )
 
 
 def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, colour: str) -> None:
-    """Write the settings of several points of a method beside the points; of points that are close
-    together the first has a label, so that labels can be read.
+    """Write the settings of several ``points`` of a method, which have errors above zero, beside
+    the points; of points that are close together the first has a label, so that labels can be read.
+    A single point has none.
 
     ``slowest`` is the longest time of all methods, s, and ``colour`` that of the method.
     """
-    labelled: list[MeasuredPoint] = []
     if len(points) < 2:  # a method without a setting to choose
         return
+    points_with_label: list[MeasuredPoint] = []
     for point in points:
         is_close = any(
             abs(math.log10(point.seconds / neighbour.seconds)) <= _CLOSE_TIMES
             and abs(math.log10(point.error / neighbour.error)) <= _CLOSE_ERRORS
-            for neighbour in labelled
+            for neighbour in points_with_label
         )
         if is_close:
             continue
-        labelled.append(point)
+        points_with_label.append(point)
         # The label stands to the right and above, as a curve falls to the right. Near the right
         # end of the axes it would not have room, and stands to the left and below.
-        is_slow = point.seconds > _SLOW * slowest
+        is_slow = point.seconds > _PART_OF_SLOWEST * slowest
         offset = -3.0 if is_slow else 3.0
         ax.annotate(
-            point.knob.replace(" x ", "×"),
+            point.knob.replace(" x ", "×"),  # a shape, "32 x 32", takes less room
             (point.seconds, point.error),
             (offset, offset),
             textcoords="offset points",
@@ -203,7 +216,7 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
 
 
 def _explain_no_errors(points_run: Sequence[MeasuredPoint]) -> str:
-    """Return in words why none of the points that were run has an error."""
+    """Return in words why none of the points that were run has an error above zero."""
     if not points_run:
         return "nothing was run"
     if any(not point.failure for point in points_run):
@@ -211,20 +224,12 @@ def _explain_no_errors(points_run: Sequence[MeasuredPoint]) -> str:
     return "run, but without a reference"
 
 
-def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
-    """Draw the floor of rounding as a line or, if it is far below all errors, write its value at
-    the bottom of the axes. If no point has an error, set the limits of the axis of errors, and
-    write in the middle why there is none.
+def _draw_floor(ax: Axes, floor: float, least_error: float) -> None:
+    """Draw the ``floor`` of rounding as a line or, if it is far below the ``least_error``, write
+    its value at the bottom of the axes; a floor of zero is none. Both are relative errors.
     """
-    style: dict[str, Any] = {"xycoords": "axes fraction", "color": "0.4"}
-    floors = [point.floor for point in points if not point.failure and not point.random]
-    floor = max(floors, default=0.0)
-    errors = [point.error for point in points if point.error > 0.0]
-    points_run = [point for point in points if point.ran]
-    if not any(point.error > 0.0 for point in points_run):
-        ax.set_ylim(*_ERRORS)
-        ax.annotate(_explain_no_errors(points_run), (0.5, 0.5), ha="center", **style)
-    elif floor > _LEAST_FLOOR * min(errors):
+    style: dict[str, Any] = {"color": "0.4", "fontsize": 7.0}
+    if floor > _LEAST_FLOOR * least_error:
         ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
         ax.annotate(
             "rounding",
@@ -233,11 +238,11 @@ def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
             ("axes fraction", "data"),
             "offset points",
             ha="right",
-            color="0.4",
-            fontsize=7.0,
+            **style,
         )
-    elif floor:
-        ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), fontsize=7.0, **style)
+    elif floor > 0.0:
+        text = f"rounding: {floor:.0e}, below"
+        ax.annotate(text, (0.02, 0.02), xycoords="axes fraction", **style)
 
 
 def _write_not_run(ax: Axes, counts: dict[str, int], n_points: int) -> None:

@@ -48,6 +48,8 @@ LARGE_ERROR = 0.5
 _SCATTER_OF_ROUNDING = 0.1
 #: data count as not rounded if their last decimal is below this part of the largest of them
 _FINEST_ROUNDING = 1e-11
+#: exponent of the least power of ten that has all digits of double precision
+_LOWEST_POWER = -307
 #: f* at the least force of the data for the narrowest width that is tried: disorder has no effect
 #: there
 _NARROWEST_AT = 1e4
@@ -139,13 +141,15 @@ def compute_leverages(matrix: Array) -> Array:
 
 
 def find_rounding(values: Array) -> float:
-    """Return the unit of the last decimal of ``values`` (n,), all above zero: the largest power of
-    ten of which all values are multiples; 1e-11 of the largest value if they have more decimals.
+    """Return the unit of the last decimal of ``values`` (n,), one or more, all finite and above
+    zero: the largest power of ten of which all values are multiples; 1e-11 of the largest value if
+    they have more decimals, or are all below 1e-307.
     """
     largest = float(np.max(values))
     highest = math.floor(math.log10(largest))
-    lowest = math.floor(math.log10(_FINEST_ROUNDING * largest))
-    for power in range(highest, lowest, -1):
+    lowest = math.floor(math.log10(largest) + math.log10(_FINEST_ROUNDING))
+    # lower powers of ten do not have all digits of double precision
+    for power in range(highest, max(lowest, _LOWEST_POWER - 1), -1):
         steps = values / 10.0**power
         # a decimal number in double precision, and the division, are rounded
         if np.all(np.abs(steps - np.rint(steps)) <= 4.0 * np.finfo(float).eps * steps):

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from granphon.base.arrays import ROUNDED, Array, Flags
+from granphon.base.arrays import ROUNDING, Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.base.text import list_names, suggest
@@ -393,7 +393,7 @@ class _Pulses:
             samples = signal[: _count_quiet_samples(traces, name, signal, quiet)]
             offsets.append(np.mean(samples))
             # noise below the rounding of the samples is that rounding
-            noise.append(max(np.std(samples, ddof=1), ROUNDED * np.max(np.abs(signal))))
+            noise.append(max(np.std(samples, ddof=1), ROUNDING * np.max(np.abs(signal))))
         signals = scaled_signals - np.array(offsets)[:, None]
         deviations = np.array(noise)
         lowpass_filter = _choose_filter(traces, signals, deviations, lowpass)

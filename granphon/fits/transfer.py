@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
 from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDING, Array
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
@@ -272,7 +272,7 @@ class TransferFunction(Result):
                 mend="Look at the band, drive harder, or record for longer",
             )
         transfer = cross_spectrum[is_kept] / spectrum[is_kept]
-        coherences = np.minimum(coherences[is_kept], 1.0 - ROUNDED)
+        coherences = np.minimum(coherences[is_kept], 1.0 - ROUNDING)
         relative_error = np.sqrt((1.0 - coherences) / (2.0 * n_independent * coherences))
         magnitude = np.abs(transfer)
         return cls(

@@ -99,8 +99,11 @@ class Parameters:
         """Return the value that ``find`` has at the network of these ``values`` (n,), SI, a number
         or (m,), and its derivatives by the parameters, (n,) or (m, n).
 
-        The derivatives are central differences between networks that ``make`` makes anew; at a
-        bound they are one-sided. ``find`` is that of :meth:`Numbers.differentiate`.
+        The derivatives are differences between networks that ``make`` makes anew, with a step of
+        :data:`_STEP` up and down; a step that would pass a bound ends there, so that differences
+        are lopsided near a bound and one-sided at it. ``find`` is that of
+        :meth:`Numbers.differentiate`; the derivatives that it gives are those by the numbers of a
+        network, and are not used.
         """
         value, _slopes = _read_goal(find(self.make_network(values)))
         columns = []

@@ -39,7 +39,7 @@ from granphon.balls.hertz import (
     high_pressure_overlap,
     read_overlap,
 )
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDING, Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import real_array
@@ -256,7 +256,7 @@ class SpreadLaw(EnergyLaw):
                 # the ratio is within 1 % of one, so that each iteration gains two digits or more
                 ratio = self._series.ratio(delta / self.width, FORCE)
                 next_delta = np.asarray(hertz.overlap(force / ratio))
-                is_settled = np.all(np.abs(next_delta - delta) <= ROUNDED * next_delta)
+                is_settled = np.all(np.abs(next_delta - delta) <= ROUNDING * next_delta)
                 delta = next_delta
                 if is_settled:
                     break
@@ -498,7 +498,7 @@ class AveragedLaw(SpreadLaw):
             residual = np.asarray(self.shape.force(y[is_active])) - target[is_active]
             step = residual / np.asarray(self.shape.stiffness(y[is_active]))
             # a value is settled when its step is negative, or no larger than rounding
-            is_settled = step <= 0.5 * ROUNDED * np.abs(y[is_active])
+            is_settled = step <= 0.5 * ROUNDING * np.abs(y[is_active])
             y[is_active] -= np.where(is_settled, 0.0, step)
             is_active[is_active] = ~is_settled
             if not np.any(is_active):

@@ -20,7 +20,7 @@ import numpy as np
 from granphon.balls.ball import Ball, Wall
 from granphon.balls.contact_laws import Hertz
 from granphon.balls.lattices import Lattice
-from granphon.balls.loads import Load
+from granphon.balls.loads import Load, given_load
 from granphon.balls.motions import Motions
 from granphon.balls.on_site import (
     DISPLACEMENTS,
@@ -50,7 +50,7 @@ from granphon.media.state import NetworkState
 #: options of an arrangement that a crystal has too
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending", "on_site")
 #: relative difference of two masses or inertias that is put down to rounding
-_SAME_MASS = 1e-12
+_MASS_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class Arrangement:
 
     @property
     def is_held(self) -> bool:
-        """Whether a floor, a clamp or springs to the ground hold balls."""
+        """Whether a floor, a wall, a clamp or springs to the ground hold balls."""
         return self.crystal.is_held
 
     @property
@@ -297,8 +297,9 @@ class Arrangement:
         rows.append(("contact law", law, ""))
         for _, layers, edges in self.cut:
             words = [edge if isinstance(edge, str) else edge.describe() for edge in edges]
-            cut = f"{counted(layers, 'layer')}, {' and '.join(words)}"
-            rows.append(("cut", cut, ""))
+            # how many layers a given crystal has is not known
+            layers_in_words = "" if self.given else f"{counted(layers, 'layer')}, "
+            rows.append(("cut", f"{layers_in_words}{' and '.join(words)}", ""))
         if self.torsion:
             rows.append(("torsion", self.torsion, "k d^2"))
         if self.bending:
@@ -529,7 +530,7 @@ def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
 def _has_solid_mass(ball: Ball) -> bool:
     """Return whether the mass of a ball is that of a solid ball; another mass was given."""
     solid_mass = ball.material.ball_mass(ball.diameter)
-    return math.isclose(ball.mass, solid_mass, rel_tol=_SAME_MASS)
+    return math.isclose(ball.mass, solid_mass, rel_tol=_MASS_ROUNDING)
 
 
 def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
@@ -543,7 +544,7 @@ def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
     # None lets the new ball compute the number of a solid one
     if _has_solid_mass(ball):
         changes["mass"] = None
-    if math.isclose(ball.inertia, solid_inertia, rel_tol=_SAME_MASS):
+    if math.isclose(ball.inertia, solid_inertia, rel_tol=_MASS_ROUNDING):
         changes["inertia"] = None
     if parameter in ("diameter", "mass"):
         changes[parameter] = value
@@ -604,7 +605,9 @@ class LoadedCrystal(NetworkState):
         self.name = packing.structure.name
 
     def __getitem__(self, index: Any) -> LoadedCrystal:
-        """Select some of the loads, by an index as for arrays."""
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`~granphon.media.state.select_loads`.
+        """
         return type(self)(self.packing, self.source[index])
 
     @property
@@ -735,7 +738,7 @@ class CrystalMedium(Medium[Any]):
         those of the methods ``at_...`` of :class:`~granphon.Crystal`.
         """
         crystal = self.packing.crystal
-        load = load.applied
+        load = given_load(load).applied
         sizes = load.array
         options: dict[str, Any] = {"finite_overlap": finite_overlap}
         if load.gravity is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -143,7 +144,9 @@ class AutoMedium(Medium[ContactState]):
     }
 
     def __post_init__(self) -> None:
-        """Read the options, and replace each by the value that was read."""
+        """Read the options, replace each by the value that was read, and raise the errors that the
+        class lists for options.
+        """
         given_packing(self.packing)
         tolerance = require("tolerance", self.options["tolerance"].rule, self.tolerance)
         options = {name: self.truth.options[name] for name in REFERENCE_OPTIONS}
@@ -324,9 +327,10 @@ def register_medium(medium: T) -> T:
     if not isinstance(attributes.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
         raise InputError(f"{brief(medium)} is no medium", mend=mend)
-    if "words" not in attributes:
-        candidate.words = attributes["name"]
+    has_words = "words" in attributes
     MEDIA.add(attributes["name"], candidate, candidate)
+    if not has_words:
+        candidate.words = attributes["name"]
     return medium
 
 
@@ -356,8 +360,9 @@ class MediumChoice:
 
     Raises
     ------
-    InputError : a name that no medium has, an option that the medium does not have, or a value that
-        the option does not take.
+    InputError : a name that no medium has, options that are no pairs of name and value, an option
+        that the medium does not have, a value that the option does not take, or options of a
+        history of friction that do not go together.
     """
 
     name: str
@@ -369,7 +374,10 @@ class MediumChoice:
     def __post_init__(self) -> None:
         """Read name and options, and leave out the options that are at their default."""
         name = require("medium", _read_name, self.name)
-        options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
+        given_options: Any = self.options
+        with suppress(TypeError, ValueError):  # what is no list of pairs is refused below
+            given_options = dict(given_options)
+        options = require(f"medium.{name}", partial(_read_options, name), given_options)
         # options at their default are dropped, so that choices with the same meaning compare equal
         defaults = _list_defaults(name)
         changed_options = [
@@ -462,6 +470,9 @@ class MediumChoice:
         the directions of the lattice: the term is then the part of the modulus that these leave
         out. The averages were measured against arrays of one W/d: their term is the difference that
         the W/d of the packing makes to what the directions of the lattice leave out.
+
+        Raises the errors of :class:`~granphon.DirectSimulation` for a simulation that balls of the
+        ``packing``, whose diameters differ, do not have.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
@@ -597,8 +608,8 @@ class MediumChoice:
             )
 
     def of(self, packing: Balls) -> Medium[Any]:
-        """Return the medium of this packing with the options of the choice; InputError if such
-        balls do not have this medium.
+        """Return the medium of this packing with the options of the choice. Raises InputError if
+        such balls do not have this medium, and the errors of the class of the medium.
         """
         self.require_for(packing)
         options: Any = dict(self.options)

@@ -627,20 +627,20 @@ def motion(
     balls: int,
     contacts: int,
     frames: int,
-    damped: bool,
-    implicit: bool,
+    has_dashpots: bool,
+    is_implicit: bool,
 ) -> Cost:
     """Return the estimated cost of a motion of so many ``balls`` and ``contacts``, kept in so many
     ``frames``.
 
     A step takes as long as some products of the dynamical matrix with a vector, whose time per
-    ball, s, is ``measure()``; ``damped`` steps have dashpots, ``implicit`` steps are iterated. The
-    time in which loops are compiled once is not counted.
+    ball, s, is ``measure()``. Steps take longer if they have dashpots, ``has_dashpots``, or are
+    iterated, ``is_implicit``. The time in which loops are compiled once is not counted.
     """
     products_of_step = _STEP_PRODUCTS
-    if damped:
+    if has_dashpots:
         products_of_step *= _DAMPED_STEP
-    if implicit:
+    if is_implicit:
         products_of_step *= _IMPLICIT_STEP
     products = steps * products_of_step + frames * _FRAME_PRODUCTS
     units = Units(products * balls, measure)

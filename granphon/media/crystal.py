@@ -79,6 +79,7 @@ from granphon.media.crystal_sites import (
     find_kinds,
     list_balls,
     name_kinds,
+    read_diameters,
     read_sites,
     require_cell,
     require_large_enough,
@@ -87,10 +88,9 @@ from granphon.media.crystal_sites import (
 )
 from granphon.media.limits import Check, check_limit
 from granphon.media.mean_force import (
-    MEAN_TOLERANCE,
     MOST_MEANS,
-    SAMPLE_TOLERANCE,
     MeanContacts,
+    MeanGoal,
     PressureSearch,
 )
 from granphon.media.sample_on_grid import SampleOnGrid
@@ -104,8 +104,8 @@ from granphon.statics.rest import Rest
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal, whose contacts are held in memory, about 1 kB a ball
 _MOST_BALLS = 10_000_000
-#: length of a spring to the ground, m: none, but with digits of its direction
-_NO_LENGTH = 1e-60
+#: length of a spring to the ground, m: next to nothing, but with digits of its direction
+_SPRING_LENGTH = 1e-60
 #: memory of a ball, or of a contact, while a crystal is made and checked, bytes
 _BALL_BYTES = 550.0
 #: the arrays of a state, in the order of its fields
@@ -122,11 +122,11 @@ _PER_LOAD = (
 #: units of a pressure, by the number of axes along which it acts
 _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 #: relative size of a component of a tensor or of gravity that is put down to rounding
-_ROUNDED = 1e-12
+_ROUNDING = 1e-12
 #: difference of the exponents of contacts that is put down to rounding
-_SAME_EXPONENT = 1e-9
+_EXPONENT_ROUNDING = 1e-9
 #: difference of the ratios of shear to normal stiffness of contacts that is put down to rounding
-_SAME_RATIO = 1e-12
+_RATIO_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,9 @@ class Side(NamedTuple):
 
     @property
     def strength(self) -> float:
-        """The yield strength of the wall, Pa; infinite where it is not known."""
+        """The yield strength of the wall, Pa; infinite where it is not known, or there is no wall
+        of a material.
+        """
         strength = self.edge.solid.yield_strength if isinstance(self.edge, Wall) else None
         return math.inf if strength is None else strength
 
@@ -182,7 +184,7 @@ class _Bodies(NamedTuple):
     ----------
     ball_number : (n,) the number of each ball among those that move by themselves; -1 of a ball of
         a clamped layer.
-    walls : the faces whose upper wall moves.
+    walls : the faces of each cut whose upper face a load moves, as a wall.
     wall_of_ball : (n,) the number of the moving wall that carries each ball; -1 of a ball that none
         carries.
     """
@@ -262,7 +264,7 @@ class Crystal(Result):
 
     Attributes
     ----------
-    kinds, names : the different balls, and the name of each kind: A, B, C, ... if its ball has no
+    kinds, names : the ball of each kind, and the name of each kind: A, B, C, ... if its ball has no
         name.
     kind : (n,) the number of the kind of each ball.
     deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their
@@ -274,12 +276,13 @@ class Crystal(Result):
     Raises
     ------
     InputError : arrays whose shapes do not fit, numbers that are not finite, an entry that is no
-        ball, two kinds of one name; a cell that lies across the first axes or has no room for a
-        ball, balls that overlap, that miss each other by less than a thousandth, or that touch
-        nothing; contacts that do not join all balls; a law that lacks a pair or a method, or that
-        is not the derivative of its energy; motions, torsion and bending that
-        :class:`~granphon.Packing` refuses; a spring of a motion that balls do not have, or with a
-        stiffness below zero or not finite.
+        ball, two kinds of one name, a kind called "floor"; a cell that lies across the first axes
+        or has no room for a ball, balls that overlap, that miss each other by less than a
+        thousandth, or that touch nothing; contacts that do not join all balls; an unknown law, one
+        that lacks a pair or a method, or that is not the derivative of its energy; motions, torsion
+        and bending that :class:`~granphon.Packing` refuses; a spring of a motion that balls do not
+        have, or with a stiffness below zero or not finite; a ``friction`` that is neither true nor
+        false, and a ``name`` that is no text.
     """
 
     _schema: ClassVar[int] = 2
@@ -362,8 +365,8 @@ class Crystal(Result):
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Make a crystal of the values of its fields, in the order of the class, without checks of
-        the values.
+        """Make a crystal of the values of its fields, in the order of the class. Of the values the
+        laws alone are checked, by :meth:`_set`.
         """
         crystal = object.__new__(cls)
         names = [field.name for field in fields(cls)]
@@ -473,8 +476,9 @@ class Crystal(Result):
         options : options of the class: law, friction, motions, torsion, bending, on_site, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
-        for an unknown lattice, for a number of kinds that does not go on its sites, and for radii
-        with which neighbours cannot all touch, or the larger balls touch each other first.
+        for an unknown lattice, for a number of kinds that does not go on its sites, for radii with
+        which neighbours cannot all touch, or the larger balls touch each other first, and for
+        arguments that the class refuses.
         """
         kinds = list_balls(balls)
         find_kinds(kinds)  # raises for an entry that is no ball
@@ -542,15 +546,11 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for a crystal without periods, another
         number of lengths, and more balls than memory holds.
         """
-        if not self.periods:
-            problem = f"crystal {self.name!r} has no period along which it could be repeated"
-            raise InputError(problem, mend="Give its cell")
-        rule = partial(lengths, low=1, high=_MOST_CELLS, periods=self.periods)
-        counts = require("shape", rule, shape)
+        counts = self._read_shape(shape)
         _require_room(math.prod(counts), self)
         table = self.contacts
         n = self.n_balls
-        cells, i, j, shift = repeat_contacts(table.i, table.j, table.shift, n, tuple(counts))
+        cells, i, j, shift = repeat_contacts(table.i, table.j, table.shift, n, counts)
         origin = np.tile(np.arange(n), len(cells))
         rows = np.tile(np.arange(len(table)), len(cells))
         contacts = table.take(rows, i, j, shift)
@@ -558,6 +558,16 @@ class Crystal(Result):
         positions = (cell_origins[:, None] + self.positions).reshape(-1, self.dimension)
         supercell = self.cell * np.array(counts)[:, None]
         return self._take(origin, contacts, positions, cell=supercell)
+
+    def _read_shape(self, shape: Any) -> tuple[int, ...]:
+        """Return the numbers of cells (L1, ..., Lp) of a supercell, from the ``shape`` of
+        :meth:`repeat`; the errors are those of :meth:`repeat`.
+        """
+        if not self.periods:
+            problem = f"crystal {self.name!r} has no period along which it could be repeated"
+            raise InputError(problem, mend="Give its cell")
+        rule = partial(lengths, low=1, high=_MOST_CELLS, periods=self.periods)
+        return tuple(require("shape", rule, shape))
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
         """Return a supercell whose balls have their own diameters, with the distributions that
@@ -572,7 +582,8 @@ class Crystal(Result):
         diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a
             shape and a seed.
 
-        The diameters of a kind are shifted so that their mean is exactly the diameter of the kind.
+        The diameters of a kind are shifted so that their mean is the diameter of the kind, to
+        rounding.
         The diameters differ little, as in a packing. All balls of a kind have the mass and the
         contact law of the mean ball, and mean balls touch at the reference sites. A contact of
         balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In the state at
@@ -584,15 +595,21 @@ class Crystal(Result):
         the other state, the states are those of :class:`~granphon.DirectSimulation` of these balls.
 
         Raises :class:`~granphon.base.errors.InputError` for a ``shape`` that is not p whole numbers
-        from 1 on, a ``seed`` that is no whole number from 0 on, and more balls than memory holds;
-        for diameters of another shape, or with a ``shape``; for diameters that are not finite and
-        above zero, also after the shift; and for crystals without a spread of which no diameters
-        are given.
+        from 1 on, a ``seed`` that is no whole number from 0 to 2^64 - 1, and more balls than memory
+        holds; for diameters of another shape, or with a ``shape``; for diameters that are not
+        finite and above zero, also after the shift; and for crystals without a spread of which no
+        diameters are given.
         """
         p = self.periods
         given_diameters = None
         if diameters is not None:
-            given_diameters = self._read_diameters(diameters, shape)
+            given_diameters = read_diameters(diameters, p, self.n_balls)
+            if shape is not None:
+                problem = (
+                    f"shape is {brief(shape)}, and diameters of the shape {given_diameters.shape}"
+                    " are given too"
+                )
+                raise InputError(problem, mend="Give the diameters, and no shape")
             shape = given_diameters.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
             raise InputError(
@@ -600,17 +617,16 @@ class Crystal(Result):
                 mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or"
                 " diameters",
             )
-        if shape is None:
-            shape = (1,) * p
-        counts = tuple(np.atleast_1d(np.asarray(shape)).tolist())
-        # a cluster without periods has an empty shape; repeat refuses another one
-        supercell = self.repeat(counts) if p or counts else self
+        # the shape of a cluster without periods is empty
+        is_of_one_cell = shape is None or (not p and isinstance(shape, list | tuple) and not shape)
+        counts = (1,) * p if is_of_one_cell else self._read_shape(shape)
+        supercell = self.repeat(counts) if p else self
         if given_diameters is None:
             sizes = self._draw(supercell.kind, counts, seed)
         else:
             sizes = given_diameters.ravel().astype(float)
         sample = supercell._derive(deviations=supercell._centre_sizes(sizes))
-        if p == self.dimension and not self._floors and self.on_site is None:
+        if p == self.dimension and not self._flat_sides and self.on_site is None:
             # with the grid of its cells the sample comes to rest sooner, in the same state
             vars(sample)["_grid"] = Grid.of(self.contacts, counts, self.n_balls)
         return sample
@@ -630,7 +646,7 @@ class Crystal(Result):
             least_diameter = ball.diameter + float(np.min(deviations_of_kind))
             if least_diameter <= 0.0:
                 problem = f"the smallest ball has a diameter of {least_diameter:g} m"
-                raise InputError(problem, mend="Give a smaller spread")
+                raise InputError(problem, mend="Give a smaller spread, or other diameters")
         return deviations
 
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
@@ -650,32 +666,18 @@ class Crystal(Result):
                 deviations[is_of_kind] = deviations_of_sites[is_of_kind]
         return deviations
 
-    def _read_diameters(self, diameters: ArrayLike, shape: Any) -> Array:
-        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m, as an
-        array; InputError for other axes, or if a ``shape`` is given too.
-        """
-        p = self.periods
-        n = self.n_balls
-        array = finite_array("diameters", diameters, "m", "above zero")
-        axes = [f"L{axis + 1}" for axis in range(p)]
-        if n > 1:
-            axes.append(str(n))
-        has_axes = array.ndim == len(axes) and (n == 1 or array.shape[-1] == n)
-        if not has_axes or shape is not None:
-            problem = f"diameters have the shape {array.shape}, and shape is {brief(shape)}"
-            raise InputError(problem, mend=f"Give an array ({', '.join(axes)}), and no shape")
-        return array
-
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
 
-        ``index`` is the number of a ball, or a list of numbers. The ball must have the radius of
-        the ball that it replaces, to half a millionth, so that it touches the same neighbours. In a
-        sample the new ball has the mean diameter of its kind. Other kinds keep their names, and a
-        new kind whose ball has no name gets the next free letter. Raises
-        :class:`~granphon.base.errors.InputError` for another radius, an argument that is no ball, a
-        number that no ball has, a name that another kind has, and a law that lacks a pair with the
-        new kind.
+        ``index`` is the number of a ball, or a list of numbers, each once. The ball must have the
+        radius of the ball that it replaces, to half a millionth, so that it touches the same
+        neighbours. In a sample the new ball has the mean diameter of its kind. Other kinds keep
+        their names; those with equal balls, as :meth:`with_balls` may make them, become one. A new
+        kind whose ball has no name gets the next free letter.
+
+        Raises :class:`~granphon.base.errors.InputError` for another radius, an argument that is no
+        ball, an empty list, a number that no ball has or that is given twice, a name that another
+        kind has, and a law that lacks a pair with the new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -730,9 +732,9 @@ class Crystal(Result):
         changed_kinds = kinds | dict(balls)  # in the order of the names
         return self._derive(kinds=tuple(changed_kinds.values()))
 
-    def with_springs(self, on_site: Array) -> Self:
-        """Return the crystal with other stiffnesses ``on_site`` (n, motions) of springs to the
-        ground, N/m and N m, in any form that the class takes.
+    def with_springs(self, on_site: Any) -> Self:
+        """Return the crystal with other springs to the ground: ``on_site`` are their stiffnesses
+        (n, motions), N/m and N m, or has another form that the class takes; None for no springs.
 
         Raises :class:`~granphon.base.errors.InputError` for what the class refuses.
         """
@@ -757,10 +759,11 @@ class Crystal(Result):
 
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
-        or a list of numbers.
+        or a list of numbers, each once.
 
-        Raises :class:`~granphon.base.errors.InputError` for a number that no ball has, and if no
-        ball is left, a face has no ball left, or the balls that are left do not hang together.
+        Raises :class:`~granphon.base.errors.InputError` for an empty list, for a number that no
+        ball has or that is given twice, and if no ball is left, a face has no ball left, or the
+        balls that are left do not hang together.
         """
         is_remaining = np.ones(self.n_balls, bool)
         is_remaining[index_array("index", index, self.n_balls)] = False
@@ -796,8 +799,8 @@ class Crystal(Result):
 
         The layers follow each other along the first axis that is no longer a period, the lower face
         first: y of a crystal cut from a plane, z from space, x from a chain. If need be the crystal
-        is turned, so that the periods that remain lie along x or in the xy plane. Where both faces
-        are walls, a load moves the upper wall.
+        is turned, so that the periods that remain lie along x or in the xy plane. Where neither
+        face is free, a load moves the upper one.
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, a number of
         layers that is not whole and above zero or does not fit into memory, another edge, a wall of
@@ -811,8 +814,21 @@ class Crystal(Result):
         lower_edge, upper_edge = name_walls(given_edges, model.named_kinds, model.walls)
         face_edges = (lower_edge, upper_edge)
         layering = Layers.across(axis, self.cell)
-        n = self.n_balls
+        layers_alone = self._stack_layers(layering, count)
         normal_axis = self.periods - 1  # the last period becomes the axis across the layers
+        heights = layers_alone.positions[:, normal_axis]
+        face_balls = find_faces(heights, layers_alone._mean_radii, face_edges, self.n_balls)
+        thickness = count * abs(float(layering.stack[normal_axis]))
+        faces = Faces(normal_axis, thickness, face_edges, face_balls)
+        crystal = layers_alone._derive(faces=(*self.faces, faces))
+        crystal._require_joined()
+        return crystal
+
+    def _stack_layers(self, layering: Layers, count: int) -> Self:
+        """Return ``count`` layers of the crystal, turned as the ``layering`` says, without the
+        faces of this cut. The layers come from the lowest up.
+        """
+        n = self.n_balls
         table = self.contacts
         # the balls of one layer, and then the contacts within and between all layers
         sites, gathered_shift = layering.gather(self.positions, table.i, table.j, table.shift)
@@ -824,18 +840,12 @@ class Crystal(Result):
         positions = layer_positions.reshape(-1, self.dimension)
         origin = np.tile(np.arange(n), count)
         crystal = self._take(origin, contacts, positions, cell=layering.cell)
-        heights = positions[:, normal_axis]
-        face_balls = find_faces(heights, self._mean_radii[origin], face_edges, n)
-        thickness = count * abs(float(layering.stack[normal_axis]))
-        faces = Faces(normal_axis, thickness, face_edges, face_balls)
         on_site = turn_on_site(crystal.on_site, layering.turn, self.named_motions)
-        crystal = crystal._derive(faces=(*crystal.faces, faces), on_site=on_site)
-        crystal._require_joined()
-        return crystal
+        return crystal._derive(on_site=on_site)
 
     def _require_joined(self) -> None:
         """Raise :class:`InputError` unless each face has a ball, each ball touches another or is
-        held, some balls touch, and all hang together, also by way of a floor or clamp.
+        held, some balls touch, and all hang together, also by way of a floor, wall or clamp.
         """
         n = self.n_balls
         table = self.contacts
@@ -848,7 +858,7 @@ class Crystal(Result):
         if not self.n_contacts:
             problem = f"no balls of crystal {self.name!r} touch"
             raise InputError(problem, mend="Give more layers, or remove fewer balls")
-        is_held = np.zeros(n, bool)  # a floor or clamp spans all periods and joins its balls
+        is_held = np.zeros(n, bool)  # a floor, wall or clamp spans all periods and joins its balls
         for side in self._sides:
             if side.edge != "free":
                 is_held[side.balls] = True
@@ -892,8 +902,8 @@ class Crystal(Result):
 
     @property
     def n_contacts(self) -> int:
-        """Number of contacts in the cell; contacts with floors count, and come last."""
-        return len(self.contacts) + sum(len(floor.balls) for floor in self._floors)
+        """Number of contacts in the cell; contacts with floors and walls count, and come last."""
+        return len(self.contacts) + sum(len(side.balls) for side in self._flat_sides)
 
     @property
     def measure(self) -> float:
@@ -932,7 +942,7 @@ class Crystal(Result):
 
     @property
     def is_held(self) -> bool:
-        """Whether a floor, a clamp or springs to the ground hold balls of the crystal."""
+        """Whether a floor, a wall, a clamp or springs to the ground hold balls of the crystal."""
         return any(side.edge != "free" for side in self._sides) or self.is_anchored
 
     @property
@@ -943,11 +953,12 @@ class Crystal(Result):
 
     @property
     def downward(self) -> Array:
-        """(d,) unit vector across the layers of a cut, towards the face that is held; towards the
-        lower face if both are held. Where springs to the ground alone hold the balls, the vector
-        points down the last axis.
+        """(d,) unit vector across the layers of the first cut with a face that is held, towards
+        that face; towards the lower face if both are held. Without such a face the vector points
+        down the last axis, along which each ball must have a spring to the ground.
 
-        Raises :class:`~granphon.base.errors.InputError` if nothing holds the balls.
+        Raises :class:`~granphon.base.errors.InputError` if neither a face nor such springs hold the
+        balls.
         """
         for side in self._sides:  # the lower face comes first
             if side.edge != "free":
@@ -964,12 +975,12 @@ class Crystal(Result):
 
     def _take_least_of_ends(self, quantity: Array) -> Array:
         """Return (n_c,) for each contact the smaller of the two values that a ``quantity`` (n,) of
-        balls has at its two ends; for a contact with a floor, the value of the ball.
+        balls has at its two ends; for a contact with a floor or wall, the value of the ball.
         """
         table = self.contacts
         between_balls = np.minimum(quantity[table.i], quantity[table.j])
-        on_floors = [quantity[floor.balls] for floor in self._floors]
-        return np.concatenate([between_balls, *on_floors])
+        on_flat_sides = [quantity[side.balls] for side in self._flat_sides]
+        return np.concatenate([between_balls, *on_flat_sides])
 
     @property
     def _contact_strengths(self) -> Array:
@@ -980,7 +991,7 @@ class Crystal(Result):
         of_kinds = np.array([math.inf if value is None else value for value in strengths])
         of_balls = self._take_least_of_ends(of_kinds[self.kind])
         no_wall = np.full(len(self.contacts), math.inf)  # of the contacts between balls
-        on_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
+        on_walls = [np.full(len(side.balls), side.strength) for side in self._flat_sides]
         of_walls = np.concatenate([no_wall, *on_walls])
         return np.asarray(np.minimum(of_balls, of_walls))
 
@@ -1006,44 +1017,50 @@ class Crystal(Result):
         return sides
 
     @property
-    def _floors(self) -> list[Side]:
-        """The faces that stand on a floor or wall."""
+    def _flat_sides(self) -> list[Side]:
+        """The faces that stand on a floor or wall, in the order of :attr:`_sides`."""
         return [side for side in self._sides if side.body is not None]
 
     @property
-    def _walls(self) -> list[Body]:
+    def _flat_bodies(self) -> list[Body]:
         """The different flat bodies that balls touch: floors and walls."""
-        return list(dict.fromkeys(side.body for side in self._floors if side.body is not None))
+        return list(dict.fromkeys(side.body for side in self._flat_sides if side.body is not None))
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
         """The different pairs of kinds that touch, and the number (n_c,) of the pair of each
-        contact. A wall counts as a kind. A pair has four entries: the two bodies, and their names.
+        contact. Floors and walls count as kinds. A pair has four entries: the two bodies, and their
+        names.
         """
-        table = self.contacts
-        walls = self._walls  # their numbers follow those of the kinds of balls
-        body_count = len(self.kinds) + len(walls)
-        kinds_i = self.kind[table.i]
-        kinds_j = self.kind[table.j]
-        on_floors = [self.kind[floor.balls] for floor in self._floors]
-        kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
-        numbers = [
-            len(self.kinds) + walls.index(floor.body) for floor in self._floors if floor.body
-        ]
-        floor_numbers = np.repeat(np.array(numbers, np.intp), [len(balls) for balls in on_floors])
-        lower_kind = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
-        higher_kind = np.concatenate([np.maximum(kinds_i, kinds_j), floor_numbers])
+        bodies: list[Body] = [*self.kinds, *self._flat_bodies]
+        names = [*self.names, *(body.name for body in self._flat_bodies)]
+        lower_kind, higher_kind = self._find_kinds_of_ends()
         # one whole number for each pair of kinds
         keys, pair_of_contact = np.unique(
-            lower_kind * body_count + higher_kind, return_inverse=True
+            lower_kind * len(bodies) + higher_kind, return_inverse=True
         )
-        bodies: list[Body] = [*self.kinds, *walls]
-        names = [*self.names, *(wall.name for wall in walls)]
         pairs = []
         for key in keys.tolist():
-            first, second = divmod(key, body_count)
+            first, second = divmod(key, len(bodies))
             pairs.append((bodies[first], bodies[second], names[first], names[second]))
         return pairs, pair_of_contact.astype(np.intp)
+
+    def _find_kinds_of_ends(self) -> tuple[Index, Index]:
+        """Return the numbers (n_c,) of the kinds of the two bodies of each contact, the lower
+        number first. The numbers of floors and walls, in the order of :attr:`_flat_bodies`, follow
+        those of the kinds of balls.
+        """
+        table = self.contacts
+        flat_bodies: list[Body | None] = [*self._flat_bodies]
+        kinds_i = self.kind[table.i]
+        kinds_j = self.kind[table.j]
+        lower_kinds = [np.minimum(kinds_i, kinds_j)]
+        higher_kinds = [np.maximum(kinds_i, kinds_j)]
+        for side in self._flat_sides:
+            number = len(self.kinds) + flat_bodies.index(side.body)
+            lower_kinds.append(self.kind[side.balls])
+            higher_kinds.append(np.full(len(side.balls), number))
+        return np.concatenate(lower_kinds), np.concatenate(higher_kinds)
 
     @cached_property
     def _laws(self) -> ContactLaws:
@@ -1068,8 +1085,12 @@ class Crystal(Result):
         """Return the law of a contact of the bodies i and j, its ratio 4 G*/E*, and E*, Pa.
 
         The numbers below n are those of the balls. The next numbers are those of the faces that
-        stand on a floor or wall, in their order; any larger number is a rigid floor.
+        stand on a floor or wall, in their order; any larger number is a rigid floor. Raises
+        :class:`~granphon.base.errors.InputError` for a number that is not whole or below zero, for
+        two bodies that are no balls, and for two kinds of which the law lacks the pair.
         """
+        whole_number("i", i, 0)
+        whole_number("j", j, 0)
         return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
 
     def _find_kind_name(self, number: int) -> str:
@@ -1078,15 +1099,18 @@ class Crystal(Result):
         """
         if number < self.n_balls:
             return self.names[int(self.kind[number])]
-        bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
-        floor = number - self.n_balls
-        return bodies[floor].name if floor < len(bodies) else RIGID_PLANE.name
+        bodies: list[Body] = [side.body or RIGID_PLANE for side in self._flat_sides]
+        index = number - self.n_balls
+        return bodies[index].name if index < len(bodies) else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
         """Return the state in which balls just touch, with zero stress, strain and displacements.
 
-        The overlaps are 1e-6 of the distances of the centres, and the forces and stiffnesses are
-        those at these overlaps: at zero overlap most laws have no stiffness.
+        The overlaps are 1e-6 of the distances of the two bodies of a contact, and the forces and
+        stiffnesses are those at these overlaps: at zero overlap most laws have no stiffness. In a
+        sample too it is the mean balls that touch.
+
+        Raises :class:`~granphon.base.errors.InputError` if balls have a spread, and none are drawn.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1113,7 +1137,7 @@ class Crystal(Result):
     @cached_property
     def contact_model(self) -> ContactModel:
         """The kinds and the laws of their contacts, for networks of the crystal."""
-        walls = tuple(wall for wall in self._walls if isinstance(wall, Wall))
+        walls = tuple(body for body in self._flat_bodies if isinstance(body, Wall))
         return ContactModel(
             self.kinds,
             self.names,
@@ -1177,14 +1201,14 @@ class Crystal(Result):
     @cached_property
     def _assembly(self) -> Assembly:
         """What comes to rest: balls, walls, the cell, and their contacts. Contacts between balls
-        come first, then those with floors, and springs to the ground, as contacts, last.
+        come first, then those with floors and walls, and springs to the ground, as contacts, last.
 
         Raises :class:`~granphon.base.errors.InputError` if balls have a spread, and none are drawn.
         """
         self._require_drawn()
         bodies = self._bodies
         d = self.dimension
-        rows = [self._list_ball_rows(), *map(self._list_floor_rows, self._floors)]
+        rows = [self._list_ball_rows(), *map(self._list_flat_rows, self._flat_sides)]
         rows.append(self._list_spring_rows())
         # the columns of all rows, each in one array
         columns = _Rows(*(np.concatenate(column) for column in zip(*rows, strict=True)))
@@ -1220,20 +1244,20 @@ class Crystal(Result):
         offset = self._bulges[table.i] + self._bulges[table.j]
         return _Rows(body_of_ball[table.i], body_of_ball[table.j], table.vector, offset)
 
-    def _list_floor_rows(self, floor: Side) -> _Rows:
-        """Return the contacts with a ``floor`` or wall; their vectors lead from the centre of the
-        ball to the flat body.
+    def _list_flat_rows(self, side: Side) -> _Rows:
+        """Return the contacts with the floor or wall at a ``side``; their vectors lead from the
+        centre of the ball to the flat body.
         """
         bodies = self._bodies
-        n = len(floor.balls)
-        flat_body = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
-        radii = self._mean_radii[floor.balls]
-        vector = floor.sign * radii[:, None] * np.eye(self.dimension)[floor.axis]
+        n = len(side.balls)
+        flat_body = bodies.n_balls + side.wall if side.wall >= 0 else bodies.held_body
+        radii = self._mean_radii[side.balls]
+        vector = side.sign * radii[:, None] * np.eye(self.dimension)[side.axis]
         return _Rows(
-            bodies.body_of_ball[floor.balls],
+            bodies.body_of_ball[side.balls],
             np.full(n, flat_body),
             vector,
-            self._bulges[floor.balls],
+            self._bulges[side.balls],
         )
 
     def _list_spring_rows(self) -> _Rows:
@@ -1243,7 +1267,7 @@ class Crystal(Result):
         return _Rows(
             bodies.body_of_ball[balls],
             np.full(len(balls), bodies.held_body),
-            _NO_LENGTH * np.eye(self.dimension)[axes],
+            _SPRING_LENGTH * np.eye(self.dimension)[axes],
             np.zeros(len(balls)),
         )
 
@@ -1326,10 +1350,10 @@ class Crystal(Result):
         ----------
         pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut
             crystal P also acts on both faces; on a free face the outer balls share it equally.
-        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or
-            (..., d) for one acceleration at each load; zeros are no gravity. With gravity the
-            periods keep the length at which balls touch, as between walls; P acts on the faces
-            alone, and may be zero.
+        gravity : (d,) the acceleration, m/s^2, of a crystal that a floor, a wall, a clamp or
+            springs to the ground hold, or (..., d) for one acceleration at each load; zeros are no
+            gravity. On a line a number will do. With gravity the periods keep the length at which
+            balls touch, as between walls; P acts on the faces alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
             cell, and static forces enter the response. By default contacts keep the directions of
             the sites, and overlaps are small, which drops terms of relative order delta/d.
@@ -1416,14 +1440,15 @@ class Crystal(Result):
             xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
             that was cut, the stress acts along the periods that remain, and the faces are not
             pressed.
-        gravity : m/s^2, of a crystal that stands on a floor or clamp, in the shapes of
-            :meth:`at_pressure`; the periods take the stress all the same.
+        gravity : m/s^2, as in :meth:`at_pressure`; the periods take the stress all the same.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
         ------
-        InputError : an array of another shape; a stress that contacts cannot bear, because they
-            only push along the lines of their centres.
+        InputError : an array of another shape, a matrix that is not symmetric, a crystal without
+            periods; a stress that contacts cannot bear, because they only push along the lines of
+            their centres, or under which no contact has a stiffness, as a stress of zero; gravity,
+            balls and spreads as in :meth:`at_pressure`.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
@@ -1461,8 +1486,10 @@ class Crystal(Result):
 
         Raises
         ------
-        InputError : an array of another shape; a strain that opens all contacts, or shortens a
-            period to nothing.
+        InputError : an array of another shape, a matrix that is not symmetric, a crystal without
+            periods; a strain under which all contacts are open or only touch, or that shortens the
+            cell to nothing along any direction; gravity, balls and spreads as in
+            :meth:`at_pressure`.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
@@ -1500,7 +1527,7 @@ class Crystal(Result):
         if components.shape[-2:] == (p, p):
             asymmetry = np.abs(components - np.swapaxes(components, -1, -2))
             sizes = np.max(np.abs(components), axis=(-2, -1), keepdims=True)  # of each tensor
-            if np.any(asymmetry > _ROUNDED * sizes):
+            if np.any(asymmetry > _ROUNDING * sizes):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
             return components
         if components.shape[-1:] != (len(voigt),):
@@ -1547,19 +1574,19 @@ class Crystal(Result):
         return values_of_loads, accelerations
 
     def _require_standing(self, field: Array) -> None:
-        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along a period, or along
-        an axis on which nothing holds the balls.
+        """Raise :class:`InputError` for gravity ``field`` (..., d), m/s^2, along an axis on which
+        nothing holds the balls; along a period only springs to the ground can.
         """
         d = self.dimension
         largest_component = np.max(np.abs(field), axis=-1, keepdims=True)
-        is_acting = np.abs(field) > _ROUNDED * largest_component
+        is_acting = np.abs(field) > _ROUNDING * largest_component
         acting_axes = np.flatnonzero(np.any(is_acting.reshape(-1, d), axis=0)).tolist()
-        wall_axes = {side.axis for side in self._sides if side.edge != "free"}
+        held_axes = {side.axis for side in self._sides if side.edge != "free"}
         anchored_axes = self._find_anchored_axes()
         has_clamp = any("clamped" in face.edges for face in self.faces)
         for axis in acting_axes:
             is_period = axis < self.periods
-            is_held = axis in wall_axes or has_clamp  # a clamp holds along all axes
+            is_held = axis in held_axes or has_clamp  # a clamp holds along all axes
             # along a period a face holds nothing, as balls repeat there; springs hold there too
             if axis in anchored_axes or (is_held and not is_period):
                 continue
@@ -1630,9 +1657,9 @@ class Crystal(Result):
         """
         mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
-            low, high = face.edges
-            if low == high == "free":
+            if face.edges in (("free", "free"), ("clamped", "clamped")):
                 continue
+            low, high = face.edges
             stands_on_low = low != "free"
             component = acceleration[face.axis]
             # m/s^2, away from the face that holds
@@ -1640,14 +1667,12 @@ class Crystal(Result):
             thicknesses = [cut.thickness for cut in self.faces if cut is not face]
             # the weight of all balls over the area of the face
             weight_pressure = mass * lift / (self.measure * math.prod(thicknesses))
-            is_held_at_both = face.edges == ("clamped", "clamped")
-            if lift <= 0.0 or pressure > weight_pressure or is_held_at_both:
+            if lift <= 0.0 or pressure > weight_pressure:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
             edge = low if stands_on_low else high
-            support = edge.name if isinstance(edge, Wall) else edge
-            if support == "clamped":
-                support = "clamp"
+            name = edge.name if isinstance(edge, Wall) else edge
+            support = "clamp" if edge == "clamped" else name
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
@@ -1706,7 +1731,9 @@ class Crystal(Result):
         with _in_double_precision(goals):
             loads = zip(goals.ravel().tolist(), accelerations, strict=True)
             solutions = [
-                self._find_mean(kind, goal, acceleration, is_exact=is_exact, boundary=boundary)
+                self._find_mean(
+                    MeanGoal(kind, goal), acceleration, is_exact=is_exact, boundary=boundary
+                )
                 for goal, acceleration in loads
             ]
             return self._stack(goals, solutions, 0, is_exact)
@@ -1719,36 +1746,37 @@ class Crystal(Result):
 
     def _find_mean(
         self,
-        kind: str,
-        goal: float,
+        goal: MeanGoal,
         acceleration: Array | None,
         *,
         is_exact: bool,
         boundary: Boundary,
     ) -> tuple[Rest, AppliedLoad]:
-        """Return the state at rest at which the mean of contacts is ``goal``, and its load.
+        """Return the state at rest at which the mean of contacts is the ``goal``, and its load.
 
-        ``kind`` is "force", of goals in N, or "overlap", of goals in m. ``acceleration`` (d,),
-        m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the cell deforms.
-        ``boundary`` is that of :meth:`at_pressure`.
-
-        The search is for the pressure. The next pressure follows from the power with which
-        overlaps grow with the pressure; where balls differ, from a secant. If that pressure is not
-        between those that are known to be too low and too high, their interval is halved.
+        ``acceleration`` (d,), m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the
+        cell deforms. ``boundary`` is that of :meth:`at_pressure`. The search for the pressure is
+        that of :class:`~granphon.media.mean_force.PressureSearch`.
 
         Raises InputError if all contacts are open, or if the mean is not reached: contacts have it
         at no pressure, or :data:`MOST_MEANS` trials do not come to it.
         """
-        assembly = self._assembly
         laws = self._laws
-        words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
-        pressure = self._estimate_pressure(kind, goal)
-        balls_differ = assembly.has_offsets
-        search = PressureSearch(goal, SAMPLE_TOLERANCE if balls_differ else MEAN_TOLERANCE)
+        balls_differ = self._assembly.has_offsets
+        has_gravity = acceleration is not None
+        next_pressure = self._estimate_pressure(goal)
+        search = PressureSearch(
+            goal,
+            balls_differ=balls_differ,
+            contacts_adhere=laws.can_adhere,
+            has_gravity=has_gravity,
+        )
         start: Rest | None = None
         state: Rest | None = None
         for _ in range(MOST_MEANS):
-            load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
+            pressure = next_pressure
+            words = f"a {goal}, at a pressure of {pressure:.6g}"
+            load = self._load_hydrostatic(pressure, acceleration, words)
             lattice_state = self._find_rest(load, "lattice", boundary, start)
             if is_exact:
                 # the state in the exact geometry is found from that in the directions of the sites.
@@ -1759,63 +1787,47 @@ class Crystal(Result):
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, balls_differ)
-            if not np.any(contacts.is_counted):
-                problem = f"all contacts are open under {load.words}"
-                why = "Those that adhere have come apart"
-                raise InputError(problem, why, f"Give a larger {kind}")
-            mean = contacts.find_mean(kind)
-            rounding = contacts.bound_rounding(kind, goal, balls_differ, laws.can_adhere)
+            contacts.require_any(goal, load.words)
+            mean = contacts.find_mean(goal.kind)
+            rounding = contacts.bound_rounding(goal, balls_differ, laws.can_adhere)
             if search.is_reached(mean, rounding):
                 return state, load
-            if acceleration is not None and search.is_stuck(mean, rounding):
+            if has_gravity and search.is_stuck(mean, rounding):
                 break  # gravity alone presses more than the goal
-            pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
-            guess = pressure * pressure_growth
-            if balls_differ:
-                # overlaps that balls of different diameters have on their sites do not depend on
-                # the pressure: the mean follows no power, and the last state is not scaled
-                overlap_growth = 1.0
-                guess = search.extrapolate(pressure, mean, guess)
-            # the next state is found from this one with the overlaps that are expected there
-            start = lattice_state.scale(overlap_growth)
-            next_pressure = search.choose(pressure, mean, guess)
-            if next_pressure is None:
+            guess, overlap_growth = search.find_next(contacts, pressure, mean)
+            if guess is None:
                 if search.last_error <= rounding:
                     return state, load
                 break
-            pressure = next_pressure
-        has_gravity = acceleration is not None
-        raise self._explain_unreached_mean(kind, goal, pressure, mean, has_gravity)
+            # the next state is found from this one with the overlaps that are expected there
+            start = lattice_state.scale(overlap_growth)
+            next_pressure = guess
+        raise self._explain_unreached_mean(goal, pressure, mean, has_gravity)
 
     def _explain_unreached_mean(
-        self, kind: str, goal: float, pressure: float, mean: float, has_gravity: bool
+        self, goal: MeanGoal, pressure: float, mean: float, has_gravity: bool
     ) -> InputError:
-        """Return the error for a ``goal``, a mean force (N) or overlap (m) as the ``kind`` says,
-        that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
-        ``has_gravity`` says whether gravity presses them too.
+        """Return the error for a ``goal`` that contacts do not reach; at the last ``pressure``
+        their mean was ``mean``. ``has_gravity`` says whether gravity presses them too.
         """
-        unit = "N" if kind == "force" else "m"
-        problem = (
-            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} {unit} at any"
-            f" pressure"
-        )
+        problem = f"contacts of crystal {self.name!r} do not have a {goal} at any pressure"
         pressure_in_words = f"{pressure:.4g} {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
-        mean_at_last = f"At a pressure of {pressure_in_words} it is {mean:.4g} {unit}"
+        mean_at_last = f"At a pressure of {pressure_in_words} it is {mean:.4g} {goal.unit}"
         if not has_gravity:
             return InputError(problem, mean_at_last)
         return InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
-    def _estimate_pressure(self, kind: str, goal: float) -> float:
+    def _estimate_pressure(self, goal: MeanGoal) -> float:
         """Return the first guess of a search for the pressure, N, N/m or Pa, at which contacts have
-        the mean force (N) or overlap (m) ``goal``, as the ``kind`` says.
+        the mean ``goal``.
 
         The pressure is that of the virial, if all contacts had the same force, without gravity.
         """
         assembly = self._assembly
-        force = goal
-        if kind == "overlap":
+        force = goal.value
+        if goal.kind == "overlap":
             laws = self._laws
-            force = float(np.mean(laws.force(np.full(laws.count, goal))))
+            force = float(np.mean(laws.force(np.full(laws.count, goal.value))))
         measure = assembly.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
         return force * float(np.sum(assembly.distance)) / (dimension * measure)
@@ -1885,8 +1897,8 @@ class Crystal(Result):
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
         (loads, n_w), m, in the ``states`` at rest, one for each load.
 
-        Along an axis on which no floor, clamp or spring to the ground fixes the crystal, the mean
-        displacement of the balls is made zero.
+        Along an axis on which no floor, wall, clamp or spring to the ground fixes the crystal, the
+        mean displacement of the balls is made zero.
         """
         bodies = self._bodies
         d = self.dimension
@@ -1900,7 +1912,7 @@ class Crystal(Result):
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
             _, anchored_axes, _ = self._springs
-            held_axes = [*(side.axis for side in self._floors), *anchored_axes.tolist()]
+            held_axes = [*(side.axis for side in self._flat_sides), *anchored_axes.tolist()]
             free_axes = np.setdiff1d(np.arange(d), held_axes)
             along_free_axes = displacements[..., free_axes]
             displacements[..., free_axes] -= np.mean(along_free_axes, axis=1, keepdims=True)
@@ -1928,19 +1940,19 @@ class CrystalState(Result):
     Attributes
     ----------
     crystal : the :class:`~granphon.Crystal`.
-    normal_force : (..., n_c) forces of the contacts, N, those with floors last; 0 where a contact
-        is open, below 0 where it adheres. "..." is the shape of the load.
+    normal_force : (..., n_c) forces of the contacts, N, those with floors and walls last; 0 where a
+        contact is open, below 0 where it pulls. "..." is the shape of the load.
     overlap : (..., n_c) m; zero or below of an open contact.
     normal_stiffness : (..., n_c) N/m; 0 where a contact is open.
-    normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor.
+    normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor or wall.
     displacements : (..., n, d) of the balls from the positions at which they touch, beside the
         strain of the cell, m.
     stress : (..., p, p) Pa, N/m or N along three, two or one periods; tension is positive. With
         finite overlap the stress is Cauchy's.
     strain : (..., p, p) of the periods, from the cell in which balls only touch; extension is
         positive.
-    ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m; below zero
-        where the walls come nearer to each other.
+    ways : (..., n_w) displacement of the upper face of each cut neither of whose faces is free, m;
+        below zero where the faces come nearer to each other.
     finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has
         the positions at which balls touch, which drops terms of relative order delta/d.
     """
@@ -2056,7 +2068,7 @@ class CrystalState(Result):
             slope = self.crystal._laws.stiffness_slope(self.overlap[index])
             closed_k = k[is_closed]
             contact_exponents = 0.5 * (force[is_closed] / closed_k) * (slope[is_closed] / closed_k)
-            if np.ptp(contact_exponents) > _SAME_EXPONENT:
+            if np.ptp(contact_exponents) > _EXPONENT_ROUNDING:
                 raise InputError(
                     f"the exponents of contacts differ, from {np.min(contact_exponents):.6g} to"
                     f" {np.max(contact_exponents):.6g}",
@@ -2086,8 +2098,8 @@ class CrystalState(Result):
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)
-        on_floors = [crystal._mean_radii[floor.balls] for floor in crystal._floors]
-        ball_radius = np.concatenate([arms, *on_floors])
+        on_flat_sides = [crystal._mean_radii[side.balls] for side in crystal._flat_sides]
+        ball_radius = np.concatenate([arms, *on_flat_sides])
         relative_radius = np.max(self.contact_radius / ball_radius, axis=-1)
         checks = [check_limit("contact_radius", relative_radius)]
         last_overlap = crystal._laws.most
@@ -2154,8 +2166,8 @@ class CrystalState(Result):
         is_clamped = self._is_clamped
         table = self.crystal.contacts
         between_balls = is_clamped[table.i] & is_clamped[table.j]
-        on_floors = [is_clamped[floor.balls] for floor in self.crystal._floors]
-        is_between_held = np.concatenate([between_balls, *on_floors])
+        on_flat_sides = [is_clamped[side.balls] for side in self.crystal._flat_sides]
+        is_between_held = np.concatenate([between_balls, *on_flat_sides])
         return np.asarray((self.normal_stiffness > 0.0) & ~is_between_held)
 
     @cached_property
@@ -2191,20 +2203,22 @@ class CrystalState(Result):
         )
 
     def _list_springs(self) -> Array | None:
-        """Return the springs to the ground of the network's bodies, (n + floors, motions), N/m and
-        N m: those of the balls, and zeros of the floors. None without springs.
+        """Return the springs to the ground of the network's bodies, those of :meth:`_list_bodies`:
+        an array (bodies, motions), N/m and N m, with zeros of floors and walls. None without
+        springs.
         """
         on_site = self.crystal.on_site
         if on_site is None:
             return None
-        return np.pad(on_site, ((0, len(self.crystal._floors)), (0, 0)))
+        return np.pad(on_site, ((0, len(self.crystal._flat_sides)), (0, 0)))
 
     def _list_bodies(self) -> dict[str, Any]:
-        """Return the cell and the bodies, first the n balls and then the floors, as arguments of a
-        network, by name: lengths in m, masses in kg, moments of inertia in kg m^2.
+        """Return the cell and the bodies, first the n balls and then a body for each face on a
+        floor or wall, as arguments of a network, by name: lengths in m, masses in kg, moments of
+        inertia in kg m^2.
         """
         crystal = self.crystal
-        floors = crystal._floors
+        flat_sides = crystal._flat_sides
         n = crystal.n_balls
         d = crystal.dimension
         p = crystal.periods
@@ -2215,19 +2229,19 @@ class CrystalState(Result):
             displacements = self.displacements
         cell = np.zeros((3, 3))
         cell[:p, :d] = crystal.cell @ deformation.T
-        positions = np.zeros((n + len(floors), 3))
+        positions = np.zeros((n + len(flat_sides), 3))
         positions[:n, :d] = crystal.positions @ deformation.T + displacements
-        # a floor stands where the balls at its face touch it, on average
-        for number, floor in enumerate(floors, start=n):
-            radii = crystal._mean_radii[floor.balls]
-            heights = positions[floor.balls, floor.axis] + floor.sign * radii
-            positions[number, floor.axis] = np.mean(heights)
+        # a floor or wall stands where the balls at its face touch it, on average
+        for number, side in enumerate(flat_sides, start=n):
+            radii = crystal._mean_radii[side.balls]
+            heights = positions[side.balls, side.axis] + side.sign * radii
+            positions[number, side.axis] = np.mean(heights)
         # a body of infinite mass and radius does not move, and is flat
-        infinities = np.full(len(floors), np.inf)
+        infinities = np.full(len(flat_sides), np.inf)
         masses = np.where(self._is_clamped, np.inf, crystal.masses)
         inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
         kinds = [crystal.names[number] for number in crystal.kind.tolist()]
-        kinds += [floor.body.name for floor in floors if floor.body]
+        kinds += [side.body.name for side in flat_sides if side.body]
         return {
             "cell": cell,
             "positions": positions,
@@ -2239,7 +2253,7 @@ class CrystalState(Result):
 
     def _list_contacts(self) -> dict[str, Any]:
         """Return the contacts :attr:`_in_network` as arguments of a network, by name, those with
-        floors last.
+        floors and walls last.
         """
         crystal = self.crystal
         table = crystal.contacts
@@ -2249,7 +2263,7 @@ class CrystalState(Result):
         normal = np.zeros((crystal.n_contacts, 3))
         normal[:, : crystal.dimension] = self.normal
         if self.finite_overlap:  # arms are the balls' own radii less half of the overlap
-            bulges = np.append(crystal._bulges, np.zeros(len(crystal._floors)))
+            bulges = np.append(crystal._bulges, np.zeros(len(crystal._flat_sides)))
             half_overlap = 0.5 * self.overlap
             arm_i = arm_i + bulges[i] - half_overlap
             arm_j = arm_j + bulges[j] - half_overlap
@@ -2274,8 +2288,8 @@ class CrystalState(Result):
 
     def _list_ends(self) -> tuple[Index, Index, Array, Array]:
         """Return the bodies i (n_c,) and j (n_c,) of the contacts, and the arms (n_c,) of i and
-        (n_c,) of j at touch, m. Of a contact with a floor, j is n plus the number of the floor, and
-        the arm of j is zero.
+        (n_c,) of j at touch, m. Of a contact with a floor or wall, j is the number of that body in
+        :meth:`_list_bodies`, and the arm of j is zero.
         """
         crystal = self.crystal
         table = crystal.contacts
@@ -2283,11 +2297,11 @@ class CrystalState(Result):
         j = [table.j]
         arm_i = [table.arm_i]
         arm_j = [table.arm_j]
-        for number, floor in enumerate(crystal._floors, start=crystal.n_balls):
-            i.append(floor.balls)
-            j.append(np.full(len(floor.balls), number))
-            arm_i.append(crystal._mean_radii[floor.balls])
-            arm_j.append(np.zeros(len(floor.balls)))
+        for number, side in enumerate(crystal._flat_sides, start=crystal.n_balls):
+            i.append(side.balls)
+            j.append(np.full(len(side.balls), number))
+            arm_i.append(crystal._mean_radii[side.balls])
+            arm_j.append(np.zeros(len(side.balls)))
         return np.concatenate(i), np.concatenate(j), np.concatenate(arm_i), np.concatenate(arm_j)
 
 
@@ -2303,15 +2317,15 @@ def find_mindlin_ratio(crystal: Crystal) -> float | None:
     ratios = crystal.mindlin_ratios
     if np.any(ratios) and crystal._laws.has_radii:
         return None
-    return float(ratios[0]) if np.ptp(ratios) <= _SAME_RATIO else None
+    return float(ratios[0]) if np.ptp(ratios) <= _RATIO_ROUNDING else None
 
 
-def _require_room(cells: int, crystal: Crystal) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if so many cells of a crystal do not fit into
-    memory, or have more than :data:`_MOST_BALLS` balls.
+def _require_room(n_cells: int, crystal: Crystal) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if ``n_cells`` cells of a ``crystal`` do not
+    fit into memory, or have more than :data:`_MOST_BALLS` balls.
     """
-    n_balls = cells * crystal.n_balls
-    memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
+    n_balls = n_cells * crystal.n_balls
+    memory = _BALL_BYTES * n_cells * (crystal.n_balls + crystal.n_contacts)
     require_memory(f"crystals of {n_balls:,} balls", memory, "Take fewer cells")
     if n_balls > _MOST_BALLS:
         problem = f"the crystal would have {n_balls:,} balls"

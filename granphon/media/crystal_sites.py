@@ -1,4 +1,6 @@
-"""What a crystal is made of: balls of several kinds, and the sites on which they touch."""
+"""What a crystal is made of: balls of several kinds, and the sites on which they touch; and the
+diameters that may be given of a sample.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.neighbours import TOUCH
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import real_array
+from granphon.base.validation import finite_array, real_array
 
 #: least length, area or volume of a cell, over the mean radius, its square or its cube
 _LEAST_CELL = 1e-3
@@ -119,6 +121,24 @@ def read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
         problem = "the cell or a position of the crystal is not finite"
         raise InputError(problem, mend="Give finite numbers, in m")
     return centres, vectors
+
+
+def read_diameters(diameters: ArrayLike, periods: int, n: int) -> Array:
+    """Return the ``diameters`` of a sample with ``periods`` p and ``n`` balls in the cell: an array
+    (L1, ..., Lp), or (L1, ..., Lp, n) if n > 1, m.
+
+    Raises :class:`~granphon.base.errors.InputError` for another shape, and for numbers that are
+    not finite and above zero.
+    """
+    array = finite_array("diameters", diameters, "m", "above zero")
+    axes = [f"L{axis + 1}" for axis in range(periods)]
+    if n > 1:
+        axes.append(str(n))
+    has_axis_of_balls = n == 1 or array.shape[-1:] == (n,)
+    if array.ndim != len(axes) or not has_axis_of_balls:
+        problem = f"diameters have the shape {array.shape}"
+        raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
+    return array
 
 
 def require_symbols(symbols: Sequence[str], balls: object) -> None:

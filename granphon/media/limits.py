@@ -108,10 +108,11 @@ def _write_force(force: float, chosen_unit: str = "") -> str:
     """
     if chosen_unit:
         return write_in(force, "N", chosen_unit, 4)
-    if force == 0.0 or 0.01 <= force < 1e4:
-        return f"{force:.4g} N"
-    size, unit = prefixed(force, "N")
-    return f"{force / size:.4g} {unit}"
+    rounded = float(f"{force:.4g}")
+    if rounded == 0.0 or 0.01 <= rounded < 1e4:
+        return f"{rounded:.4g} N"
+    size, unit = prefixed(rounded, "N")
+    return f"{rounded / size:.4g} {unit}"
 
 
 @result_class
@@ -168,13 +169,19 @@ class Check(Result):
         return int(np.argmin(value) if self.at_least else np.argmax(value))
 
     @property
+    def _worst_value(self) -> float:
+        """The value at the :attr:`worst_index`, in the unit of the value."""
+        return float(np.ravel(self.value)[self.worst_index])
+
+    @property
     def excess(self) -> float:
         """How far the worst value is beyond the limit: the ratio of the two, above 1 if the
         condition fails there; infinite where the one that should be larger is zero or below.
         """
-        worst = float(np.ravel(self.value)[self.worst_index])
         # the value that should be the larger one is the divisor
-        divisor, dividend = (worst, self.limit) if self.at_least else (self.limit, worst)
+        divisor, dividend = self.limit, self._worst_value
+        if self.at_least:
+            divisor, dividend = dividend, divisor
         return dividend / divisor if divisor > 0.0 else math.inf
 
     def join(self, other: Check) -> Check:
@@ -189,30 +196,30 @@ class Check(Result):
         return self.tell()
 
     def tell(self, where: str = "", force_unit: str = "") -> str | None:
-        """Return the :attr:`warning`. The words ``where`` say at which loads the condition fails;
-        they stand in brackets behind the number of these loads, or at the end of the warning of a
-        medium, and are left out where the warning counts no loads. ``force_unit`` is the unit of
+        """Return the warning for the user, a sentence or two; None if the condition holds at every
+        load.
+
+        ``where`` says in words at which loads the condition fails, and stands in brackets. The
+        words are left out for a network, for a condition that does not depend on the load, and for
+        a single load unless the condition is that of the medium. ``force_unit`` is the unit of
         contact forces; if it is empty, the unit is N, if need be with a prefix.
         """
-        failing = self.failing
-        loads = np.size(self.value)
-        if not failing:
+        if not self.failing:
             return None
         if self.fault:  # the condition of a network has words of its own
             return message(self.fault, self.reason)
         place = f" ({where})" if where else ""
-        value = np.asarray(self.value)
-        worst_value = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            return f"{self._warn_of_medium(worst_value, failing, loads, force_unit)}{place}."
-        # the spread and the constants of a ball do not depend on the load
-        depends_on_load = self.name not in ("spread", *BALL_LIMITS)
+            return f"{self._warn_of_medium(force_unit)}{place}."
         bound = ""
         share = ""
-        if depends_on_load and loads > 1:
-            bound = "up to " if failing > 1 else ""
-            share = f"{_write_share(failing, loads)}{place} "
-        sentence = f"{share}{self._write_sentence(worst_value, bound)}"
+        # the spread and the constants of a ball do not depend on the load
+        depends_on_load = self.name not in ("spread", *BALL_LIMITS)
+        n_loads = np.size(self.value)
+        if depends_on_load and n_loads > 1:
+            bound = "up to " if self.failing > 1 else ""
+            share = f"{_write_share(self.failing, n_loads)}{place} "
+        sentence = f"{share}{self._write_sentence(bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def tell_states(self, share: str, place: str, force_unit: str = "") -> str:
@@ -222,23 +229,23 @@ class Check(Result):
         worst of theirs, and ``place`` says in words at which state this is; ``place`` is empty if
         there is no other state to tell it from. The ``force_unit`` is as in :meth:`tell`.
         """
-        worst = float(np.ravel(self.value)[self.worst_index])
         if self.name == "medium":
             at_place = f" ({place})" if place else ""
-            force = _write_force(worst, force_unit)
+            force = _write_force(self._worst_value, force_unit)
             least_force = _write_force(self.limit, force_unit)
             return (
                 f"{self.reason} {share}: the contact force is {force} where it must be"
                 f" {least_force} or more{at_place}."
             )
-        sentence = f"{share} {self._write_sentence(worst, 'up to ' if place else '')}"
+        sentence = f"{share} {self._write_sentence('up to ' if place else '')}"
         ending = f" The worst is at {place}." if place else ""
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}.{ending}"
 
-    def _write_sentence(self, worst: float, bound: str) -> str:
-        """Return in words what is beyond the limit, with the value ``worst`` and the limit, both in
-        the unit of the value. ``bound``, "up to " or empty, stands before the value.
+    def _write_sentence(self, bound: str) -> str:
+        """Return in words what is beyond the limit, with the worst value and the limit. ``bound``,
+        "up to " or empty, stands before the value.
         """
+        worst = self._worst_value
         if self.name in BALL_LIMITS:
             _, quantity, unit, *_ = BALL_LIMITS[self.name]
             relation = "less" if self.at_least else "more"
@@ -257,16 +264,16 @@ class Check(Result):
         }
         return _LIMITS[self.name].sentence.format_map(words)
 
-    def _warn_of_medium(self, worst: float, failing: int, loads: int, force_unit: str) -> str:
-        """Return the warning, without its full stop, that the contact forces at ``failing`` of the
-        ``loads`` are below the range of the medium; the least is ``worst``, N. The ``force_unit``
-        is as in :meth:`tell`.
+    def _warn_of_medium(self, force_unit: str) -> str:
+        """Return the warning, without its full stop, that contact forces are below the range of the
+        medium, with their number and the least of them. The ``force_unit`` is as in :meth:`tell`.
         """
         clause = "the contact force is"
-        if loads > 1:
-            verb = "is lower," if failing == 1 else "are lower, down to"
-            clause = f"{failing} of the {loads} contact forces {verb}"
-        force = _write_force(worst, force_unit)
+        n_loads = np.size(self.value)
+        if n_loads > 1:
+            verb = "is lower," if self.failing == 1 else "are lower, down to"
+            clause = f"{self.failing} of the {n_loads} contact forces {verb}"
+        force = _write_force(self._worst_value, force_unit)
         limit = _write_force(self.limit, force_unit)
         return f"{self.reason} below {limit}: {clause} {force}"
 

@@ -1,7 +1,7 @@
 """The search for the pressure under which the contacts of a crystal have a mean force or overlap.
 
 The mean grows with the pressure. The next pressure follows from the power with which overlaps grow
-with it, and where balls differ from a secant.
+with it, and from a secant where balls differ in diameter, contacts adhere, or gravity acts.
 """
 
 from __future__ import annotations
@@ -12,22 +12,46 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from granphon.base.arrays import Array, Flags
+from granphon.base.errors import InputError
 from granphon.contacts.laws import ContactLaws
 from granphon.statics.rest import Rest
 
-#: relative error at which a mean force or overlap is reached, and most states in the search for it
-MEAN_TOLERANCE = 4e-15
+#: most states in the search for a mean force or overlap
 MOST_MEANS = 60
+#: relative error at which the mean is reached where balls do not differ in diameter
+_MEAN_TOLERANCE = 4e-15
 #: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
 #: force
-SAMPLE_TOLERANCE = 1e-11
+_SAMPLE_TOLERANCE = 1e-11
 #: relative error of a mean that is put down to rounding where no better one is found
 _ROUNDED_MEAN = 1e-13
 
 
+class MeanGoal(NamedTuple):
+    """A mean over contacts that is to be reached: ``kind`` is "force", of a ``value`` in N, or
+    "overlap", of a ``value`` in m. The value is above zero.
+    """
+
+    kind: str
+    value: float
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the value."""
+        return "N" if self.kind == "force" else "m"
+
+    def __str__(self) -> str:
+        return f"mean {self.kind} of {self.value:g} {self.unit}"
+
+
 class PressureSearch:
-    """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``, to a
-    relative error of ``tolerance``.
+    """The search for the pressure at which contacts have the mean ``goal``.
+
+    ``balls_differ`` says whether balls differ in diameter, on which the relative error
+    ``tolerance`` depends to which the goal is reached; ``contacts_adhere`` says whether contacts
+    adhere, so that the pressure may be below zero; ``has_gravity`` says whether gravity presses
+    contacts too. Only without all of these, ``follows_power`` is true: overlaps grow as a power of
+    the pressure.
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
     found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
@@ -35,10 +59,13 @@ class PressureSearch:
     :meth:`choose`.
     """
 
-    def __init__(self, goal: float, tolerance: float) -> None:
+    def __init__(
+        self, goal: MeanGoal, *, balls_differ: bool, contacts_adhere: bool, has_gravity: bool
+    ) -> None:
         self.goal = goal
-        self.tolerance = tolerance
-        self.low = 0.0
+        self.follows_power = not (balls_differ or contacts_adhere or has_gravity)
+        self.tolerance = _SAMPLE_TOLERANCE if balls_differ else _MEAN_TOLERANCE
+        self.low = -math.inf if contacts_adhere else 0.0
         self.high = math.inf
         self.last_pressure = 0.0
         self.last_mean = math.nan
@@ -46,7 +73,7 @@ class PressureSearch:
 
     def find_excess(self, mean: float) -> float:
         """Return how far a ``mean`` is above the goal, relative to the goal."""
-        return mean / self.goal - 1.0
+        return mean / self.goal.value - 1.0
 
     def is_reached(self, mean: float, rounding: float) -> bool:
         """Return whether a ``mean`` is the goal: to the tolerance, or to the relative error
@@ -58,10 +85,12 @@ class PressureSearch:
 
     def is_stuck(self, mean: float, rounding: float) -> bool:
         """Return whether a ``mean`` is above the goal, and as far from the goal as the mean of the
-        trial before, to the relative error ``rounding``: less pressure changes nothing.
+        trial before, to the relative error ``rounding``: less pressure changes nothing. It does if
+        the pressure may be below zero.
         """
         excess = self.find_excess(mean)
-        return excess > 0.0 and abs(excess - self.last_error) <= rounding * excess
+        is_equal = abs(excess - self.last_error) <= rounding * excess
+        return self.low >= 0.0 and excess > 0.0 and is_equal
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
         """Return the pressure at which the secant through the last two trials, of which the second
@@ -71,7 +100,7 @@ class PressureSearch:
         if math.isfinite(self.last_mean) and mean != self.last_mean:
             pressure_step = pressure - self.last_pressure
             mean_step = mean - self.last_mean
-            guess = pressure + (self.goal - mean) * pressure_step / mean_step
+            guess = pressure + (self.goal.value - mean) * pressure_step / mean_step
         self.last_pressure = pressure
         self.last_mean = mean
         return guess
@@ -81,7 +110,8 @@ class PressureSearch:
         next pressure: the ``guess`` if it is inside the interval, else the middle of the interval.
         Return None if the interval has no pressure left inside. This trial becomes the last one.
 
-        As long as no mean was too large, the interval is taken to end at twice the ``pressure``.
+        As long as no mean was too large, or none too small, the interval is taken to end where the
+        ``pressure`` has changed by its own size.
         """
         excess = self.find_excess(mean)
         self.last_error = abs(excess)
@@ -89,9 +119,29 @@ class PressureSearch:
             self.low = pressure
         else:
             self.high = pressure
-        middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
+        size = abs(pressure)
+        middle = 0.5 * (max(self.low, pressure - size) + min(self.high, pressure + size))
         next_pressure = guess if self.low < guess < self.high else middle
         return None if next_pressure in (self.low, self.high) else next_pressure
+
+    def find_next(
+        self, contacts: MeanContacts, pressure: float, mean: float
+    ) -> tuple[float | None, float]:
+        """Return the pressure of the next trial, None if no pressure is left, and the factor by
+        which overlaps are expected to grow on the way there. The last trial at ``pressure`` had
+        these ``contacts`` with this ``mean``.
+
+        The pressure follows from the power with which overlaps grow with it, or from a secant.
+        """
+        pressure_growth, overlap_growth = contacts.find_growth(self.goal, mean)
+        guess = pressure * pressure_growth
+        if not self.follows_power:
+            # overlaps that balls of different diameters have on their sites do not depend on the
+            # pressure, nor do the pull of contacts that adhere and the weight of balls: the mean
+            # follows no power, and the last state is not scaled
+            overlap_growth = 1.0
+            guess = self.extrapolate(pressure, mean, guess)
+        return self.choose(pressure, mean, guess), overlap_growth
 
 
 class MeanContacts(NamedTuple):
@@ -135,37 +185,45 @@ class MeanContacts(NamedTuple):
         work = np.mean((self.stiffness * self.overlap)[self.is_counted])
         return float(np.mean(self.force[self.is_counted]) / work)
 
-    def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
-        """Return the factor by which the pressure, and the factor by which the overlaps, are to
-        grow so that the ``mean`` becomes the ``goal``. Mean and goal are forces (N) or overlaps
-        (m), as the ``kind`` says.
+    def require_any(self, goal: MeanGoal, words: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if no contact is counted, so that there
+        is no mean. Messages call the load on the contacts by ``words``.
         """
-        # a mean of the wrong sign says nothing about the size of the step
-        growth = goal / mean if mean / goal > 0.0 else 2.0
-        if kind == "force":
+        if not np.any(self.is_counted):
+            raise InputError(
+                f"all contacts are open under {words}",
+                "Those that adhere have come apart",
+                f"Give a larger {goal.kind}",
+            )
+
+    def find_growth(self, goal: MeanGoal, mean: float) -> tuple[float, float]:
+        """Return the factor by which the pressure, and the factor by which the overlaps, are to
+        grow so that the ``mean`` becomes the ``goal``.
+        """
+        # a mean that is of the wrong sign, or zero, says nothing about the size of the step
+        growth = goal.value / mean if mean / goal.value > 0.0 else 2.0
+        if goal.kind == "force":
             return growth, growth**self.power
         return growth ** (1.0 / self.power), growth
 
-    def bound_rounding(
-        self, kind: str, goal: float, balls_differ: bool, contacts_adhere: bool
-    ) -> float:
-        """Return the error of the mean of a ``kind``, "force" or "overlap", relative to the
-        ``goal``, that is put down to rounding. ``balls_differ`` says whether balls differ in
-        diameter, ``contacts_adhere`` whether contacts adhere.
+    def bound_rounding(self, goal: MeanGoal, balls_differ: bool, contacts_adhere: bool) -> float:
+        """Return the error of the mean, relative to the ``goal``, that is put down to rounding.
+        ``balls_differ`` says whether balls differ in diameter, ``contacts_adhere`` whether contacts
+        adhere.
         """
         rounding = _ROUNDED_MEAN
         if balls_differ:
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
-            rounding = 10.0 * SAMPLE_TOLERANCE * max(1.0, ratio)
+            rounding = 10.0 * _SAMPLE_TOLERANCE * max(1.0, ratio)
         if not contacts_adhere:
             return rounding
         # where contacts adhere, the mean may be small against its parts, attraction and repulsion,
         # which are as large as the change of a force with its overlap, or of an overlap with its
         # force
-        if kind == "force":
+        if goal.kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:
             terms = np.abs(self.force / np.where(self.is_counted, self.stiffness, np.inf))
-        return rounding * max(1.0, float(np.mean(terms[self.is_counted])) / goal)
+        return rounding * max(1.0, float(np.mean(terms[self.is_counted])) / goal.value)

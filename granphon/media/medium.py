@@ -24,7 +24,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive, require_of_packing
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDING, Array
 from granphon.base.differences import Course, differentiate
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
@@ -78,7 +78,8 @@ class Medium(ABC, Generic[StateT]):
     an overlap; the methods ``at_force``, ``at_pressure`` and ``at_overlap`` all call :meth:`at`.
 
     ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False
-    leave them out. The state stores the choice, and all functions of a state read it there.
+    leave them out, but in a simulation None leaves the choice to the geometry or the load. The
+    state stores the choice, and all functions of a state read it there.
     """
 
     # the balls under load
@@ -224,8 +225,10 @@ class Medium(ABC, Generic[StateT]):
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """Return the state at the overlap delta = d - a, m. Where balls differ the overlap may be
-        negative, as long as some balls touch.
+        """Return the state at the overlap delta = d - a, m.
+
+        Where balls differ the overlap may be negative, as long as some balls touch: but not in the
+        averaged lattice, nor on a line, where the law is that of equal balls.
         """
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
@@ -269,6 +272,9 @@ _LIST_POWER = 1.25
 _QUICK_TIME = 0.1
 #: largest number of Newton steps for the overlap under a boundary that shrinks
 _MOST_STEPS = 100
+#: spacing over diameter below which such a boundary counts as shrunk to nothing: the difference of
+#: diameter and overlap has lost the digits of the pressure
+_LEAST_SPACING = 1e-6
 #: where the effective medium has its local field from; the first is the default
 _LOCAL_FIELDS = ("computed", "paper")
 
@@ -399,19 +405,23 @@ class LawMedium(Medium[ContactState]):
         """Return the overlap delta, m, at which contacts exert the force that a pressure, the
         ``load``, asks of them on a boundary that has shrunk with the balls.
 
-        The search begins at the larger ``overlap`` of a boundary that does not shrink. As the
-        overlap rises, the force of the law rises and is convex, and the force that the boundary
-        asks for falls, in space along a parabola that is far flatter than the law. So Newton's
-        method descends from there. An overlap that is not finite stays so: :meth:`at` refuses it.
+        The search begins at the larger ``overlap`` of a boundary that does not shrink, or at the
+        diameter if this is less, where the boundary has shrunk to nothing and asks for no force.
+        Up to there the force of the law rises with the overlap, and the force that the boundary
+        asks for falls: they meet once. Newton's method descends to this overlap, or under a huge
+        pressure jumps below it once and ascends. If the boundary shrinks to nothing, the overlap is
+        the diameter, which :meth:`at` refuses.
         """
         law = self.law
+        diameter = self.packing.diameter
+        overlap = np.minimum(overlap, diameter)
         for _ in range(_MOST_STEPS):
             force, slope = self._ask_force(load, overlap)
             step = (law.force(overlap) - force) / (law.stiffness(overlap) - slope)
             overlap = overlap - step
-            if np.all(np.abs(step) <= ROUNDED * np.abs(overlap)):
+            if np.all(np.abs(step) <= ROUNDING * np.abs(overlap)):
                 break
-        return overlap
+        return np.where(diameter - overlap < _LEAST_SPACING * diameter, diameter, overlap)
 
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
@@ -424,41 +434,13 @@ class LawMedium(Medium[ContactState]):
         return state, [self._follow(state, load.applied, change) for change in changes]
 
     def _follow(self, state: ContactState, load: Load, change: Change) -> Course[Any]:
-        """Return the course of a ``state`` under an applied ``load`` with a ``change``.
-
-        A given overlap changes as the load says. Under a force or a pressure the changed contacts
-        at the old overlap lack some force; the overlap changes by this force over the resistance.
-        """
-        overlap = state.overlap
-        shrinkage = overlap if state.finite_overlap else 0.0
-
-        def prepare(step: float) -> tuple[LawMedium, Law, Load]:
-            """Return the medium changed by a ``step``, its law to first order in the distance from
-            the law of this medium, and the changed load.
-            """
-            medium, changed_load = change(step)
-            return medium, medium._law_near(self), changed_load.applied
-
-        def find_missing_force(step: float) -> Any:
-            """Return the force, N, that contacts lack at a step if the overlap stays."""
-            medium, law, changed_load = prepare(step)
-            required_force, _ = medium._ask_force(changed_load, shrinkage)
-            return required_force - law.force(overlap)
-
-        # the derivative of the overlap, m, by the step
-        if load.kind == "overlap":
-            derivative = differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
-        else:
-            # by the overlap the force of contacts rises with k, and the required force falls if the
-            # boundary shrinks
-            _, slope = self._ask_force(load, shrinkage)
-            resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
-            derivative = differentiate(find_missing_force, _STEP_OF_LAW) / resistance
+        """Return the course of a ``state`` under an applied ``load`` with a ``change``."""
+        derivative = self._differentiate_overlap(state, load, change)
 
         def find_state(step: float) -> ContactState:
             """Return the state at a ``step``, whose overlap changes in proportion to the step."""
-            medium, law, _ = prepare(step)
-            changed_overlap = overlap + step * derivative
+            medium, law, _ = self._apply(change, step)
+            changed_overlap = state.overlap + step * derivative
             return replace(
                 state,
                 packing=medium.packing,
@@ -469,6 +451,37 @@ class LawMedium(Medium[ContactState]):
             )
 
         return Course(find_state, _STEP_OF_LAW)
+
+    def _apply(self, change: Change, step: float) -> tuple[LawMedium, Law, Load]:
+        """Return the medium changed by a ``step`` of the ``change``, its law to first order in the
+        distance from the law of this medium, and the changed load, applied.
+        """
+        medium, changed_load = change(step)
+        return medium, medium._law_near(self), changed_load.applied
+
+    def _differentiate_overlap(self, state: ContactState, load: Load, change: Change) -> Any:
+        """Return the derivative of the overlap of a ``state``, m, by the step of a ``change``.
+
+        A given overlap changes as the ``load`` says. Under a force or a pressure the changed
+        contacts at the old overlap lack some force; the overlap changes by this force over the
+        resistance.
+        """
+        if load.kind == "overlap":
+            return differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
+        overlap = state.overlap
+        shrinkage = overlap if state.finite_overlap else 0.0
+
+        def find_missing_force(step: float) -> Any:
+            """Return the force, N, that contacts lack at a step if the overlap stays."""
+            medium, law, changed_load = self._apply(change, step)
+            required_force, _ = medium._ask_force(changed_load, shrinkage)
+            return required_force - law.force(overlap)
+
+        # by the overlap the force of contacts rises with k, and the required force falls if the
+        # boundary shrinks
+        _, slope = self._ask_force(load, shrinkage)
+        resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
+        return differentiate(find_missing_force, _STEP_OF_LAW) / resistance
 
     def _law_near(self, origin: Any) -> Law:
         """Return the law of this medium. A subclass may return an approximation, to first order in
@@ -607,10 +620,11 @@ class EffectiveMedium(_ReducedMedium):
 
     @property
     def seconds(self) -> float:
-        """Rough time, s, in which the law is solved once for all loads. For listed diameters the
-        time grows with the number of overlaps at which contacts open, one for each pair.
+        """Rough time, s, in which the law is solved once for all loads; zero for equal balls and on
+        a line, where the law is Hertz's. For listed diameters the time grows with the number of
+        overlaps at which contacts open, one for each pair.
         """
-        if not (self.packing.spread and self.packing.width):
+        if not (self.packing.spread and self.packing.spread_matters):
             return 0.0
         shape = self.packing.spread.shape
         if not isinstance(shape, PointShape):
@@ -627,10 +641,11 @@ class EffectiveMedium(_ReducedMedium):
     @property
     def is_solved_anew(self) -> bool:
         """Whether each packing of a sweep has a law of its own, which takes time to solve: with
-        listed diameters.
+        listed diameters, but not on a line, where the law is Hertz's.
         """
         spread = self.packing.spread
-        return spread is not None and spread.mean is not None
+        is_listed = spread is not None and spread.mean is not None
+        return is_listed and self.packing.spread_matters
 
     def prepare(self) -> None:
         """Find the local field, and keep it, if balls differ; raise

@@ -41,7 +41,7 @@ from granphon.base.validation import choice, each, label, read_inside, text, tru
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.medium import NETWORK, Medium
 from granphon.media.state import NetworkState
-from granphon.networks.faults import BAD
+from granphon.networks.faults import FAULT_ACTIONS
 from granphon.networks.network import READERS, ContactNetwork
 from granphon.networks.sources import SLIP_LEVERS, TANGENTIAL_LAWS
 
@@ -260,7 +260,10 @@ class NetworkFiles(Block, kw_only=True):
         absent="2, without friction more",
     )
     bad: str | None = setting(
-        word_of(*BAD), "what becomes of contacts with faults", default=None, absent="`refuse`"
+        word_of(*FAULT_ACTIONS),
+        "what becomes of contacts with faults",
+        default=None,
+        absent="`refuse`",
     )
 
     #: name of the medium of such balls, and attributes that an arrangement of balls has too

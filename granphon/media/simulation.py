@@ -35,7 +35,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.diameters import Measured, subtract_mean
 from granphon.balls.hertz import EnergyLaw, HertzLaw, read_overlap
 from granphon.balls.lattices import Lattice, as_direction
-from granphon.balls.loads import Load
+from granphon.balls.loads import Load, require_of_packing
 from granphon.balls.motions import Motions, default_motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
@@ -47,7 +47,7 @@ from granphon.base.results import held, read_only, result_class
 from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.text import suggest
 from granphon.base.threads import naming_lost_workers, require_executor
-from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
+from granphon.base.validation import choice, lengths, one_of, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import (
     bulk_and_shear,
@@ -64,6 +64,7 @@ from granphon.media.array_options import (
     prescribe,
     read_cells,
 )
+from granphon.media.crystal_sites import read_diameters
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -93,24 +94,24 @@ _MOST_SEED = 2**64 - 1
 _MOST_SIDE = 2**31
 _MOST_CELLS = 2**48
 _MOST_SAMPLES = 2**31
-#: wave vectors along each axis at which a lattice is probed: corners, edges and faces of the zone
-#: are among them
-_PROBED = 12
+#: number of wave vectors along each axis at which a lattice is probed: corners, edges and faces of
+#: the zone are among them
+_PROBE_COUNT = 12
 #: frequency, (k/M)^1/2, below which a wave costs nothing
-_SOFT = 1e-6
+_SOFT_FREQUENCY = 1e-6
 #: least width over diameter: where overlaps are more than 1e20 widths, some samples find no
 #: equilibrium
 _LEAST_WIDTH = 1e-20
 #: time for each ball of a start in the exact geometry, over the time in the directions of the
 #: lattice
-_EXACT_BALL = 20
+_EXACT_TIME_RATIO = 20
 #: balls whose start takes as long as the fixed cost of any sample, by whether the geometry is exact
-_LEAST_SAMPLE = {False: 625, True: 2500}
+_LEAST_BALLS = {False: 625, True: 2500}
 #: f* of a start that takes twice as long as a start at a high force; below it the time grows as
 #: 1/f*
 _SLOW_FORCE = 0.0015
 #: shear modulus over bulk modulus that is rounding
-_ROUNDED_SHEAR = 1e-12
+_SHEAR_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -322,15 +323,17 @@ class SimulatedState(ContactState):
         """
         if not callable(of):
             raise InputError(f"of is {brief(of)}", mend="Give a function of a sample")
-        quantities = [np.asarray(of(sample)) for sample in self.samples]
-        are_numbers = all(quantity.dtype.kind in "biufc" for quantity in quantities)
-        if not are_numbers or len({quantity.shape for quantity in quantities}) > 1:
+        quantities = [of(sample) for sample in self.samples]
+        try:
+            values = np.array(quantities)
+        except ValueError:  # lists of different lengths
+            values = np.array(None)
+        if values.dtype.kind not in "biufc":
             raise InputError(
-                f"the quantity of a sample is {brief(of(self.samples[0]))}",
+                f"the quantity of a sample is {brief(quantities[0])}",
                 "Numbers, or arrays of one shape, can be compared over samples",
                 "Give a function that returns these",
             )
-        values = np.array(quantities)
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
     def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
@@ -396,7 +399,8 @@ class SimulatedState(ContactState):
         "..." is the shape of the load. The density is the mean over samples of
         :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which
         describes ``bins`` and ``largest``. The error is nan if there is only one sample. Raises
-        :class:`~granphon.base.errors.InputError` without a history of friction.
+        :class:`~granphon.base.errors.InputError` without a history of friction, and for ``bins``
+        and ``largest`` that the method refuses.
         """
         return self._average_distribution("tangential_ratio_distribution", bins, largest)
 
@@ -405,8 +409,8 @@ class SimulatedState(ContactState):
         bins), and the standard error of the density (..., bins).
 
         See :meth:`tangential_ratio_distribution`. Raises
-        :class:`~granphon.base.errors.InputError` without a history of friction, and if mu is zero
-        or infinite.
+        :class:`~granphon.base.errors.InputError` without a history of friction, if mu is zero or
+        infinite, and if ``bins`` is no whole number from 1 to a million.
         """
         return self._average_distribution("mobilisation_distribution", bins)
 
@@ -534,7 +538,7 @@ class SimulatedState(ContactState):
             return waves_of_tensor(squared_velocities, directions)
         bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
         # a sample that resists no shear has a modulus of zero, to rounding
-        is_rounding = np.abs(shear) < _ROUNDED_SHEAR * np.abs(bulk)
+        is_rounding = np.abs(shear) < _SHEAR_ROUNDING * np.abs(bulk)
         shear = np.where(is_rounding, np.maximum(shear, 0.0), shear)
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
         wave_moduli = np.stack([bulk + shear, shear], axis=-1)
@@ -560,13 +564,16 @@ class SimulatedState(ContactState):
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocity, m/s, that scales each named branch of the ideal lattice to the long
         wave of the samples; shapes are those of :meth:`State.branch_scales`.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name that is none of
+        :attr:`wave_names`.
         """
         velocities = self.long_waves(direction)
         ideal_velocities, _ = super().polarised_waves(direction)  # of the ideal lattice, m/s
         ideal_scales = super().branch_scales(direction, names)
         scales = []
         for name, ideal_scale in zip(names, ideal_scales, strict=True):
-            branch = self.wave_names.index(name)
+            branch = self.wave_names.index(one_of("names", name, self.wave_names))
             # in reduced units the branch of samples is taken to be that of the ideal lattice
             reduced_velocity = ideal_velocities[..., branch] / ideal_scale
             scales.append(np.asarray(velocities[..., branch] / reduced_velocity))
@@ -756,8 +763,8 @@ class DirectSimulation(Medium[SimulatedState]):
         any machine.
     samples : number of samples that are averaged.
     diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape
-        and a seed: one sample of just these balls. The diameters are shifted to have the packing's
-        diameter as their mean; a packing without a spread takes their spread.
+        and a seed: one sample of just these balls, whatever the seed. The diameters are shifted to
+        have the packing's diameter as their mean; a packing without a spread takes their spread.
     executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that
         solves samples in parallel.
     workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers``
@@ -794,8 +801,10 @@ class DirectSimulation(Medium[SimulatedState]):
     ------
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
         honeycomb and kagome do not, and there is no history of friction that starts from the gas.
-    InputError : motions other than those along the periods, a shape or number that is not whole and
-        above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; the
+    InputError : something else than a :class:`~granphon.Packing`, motions other than those along
+        the periods, a shape or number that is not whole and above zero, a seed beyond 2^64 - 1;
+        diameters that are not finite and above zero, of another shape, or with a shape or samples;
+        a width above zero that is below 1e-20 of the diameter; the
         exact geometry of equal balls, on a line, or of balls that differ by more than a fifth of
         their diameter; options of a history without ``friction_history``, a history without a
         friction coefficient, on a chain, of balls that resist no slip, with the boundary "stress",
@@ -990,20 +999,13 @@ class DirectSimulation(Medium[SimulatedState]):
         return shape
 
     def _read_diameters(self, diameters: ArrayLike) -> Array:
-        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m, as a
-        read-only array; InputError for another shape.
+        """Return ``diameters`` as a read-only array, see
+        :func:`~granphon.media.crystal_sites.read_diameters`; InputError also if a ``shape`` is
+        given that is neither the default nor that of the diameters.
         """
         structure = self.packing.structure
         periods = structure.periods
-        n = structure.n_balls
-        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
-        axes = [f"L{axis + 1}" for axis in range(periods)]
-        if n > 1:
-            axes.append(str(n))
-        has_axis_of_balls = n == 1 or array.shape[-1:] == (n,)
-        if array.ndim != len(axes) or not has_axis_of_balls:
-            problem = f"diameters have the shape {array.shape}"
-            raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
+        array = read_only(read_diameters(diameters, periods, structure.n_balls))
         if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
             raise InputError(
                 f"shape is {self.shape!r}, and the diameters have the shape {array.shape}",
@@ -1183,15 +1185,14 @@ class DirectSimulation(Medium[SimulatedState]):
     @property
     def _largest_excess(self) -> float:
         """Excess, m, over the mean diameter that the largest ball has, of given diameters, or may
-        have, of drawn ones.
+        have, of drawn ones; zero of equal balls.
         """
         packing = self.packing
-        largest_of_spread = packing.spread.largest if packing.spread else 0.0
+        if packing.spread is None:
+            return 0.0
         if self.diameters is None:
-            return max(0.0, largest_of_spread)
-        # diameters that are given may be larger than the largest of the packing's spread
-        largest_of_given = packing.width_units.width * float(np.max(self.deviations(0)))
-        return max(largest_of_given, largest_of_spread)
+            return packing.spread.largest
+        return packing.width_units.width * float(np.max(self.deviations(0)))
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of the sample number ``index``, from 0; None if diameters are given."""
@@ -1245,6 +1246,7 @@ class DirectSimulation(Medium[SimulatedState]):
         load decides; otherwise a ``finite_overlap`` that contradicts the geometry is an error. The
         errors are those that the class lists.
         """
+        require_of_packing(load)
         applied = load.applied
         wants_finite_overlap = read_finite_overlap(finite_overlap)
         if self.geometry is None:
@@ -1286,40 +1288,43 @@ class DirectSimulation(Medium[SimulatedState]):
         state = self.at(load, finite_overlap=finite_overlap)
         [(simulation, _)] = self.by_geometry(load, finite_overlap)
         (reduced_load,) = simulation._prescribe(load.applied)
-        samples = state.samples
-        followers = [EquilibriumFollower(sample.equilibrium, reduced_load) for sample in samples]
+        followers = [
+            EquilibriumFollower(sample.equilibrium, reduced_load) for sample in state.samples
+        ]
+        return state, [simulation._follow_samples(followers, change) for change in changes]
 
-        def follow_change(change: Change) -> Course[Any]:
-            """Return the course of the state of all samples with a ``change``."""
+    def _follow_samples(
+        self, followers: Sequence[EquilibriumFollower], change: Change
+    ) -> Course[SimulatedState]:
+        """Return the course of the state of all samples with a ``change``, in the geometry of this
+        simulation, which the changed load might not have chosen. The ``followers`` are those of the
+        equilibria of the samples.
+        """
 
-            def change_simulation(step: float) -> tuple[DirectSimulation, Load]:
-                """Return the simulation and the applied load changed by a ``step``, in the geometry
-                of the state, which the changed load might not have chosen.
-                """
-                medium, changed_load = change(step)
-                return replace(medium, geometry=simulation.geometry), changed_load.applied
+        def change_simulation(step: float) -> tuple[DirectSimulation, Load]:
+            """Return the simulation and the applied load changed by a ``step``."""
+            medium, changed_load = change(step)
+            return replace(medium, geometry=self.geometry), changed_load.applied
 
-            def reduce_change(step: float) -> tuple[ReducedLoad, float]:
-                """Return the changed load in reduced units and the changed W/d, on which alone the
-                equilibrium in reduced units depends.
-                """
-                changed_simulation, changed_load = change_simulation(step)
-                return changed_simulation._prescribe(changed_load)[0], changed_simulation.ratio
+        def reduce_change(step: float) -> tuple[ReducedLoad, float]:
+            """Return the changed load in reduced units and the changed W/d, on which alone the
+            equilibrium in reduced units depends.
+            """
+            changed_simulation, changed_load = change_simulation(step)
+            return changed_simulation._prescribe(changed_load)[0], changed_simulation.ratio
 
-            courses = [follower.follow(reduce_change) for follower in followers]
+        courses = [follower.follow(reduce_change) for follower in followers]
 
-            def find_state(step: float) -> SimulatedState:
-                """Return the state of all samples at a ``step`` of the change."""
-                changed_simulation, changed_load = change_simulation(step)
-                changed_samples = [
-                    Sample(changed_simulation.packing, sample.seed, course.at(step))
-                    for sample, course in zip(samples, courses, strict=True)
-                ]
-                return SimulatedState.of(changed_simulation, changed_samples, changed_load)
+        def find_state(step: float) -> SimulatedState:
+            """Return the state of all samples at a ``step`` of the change."""
+            changed_simulation, changed_load = change_simulation(step)
+            changed_samples = [
+                Sample(changed_simulation.packing, self.seed_of(index), course.at(step))
+                for index, course in enumerate(courses)
+            ]
+            return SimulatedState.of(changed_simulation, changed_samples, changed_load)
 
-            return Course(find_state, min(course.step for course in courses))
-
-        return state, [follow_change(change) for change in changes]
+        return Course(find_state, min(course.step for course in courses))
 
     def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
         """Return one state at an applied load each of whose values has its own geometry, that of
@@ -1506,9 +1511,11 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the first sample at rest under one reduced load, with the same numbers as in a
         state at many loads.
 
-        In such a state the search at each load starts from the equilibrium at the load before it,
-        in the order of :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the
-        reduced overlap and displacements of that equilibrium; it is None for the first load.
+        In such a state, with the directions of the lattice and a cell that keeps its shape, the
+        search at each load starts from the equilibrium at the load before it, in the order of
+        :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the reduced overlap and
+        displacements of that equilibrium; it is None for the first load. In exact directions, and
+        where the cell shears, the search starts from the lattice, and ``before`` is not used.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
@@ -1583,6 +1590,7 @@ class DirectSimulation(Medium[SimulatedState]):
         start = history.reduce_start(self.packing, self.is_exact)
         return start if isinstance(start, ReducedLoad) else None
 
+    @in_newtons
     def require_start(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for a load below the start of a history,
         where one of the two is a force and the other an overlap.
@@ -1609,10 +1617,8 @@ class DirectSimulation(Medium[SimulatedState]):
             return 0.0  # loads of the kind of the start are compared with it unsolved
         # a start at a low force takes longer, and so does one in the exact geometry
         slowness = 1.0 + _SLOW_FORCE / start.force if starts_at_force else 1.0
-        balls = self.balls
-        if self.is_exact:
-            balls *= _EXACT_BALL
-        return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
+        quick_balls = self.balls * (_EXACT_TIME_RATIO if self.is_exact else 1)
+        return slowness * self.samples * max(quick_balls, _LEAST_BALLS[self.is_exact])
 
 
 def _list_names_of_arrays(kind: type[Equilibrium]) -> list[str]:
@@ -1658,17 +1664,17 @@ def _explain_soft_waves(structure: Lattice, motions: Motions) -> str | None:
     """Return the sentence of a message on the waves of the lattice without friction that cost no
     energy; None if the lattice stands.
 
-    The waves are probed on a grid of :data:`_PROBED` wave vectors along each axis of the zone,
+    The waves are probed on a grid of :data:`_PROBE_COUNT` wave vectors along each axis of the zone,
     without its centre, where every lattice moves as a whole.
     """
     lattice = ContactLattice.of(structure, 0.0, motions=motions)
     if lattice.mechanism:
         return lattice.mechanism
     periods = structure.periods
-    coordinates = np.arange(_PROBED) / _PROBED  # fractions of a reciprocal vector
+    coordinates = np.arange(_PROBE_COUNT) / _PROBE_COUNT  # fractions of a reciprocal vector
     grids = np.meshgrid(*[coordinates for _ in range(periods)], indexing="ij")
     fractions = np.stack(grids, axis=-1).reshape(-1, periods)
     wavevectors = lattice.wavevectors(fractions[1:])  # without q = 0
     lowest_frequencies = lattice.frequencies(wavevectors)[:, 0]
-    is_stable = bool(np.all(lowest_frequencies > _SOFT))
+    is_stable = bool(np.all(lowest_frequencies > _SOFT_FREQUENCY))
     return None if is_stable else "Some of its waves cost no energy"

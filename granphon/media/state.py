@@ -185,7 +185,10 @@ class State(ABC):
     @abstractmethod
     def twist_velocity(self) -> Values | None:
         """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
-        None if the balls do not turn about it.
+        zero where a contact does not resist torsion.
+
+        None if the lattice is no straight chain, if the balls do not turn about its line, and if
+        springs to the ground act.
         """
 
     @abstractmethod
@@ -497,7 +500,7 @@ class ContactState(State, Result):
 
     @property
     def exponent(self) -> Values:
-        """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see
+        """Local exponent d log v / d log P = f k'/2k^2 of all sound velocities v, see
         :func:`granphon.local_exponent`.
         """
         slope = self.law.stiffness_slope(self.overlap)
@@ -804,8 +807,7 @@ class ContactState(State, Result):
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
-        None if the balls do not turn about it.
+        """Velocity of the wave of twist, m/s, see :attr:`State.twist_velocity`.
 
         The velocity is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of
         inertia I of a ball.
@@ -910,7 +912,10 @@ class NetworkState(State):
         return results.reshape((*self.shape, *results.shape[1:]))
 
     def __getitem__(self, index: Any) -> State:
-        """Select some of the loads, by an index as for arrays."""
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`select_loads`.
+        """
+        select_loads(self.shape, index)  # raises its errors
         return as_state(self.source[index])
 
     @property
@@ -1044,9 +1049,7 @@ class NetworkState(State):
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
-        None if the balls do not turn about it.
-        """
+        """Velocity of the wave of twist at each load, m/s, see :attr:`State.twist_velocity`."""
 
         def find_velocity(lattice: ContactLattice, network: ContactNetwork) -> float:
             """Return the velocity at one load, m/s; zero where a contact does not resist twist."""

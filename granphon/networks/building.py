@@ -8,6 +8,7 @@ normals lie along the line of the centres.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -26,17 +27,18 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 from granphon.base.text import counted
 from granphon.base.validation import is_one_of, one_of, whole_number
-from granphon.networks.faults import settle
+from granphon.networks.faults import MOST_NAMED, settle
 from granphon.networks.sources import (
-    LARGEST,
+    LARGEST_NUMBER,
     MOST_STEPS,
-    SOLID,
+    SOLID_INERTIA,
     TANGENTIAL_LAWS,
     Balls,
     Completion,
     Contacts,
     Reading,
     are_across,
+    are_independent,
     find_errors_of_overlaps,
     find_repeated,
     find_rounding,
@@ -49,10 +51,12 @@ from granphon.networks.sources import (
 _REACH = 0.25
 #: greatest error of a vector between two balls, over the sum of their radii, that is put down to
 #: rounding in a file
-_ROUNDED = 1e-2
-#: difference of z, over the largest radius, up to which balls are in one plane: the rounding in a
-#: file
-_LEVEL = 1e-9
+_VECTOR_TOLERANCE = 1e-2
+#: difference of z, over the largest radius, up to which balls are in one plane, and component of a
+#: normal along z up to which the normal lies there: the rounding in a file
+_LEVEL_TOLERANCE = 1e-9
+#: least relative decrease of the length of a period that counts as one: less is rounding
+_LEAST_SHORTENING = 1e-9
 #: standard error of the forces that follow from overlaps, over the forces, above which these are
 #: refused: frequencies are off by 1 %, as far as elastic constants are known
 _MOST_ERROR = 6e-2
@@ -61,18 +65,16 @@ _MOST_ERROR = 6e-2
 _LEAST_DEVIATION = 0.049
 #: factor between the overlap of a source and that of places, above which there is a warning of a
 #: single contact
-_FAR = 10.0
+_MOST_FACTOR = 10.0
 #: least overlap, and least force of the law at an overlap, over the mean of all contacts, for which
-#: single contacts are told: weaker contacts may have opened since
-_LEAST_TOLD = 1e-2
-#: most contacts that a warning names
-_NAMED = 3
+#: a warning names a contact: weaker contacts may have opened since
+_LEAST_SHARE = 1e-2
 #: part of a force vector across the normal, over the part along it, up to which the vector counts
 #: as a normal force
-_ACROSS = 1e-3
+_ACROSS_TOLERANCE = 1e-3
 #: least component of the direction of a normal along the line of the centres for which a body that
 #: does not move is a ball
-_ALIGNED = 0.999
+_LEAST_COSINE = 0.999
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,8 @@ class Source:
     slip_levers: str | None = None
 
     def complete(self, completion: Completion) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """Return all fields of the network, by name, in SI units, and notes on contacts that are
-        left out.
+        """Return the fields of the network but ``lattice`` and ``shape``, by name, in SI units, and
+        notes on contacts that are left out.
 
         The arguments in ``completion`` take precedence over the fields of the source. Arguments,
         warnings and errors are those of
@@ -192,10 +194,6 @@ class Source:
         motions = source.motions
         if motions is None:
             motions = default_motions(dimension).name
-        levers = source.slip_levers
-        if levers is None:  # those of the law
-            law = one_of("tangential_law", source.tangential_law, TANGENTIAL_LAWS)
-            levers = TANGENTIAL_LAWS[law].levers
         network_fields = {
             "cell": self.cell,
             "pbc": tuple(pbc.tolist()),
@@ -214,9 +212,18 @@ class Source:
             "contact_model": self._find_model(material, resists_slip=resists_slip),
             "on_site": self._list_on_site(motions, dimension),
             "tangential_law": source.tangential_law,
-            "slip_levers": levers,
+            "slip_levers": source._find_levers(),
         }
         return network_fields, notes
+
+    def _find_levers(self) -> str:
+        """Return the levers of slip of the source, by default those of its tangential law;
+        InputError for another law, which has none.
+        """
+        if self.slip_levers is not None:
+            return self.slip_levers
+        law = one_of("tangential_law", self.tangential_law, TANGENTIAL_LAWS)
+        return TANGENTIAL_LAWS[law].levers
 
     def _find_inertias(self, masses: Array) -> Array:
         """Return the moments of inertia (n,), kg m^2: those of the source, or else those of solid
@@ -225,7 +232,7 @@ class Source:
         balls = self.balls
         inertias = balls.inertias
         if inertias is None:
-            inertias = SOLID * masses * balls.radii**2
+            inertias = SOLID_INERTIA * masses * balls.radii**2
         return inertias if balls.still is None else np.where(balls.still, np.inf, inertias)
 
     def _find_contacts(
@@ -235,9 +242,10 @@ class Source:
         notes on contacts that are left out because they have no force.
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats. The
-        tangential forces are left out if no list has more of them than the rounding of normal
-        forces. If some lists have static torques of rolling and twist, the torques of the other
-        lists are zero. Raises and warns as :meth:`_join_balls` does.
+        tangential forces are left out if a list has none, or if no list has more of them than the
+        rounding of normal forces. If some lists have static torques of rolling and twist, the
+        torques of the other lists are zero. Raises and warns as :meth:`_join_balls` and
+        :meth:`_Joined.complete` do.
         """
         joined_lists = self._join_balls(positions, pbc, drops=completion.bad == "drop")
         fields_of_lists = [joined.complete(self.balls, completion) for joined in joined_lists]
@@ -329,11 +337,10 @@ class Source:
         warning.
         """
         lengths = np.max(np.abs(self.cell), axis=1)
-        is_in_range = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
+        is_in_range = (lengths < LARGEST_NUMBER) & ((lengths > 1.0 / LARGEST_NUMBER) | ~self.pbc)
         if not np.all(is_in_range):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
-        periods = self.cell[np.flatnonzero(pbc)]
-        if len(periods) and np.linalg.matrix_rank(periods) < len(periods):
+        if not are_independent(self.cell[pbc]):
             problem = "the periodic vectors of the cell are not independent of each other"
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
         if np.all(self.balls.radii == np.inf):
@@ -347,25 +354,33 @@ class Source:
         return joined_lists
 
     def _find_dimension(self) -> int:
-        """Return the number of coordinates that the balls have. It is 2, too, if the balls have
-        three coordinates, and all balls and contacts lie in a plane of one z (:meth:`_is_level`).
+        """Return the number of coordinates that the balls have; but 2 if the balls have three
+        coordinates, and all balls and contacts lie in a plane of one z (:meth:`_is_level`).
         """
         n_axes = self.balls.positions.shape[1]
         return 2 if n_axes == 3 and self._is_level() else n_axes
 
     def _is_level(self) -> bool:
-        """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
-        have any place.
+        """Whether all balls are at one height z, and no contact leads up or down, by its normal,
+        its vector or its shift. A flat wall may have any place. False if there are flat walls
+        alone.
         """
         balls = self.balls
         is_ball = np.isfinite(balls.radii)  # the radius of a flat wall is infinite
         heights = balls.positions[is_ball, 2]
-        if heights.size == 0 or np.ptp(heights) > _LEVEL * np.max(balls.radii[is_ball]):
+        if not heights.size:
             return False
-        for contacts in self.contacts:
-            if contacts.normal is not None and np.any(np.abs(contacts.normal[:, 2]) > _LEVEL):
-                return False
-        return True
+        tolerance = _LEVEL_TOLERANCE * np.max(balls.radii[is_ball])  # m
+        with np.errstate(all="ignore"):  # places and cells out of range are refused later
+            rises: list[tuple[Array, float]] = [(heights - heights[0], tolerance)]
+            for contacts in self.contacts:
+                if contacts.normal is not None:
+                    rises.append((contacts.normal[:, 2], _LEVEL_TOLERANCE))
+                if contacts.vector is not None:
+                    rises.append((contacts.vector[:, 2], tolerance))
+                if contacts.shift is not None:
+                    rises.append((contacts.shift @ self.cell[:, 2], tolerance))
+        return not any(np.any(np.abs(rise) > limit) for rise, limit in rises)
 
     def _judge_material(self, material: Material) -> None:
         """Warn of a density or a Young modulus that was probably given in another unit, where the
@@ -430,7 +445,8 @@ class _Joining:
         """Return the contacts without faults, with the balls that they join, and their forces.
 
         The contacts with faults are noted in ``faults``, each with the first fault that is found.
-        Warns if the overlaps of the source are one multiple of those of places and radii.
+        Warns if overlaps of the source are not those of places and radii
+        (:func:`_compare_overlaps`).
         """
         contacts = self.contacts
         faults = self.faults
@@ -451,18 +467,13 @@ class _Joining:
             normal_force = normal_force[is_fine]
         if tangential_force is not None:
             tangential_force = tangential_force[is_fine]
-        is_normal = False
-        is_of_vectors = contacts.tangential_force is None and tangential_force is not None
-        if is_of_vectors and normal_force is not None:
-            assert tangential_force is not None
-            sizes = np.linalg.norm(tangential_force, axis=1)
-            is_normal = bool(np.all(sizes <= _ACROSS * np.abs(normal_force)))
+        has_vectors_alone = contacts.tangential_force is None
         return _Joined(
             contacts.select(is_fine),
             pairs.select(is_fine),
             normal_force,
             tangential_force,
-            is_normal,
+            is_normal=has_vectors_alone and _is_rounding(tangential_force, normal_force),
         )
 
     def _find_ends(self) -> tuple[Index, Index]:
@@ -498,9 +509,9 @@ class _Joining:
         """Return the pairs of balls i and j (m,) that ``contacts`` (m,) join, with shifts, normals
         and overlaps.
 
-        Notes, as faults, contacts with a flat wall that have no normal, contacts across a side that
-        is not periodic, contacts whose balls are not near each other, and contacts that are listed
-        twice.
+        Notes, as faults, contacts with a flat wall that have no normal, contacts of two flat walls
+        that have no stiffness, contacts across a side that is not periodic, contacts whose balls
+        are not near each other, and contacts that are listed twice.
         """
         balls = self.places.balls
         radii_i = balls.radii[i]
@@ -510,12 +521,11 @@ class _Joining:
         if contacts.normal is None:
             words = "a flat wall, and no normal"
             self.faults.note(np.isinf(sum_of_radii), words, mend="Give nx, ny and nz")
-        shift = contacts.shift
-        if shift is None:
-            shift = self._find_shift(contacts, i, j, is_still)
-        crosses_side = np.any(shift[:, ~self.places.pbc], axis=1)
-        words = "a shift across a side of the cell that is not periodic"
-        self.faults.note(crosses_side, words, values=shift.astype(float), mend="Compare pbc")
+        if contacts.normal_stiffness is None:
+            are_flat = np.isinf(radii_i) & np.isinf(radii_j)
+            words = "two flat walls, which no law makes stiff"
+            self.faults.note(are_flat, words, mend="Give normal_stiffness, or leave them out")
+        shift = self._take_shift(contacts, i, j, is_still)
         positions = self.places.positions
         vector = positions[j] + shift @ self.places.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
@@ -529,7 +539,7 @@ class _Joining:
         else:
             # a body that does not move need not be a ball: its overlap is that of place and radius
             # only if the body is near, and the normal is along the line of the centres
-            is_along = np.einsum("ca,ca->c", normal, vector) >= _ALIGNED * distance
+            is_along = np.einsum("ca,ca->c", normal, vector) >= _LEAST_COSINE * distance
             has_overlap = ~is_still | (has_overlap & is_near & is_along)
         self.faults.note(
             has_overlap & ~is_near,
@@ -542,6 +552,20 @@ class _Joining:
         pairs = _Pairs(i, j, radii_i, radii_j, shift, normal, overlap, has_overlap)
         self._note_repeated(pairs)
         return pairs
+
+    def _take_shift(self, contacts: Contacts, i: Index, j: Index, is_still: Flags) -> Index:
+        """Return the whole cells (m, 3) by which balls j are displaced: those of the source, or
+        else those that :meth:`_find_shift` finds, which has the same arguments.
+
+        Notes, as faults, contacts across a side that is not periodic.
+        """
+        shift = contacts.shift
+        if shift is None:
+            shift = self._find_shift(contacts, i, j, is_still)
+        crosses_side = np.any(shift[:, ~self.places.pbc], axis=1)
+        words = "a shift across a side of the cell that is not periodic"
+        self.faults.note(crosses_side, words, values=shift.astype(float), mend="Compare pbc")
+        return shift
 
     def _take_overlaps(self, contacts: Contacts, pairs: _Pairs) -> _Pairs:
         """Return the pairs (m,) with the overlaps of the source in place of those of places and
@@ -652,12 +676,12 @@ class _Joining:
         to_cells = np.linalg.pinv(periods)  # (3, p), from lengths to numbers of cells
         steps = self._round_steps((contacts.vector - between) @ to_cells)
         deviations = np.linalg.norm(between + steps @ periods - contacts.vector, axis=1)
-        is_off = ~is_anywhere & (deviations > _ROUNDED * sum_of_radii)
+        is_off = ~is_anywhere & (deviations > _VECTOR_TOLERANCE * sum_of_radii)
         mend = "Are both files of one time step?"
         # by how much the vectors would miss an image of ball j if they had the opposite signs
         reversed_gaps = between + contacts.vector
         reversed_gaps -= self._round_steps(reversed_gaps @ to_cells) @ periods
-        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _ROUNDED * sum_of_radii
+        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _VECTOR_TOLERANCE * sum_of_radii
         if np.all(fits_reversed[is_off]):
             mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
         words = "a vector that does not lead from ball to ball in this cell, off by a distance"
@@ -674,10 +698,13 @@ class _Joining:
         The arguments are those of :meth:`_find_steps`; ``with_itself`` (m,) marks contacts of a
         ball with its own image.
         """
-        periods = self.places.periods
+        # in an oblique cell the nearest image may be many cells away from the one that rounding
+        # finds: the images are sought along short periods of the same lattice
+        multiples = _find_short_periods(self.places.periods)
+        periods = multiples @ self.places.periods
         n_periods = len(periods)
         rounded_steps = -self._round_steps(between @ np.linalg.pinv(periods))
-        # (3^p, p): in a tilted cell the nearest image may be beside the one that rounding finds
+        # (3^p, p): the nearest image may still be beside the one that rounding finds
         axis_steps = [[-1, 0, 1]] * n_periods
         steps = np.stack(np.meshgrid(*axis_steps, indexing="ij"), axis=-1).reshape(-1, n_periods)
         # the distances of the nearest, second and third nearest image so far
@@ -703,7 +730,7 @@ class _Joining:
             why="The cell is so small that one contact is not the only one of its balls",
             mend="Give the shift of each contact",
         )
-        return nearest_steps
+        return np.asarray(nearest_steps @ multiples, np.intp)
 
     def _round_steps(self, steps: Array) -> Index:
         """Return the whole numbers of cells (m, p) nearest to ``steps`` (m, p); note, as a fault,
@@ -751,6 +778,34 @@ class _Joining:
         return normal_force, tangential_force
 
 
+def _find_short_periods(periods: Array) -> Index:
+    """Return whole multiples (p, p) of the ``periods`` (p, 3), m, that add up to short periods of
+    the same lattice, one in each row; the unit matrix if the periods are short already.
+
+    Of two periods the multiple of one that makes the other shortest is subtracted from the other,
+    as in Gauss's reduction of quadratic forms, until none becomes shorter.
+    """
+    n_periods = len(periods)
+    multiples = np.eye(n_periods, dtype=np.intp)
+    pairs = list(itertools.permutations(range(n_periods), 2))
+    has_changed = True
+    while has_changed:
+        has_changed = False
+        for row, other in pairs:
+            vectors = multiples @ periods
+            size = np.linalg.norm(vectors[other])
+            count = np.rint(vectors[row] / size @ vectors[other] / size)
+            shorter = np.linalg.norm(vectors[row] - count * vectors[other])
+            # images more cells away than MOST_STEPS are refused in any case
+            is_countable = abs(count) <= MOST_STEPS
+            # a period that is shorter by rounding alone would be exchanged for ever
+            is_shorter = shorter < (1.0 - _LEAST_SHORTENING) * np.linalg.norm(vectors[row])
+            if is_countable and is_shorter:
+                multiples[row] -= int(count) * multiples[other]
+                has_changed = True
+    return multiples
+
+
 @dataclass(frozen=True)
 class _Joined:
     """Contacts (m,) that have no fault, with the balls that they join.
@@ -775,8 +830,9 @@ class _Joined:
     def complete(self, balls: Balls, completion: Completion) -> dict[str, Any]:
         """Return the fields of the contacts of the network, by name, each (m,) or (m, 3), SI.
 
-        Where stiffnesses follow from Hertz's law, contacts without force are open: they are left
-        out. Warns if the balls of such contacts overlap (:func:`_warn_of_open`).
+        Where stiffnesses follow from Hertz's law, contacts without a force that presses are open:
+        they are left out. Warns if the forces are those of the source, and the balls of such
+        contacts overlap (:func:`_warn_of_open`). Raises InputError as :meth:`_find_springs` does.
         """
         contacts = self.contacts
         pairs = self.pairs
@@ -847,17 +903,17 @@ class _Joined:
         stiffnesses, and there is no material from which they follow.
         """
         contacts = self.contacts
-        lacking = ["normal_force"] if self.normal_force is None else []
+        missing_names = ["normal_force"] if self.normal_force is None else []
         names = ["normal_stiffness"]
         if completion.friction:
             names.append("shear_stiffness")
-        lacking += [name for name in names if getattr(contacts, name) is None]
-        if not lacking or completion.material is not None:
+        missing_names += [name for name in names if getattr(contacts, name) is None]
+        if not missing_names or completion.material is not None:
             return
         mend = "Give the material of the balls, from which they follow, or the columns"
-        if lacking == ["shear_stiffness"]:
+        if missing_names == ["shear_stiffness"]:
             mend = "Give the column, the material of the balls, or friction=False"
-        problem = f"{contacts.name} has no {', '.join(lacking)}, and no material is given"
+        problem = f"{contacts.name} has no {', '.join(missing_names)}, and no material is given"
         raise InputError(problem, mend=mend)
 
     def _find_rolling_springs(self, shear: Array) -> tuple[Array, Array]:
@@ -890,7 +946,8 @@ class _Joined:
 
     def _find_roll_ratios(self) -> Array:
         """Return the rotations (m,) that LIGGGHTS counts as rolling, over those of balls: one
-        between balls, and at flat walls the arm over the distance of the centre from the wall.
+        between balls, and at flat walls the arm over the distance of the centre from the wall, or
+        one where no arm is known.
         """
         pairs = self.pairs
         ratios = np.ones(len(pairs.i))
@@ -918,6 +975,16 @@ class _Joined:
         if contacts.twisting_torque is not None:
             torque += contacts.twisting_torque[:, None] * normal
         return torque
+
+
+def _is_rounding(tangential_force: Array | None, normal_force: Array | None) -> bool:
+    """Whether the tangential forces (m, 3), N, are so small beside the normal forces (m,), N, that
+    they are rounding; false if either are not known.
+    """
+    if tangential_force is None or normal_force is None:
+        return False
+    sizes = np.linalg.norm(tangential_force, axis=1)
+    return bool(np.all(sizes <= _ACROSS_TOLERANCE * np.abs(normal_force)))
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:
@@ -951,18 +1018,18 @@ def _judge_errors(
     errors come from the rounding of the overlaps of the source, or else of its places and radii.
     Smaller errors have a warning of their own (:mod:`granphon.networks.consistency`).
     """
-    rounded = f"places of {balls.name}" if contacts.overlap is None else "the overlaps"
-    _greatest, error = _find_errors(contacts, balls, pairs)
-    if not error.size:
+    rounded_things = f"places of {balls.name}" if contacts.overlap is None else "the overlaps"
+    _greatest_errors, errors = _find_errors(contacts, balls, pairs)
+    if not errors.size:
         return
-    force_error = float(np.sum(find_force(error) - find_force(-error))) / 2.0
+    force_error = float(np.sum(find_force(errors) - find_force(-errors))) / 2.0
     total_force = float(np.sum(find_force()))
     if force_error <= _MOST_ERROR * total_force:  # both may be zero, of balls that just touch
         return
     error_share = min(force_error / total_force, 1.0) if total_force else 1.0
     raise InputError(
         f"{contacts.name} has no forces, and those of the overlaps are off by {error_share:.0%}, as"
-        f" {rounded} are rounded: {float(np.max(error)):.2g} m in an overlap",
+        f" {rounded_things} are rounded: {float(np.max(errors)):.2g} m in an overlap",
         "An overlap is a small difference of places",
         "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the"
         " forces",
@@ -976,8 +1043,8 @@ def _find_errors(contacts: Contacts, balls: Balls, pairs: _Pairs) -> tuple[Array
     if contacts.overlap is None:
         return _find_errors_of_places(balls, pairs)
     # rounding errors are uniform up to the greatest one: the standard error is that over root 3
-    greatest = find_rounding(contacts.overlap)
-    return greatest, greatest / math.sqrt(3.0)
+    greatest_errors = find_rounding(contacts.overlap)
+    return greatest_errors, greatest_errors / math.sqrt(3.0)
 
 
 def _find_errors_of_places(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
@@ -992,13 +1059,13 @@ def _find_errors_of_places(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
 def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
     """Warn if the overlaps of the source are not those of places and radii, ``pairs.overlap``.
 
-    First the median of the ratio of both is compared with one, to 5 %; pairs whose overlap is
-    uncertain by that much from rounding alone do not count. If the median is near to one, or no
-    pair counts, single overlaps are compared (:func:`_warn_of_single_overlaps`).
+    First the median of the ratio of both is compared with one, to 5 %. Pairs that are apart, or
+    whose overlap is uncertain by that much from rounding alone, do not count. If the median is near
+    to one, or no pair counts, single overlaps are compared (:func:`_warn_of_single_overlaps`).
     """
     assert contacts.overlap is not None
-    greatest, _standard = _find_errors_of_places(balls, pairs)
-    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_DEVIATION > greatest)
+    greatest_errors, _standard_errors = _find_errors_of_places(balls, pairs)
+    is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_DEVIATION > greatest_errors)
     if np.any(is_clear):
         ratio = float(np.median(contacts.overlap[is_clear] / pairs.overlap[is_clear]))
         if abs(ratio - 1.0) >= _LEAST_DEVIATION:
@@ -1006,31 +1073,32 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
             mend = "Compare their units, and those of places and radii"
             warn_caller(message(fault, mend=mend), InconsistencyWarning)
             return
-    _warn_of_single_overlaps(contacts, pairs, greatest)
+    _warn_of_single_overlaps(contacts, pairs, greatest_errors)
 
 
-def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array) -> None:
+def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest_errors: Array) -> None:
     """Warn of overlaps of the source that are more than ten times those of places and radii, or
     less than a tenth.
 
-    Rounding may leave errors up to ``greatest`` (n_c,), m, in the overlaps of places and radii: a
-    contact is told only if no such error explains the factor. A contact whose overlaps are both
-    small beside the others is not told either.
+    Rounding may leave errors up to ``greatest_errors`` (n_c,), m, in the overlaps of places and
+    radii: a contact is told only if no such error explains the factor. A contact whose overlaps are
+    both small beside the others is not told either.
     """
     assert contacts.overlap is not None
     overlap = np.maximum(contacts.overlap, 0.0)
     # the overlaps of places and radii, with the greatest errors
-    lowest = np.maximum(pairs.overlap - greatest, 0.0)
-    highest = np.maximum(pairs.overlap + greatest, 0.0)
-    is_far = (overlap > _FAR * highest) | (lowest > _FAR * overlap)
-    is_large = np.maximum(overlap, lowest) > _find_least_told(overlap)
+    least_overlap = np.maximum(pairs.overlap - greatest_errors, 0.0)
+    greatest_overlap = np.maximum(pairs.overlap + greatest_errors, 0.0)
+    is_too_large = overlap > _MOST_FACTOR * greatest_overlap
+    is_far = is_too_large | (least_overlap > _MOST_FACTOR * overlap)
+    is_large = np.maximum(overlap, least_overlap) > _find_least_size(overlap)
     odd_rows = np.flatnonzero(pairs.has_overlap & is_far & is_large)
     if not odd_rows.size:
         return
     shown = [
         f"{contacts.describe(row)}, {contacts.overlap[row]:.3g} m where places have"
         f" {pairs.overlap[row]:.3g} m"
-        for row in odd_rows[:_NAMED].tolist()
+        for row in odd_rows[:MOST_NAMED].tolist()
     ]
     subject = counted(odd_rows.size, "overlap is", "overlaps are")
     fault = (
@@ -1049,15 +1117,15 @@ def _warn_of_open(
     that is not small beside the forces of other contacts, even at the least overlap that rounding
     allows.
     """
-    greatest, _standard = _find_errors(contacts, balls, pairs)
-    force_of_law = _find_force_of_overlap(coefficient, pairs.overlap, -greatest)
-    is_large = force_of_law > _find_least_told(np.abs(force))
+    greatest_errors, _standard_errors = _find_errors(contacts, balls, pairs)
+    force_of_law = _find_force_of_overlap(coefficient, pairs.overlap, -greatest_errors)
+    is_large = force_of_law > _find_least_size(np.abs(force))
     odd_rows = np.flatnonzero(pairs.has_overlap & (force == 0.0) & is_large)
     if not odd_rows.size:
         return
     shown = [
         f"{contacts.describe(row)}, where the overlap makes {force_of_law[row]:.3g} N"
-        for row in odd_rows[:_NAMED].tolist()
+        for row in odd_rows[:MOST_NAMED].tolist()
     ]
     subject = counted(odd_rows.size, "contact has", "contacts have")
     fault = f"{contacts.name}: {subject} no force, though the balls overlap: {'; '.join(shown)}"
@@ -1065,16 +1133,16 @@ def _warn_of_open(
     warn_caller(message(fault, why, "Compare the column of forces"), InconsistencyWarning)
 
 
-def _find_least_told(sizes: Array) -> float:
-    """Return the size above which a single contact is told: the part :data:`_LEAST_TOLD` of the
+def _find_least_size(sizes: Array) -> float:
+    """Return the size above which a single contact is told: the part :data:`_LEAST_SHARE` of the
     mean of the ``sizes`` (n_c,) of all contacts; zero without a contact.
     """
-    return _LEAST_TOLD * float(np.mean(sizes)) if sizes.size else 0.0
+    return _LEAST_SHARE * float(np.mean(sizes)) if sizes.size else 0.0
 
 
 def _leave_out(fields_of_contacts: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
-    """Return the fields of contacts, by name, without the contacts that ``is_open`` (n_c,) marks;
-    ``fields_of_contacts`` are those of all.
+    """Return the ``fields_of_contacts``, by name, without the contacts that ``is_open`` (n_c,)
+    marks.
     """
     return {name: values[~is_open] for name, values in fields_of_contacts.items()}
 

@@ -24,37 +24,42 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, message, warn_caller
 from granphon.base.text import counted
-from granphon.networks.sources import LARGEST, SOLID, find_errors_of_overlaps, find_rounding
+from granphon.networks.faults import MOST_NAMED
+from granphon.networks.sources import (
+    LARGEST_NUMBER,
+    SOLID_INERTIA,
+    find_errors_of_overlaps,
+    find_rounding,
+)
 
 #: sum of the forces on a ball, over the mean force of a contact, up to which they are in balance
 #: where static forces act: programs of discrete elements leave 1e-4 or less, and weights, walls or
 #: digits that a file lacks leave more
-BALANCED = 1e-3
-#: the same sum, and the sum of torques over the mean force and the mean radius, from which on the
-#: balls of a packing that nothing else holds still move; rounding to three digits leaves less
-MOVING = 5e-3
+BALANCE_LIMIT = 1e-3
+#: the same sum, and the sum of the torques on a ball over the mean force and the mean radius, from
+#: which on the balls of a packing that nothing else holds still move; rounding to three digits
+#: leaves less
+REST_LIMIT = 5e-3
 #: greatest difference of a median ratio from one, and greatest scatter about the median: 5 %, less
 #: a little, so that the rounding of a ratio of 1.05 does not matter
-_ALIKE = 0.049
+_RATIO_TOLERANCE = 0.049
 #: greatest error of forces by the rounding of places: frequencies have a sixth of it, 0.1 %
-_ROUNDED = 6e-3
-#: scatter of the forces of a source about those of the law at its overlaps, below which the forces
+_ROUNDING_LIMIT = 6e-3
+#: least scatter of forces about those of the law at the overlaps, relative; with less the forces
 #: were computed from the overlaps
-_FOLLOWS = 1e-9
+_LEAST_SCATTER = 1e-9
 #: greatest factor between the force of a contact and that of the law at its overlap
 _MOST_FACTOR = 10.0
 #: least force, over the mean, of a contact that is compared by itself with this factor: weaker
 #: contacts may not have come to rest
-_LEAST_COMPARED = 1e-3
+_LEAST_FORCE = 1e-3
 #: least overlap of places over the distance: places with less have none, as those of a lattice
 _LEAST_OVERLAP = 1e-10
-#: most balls, or pairs of balls, that a comparison names
-_NAMED = 3
 #: moment of inertia of a thin hollow sphere, 2/3 m r^2, the greatest of all, over that of a solid
 #: one
-_HOLLOW = 2.0 / (3.0 * SOLID)
-#: comparisons of what stands in the file of balls
-_OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
+_HOLLOW_INERTIA = 2.0 / (3.0 * SOLID_INERTIA)
+#: names of the comparisons of what stands in the source of balls
+_COMPARISONS_OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
 
 
 @dataclass(frozen=True)
@@ -67,11 +72,12 @@ class Comparison:
     meaning : the quantity that is limited.
     value : a pure number, which must not be above ``limit``, or with ``at_least`` not below it.
     limit : the limit.
-    fault : what is wrong where the value is beyond the limit, in words.
+    fault : what is wrong where the value is beyond the limit, in words; elsewhere not to be read.
     reason : what the fault does to frequencies, and how to mend it, in words.
     typical : the rms over balls, where the value is that of the worst ball; None elsewhere.
-    worst : the balls, or pairs of balls that touch, that deviate most, the worst first; each a
-        tuple of one or two labels, or indices where balls have no labels.
+    worst : the balls, or pairs of balls that touch, that deviate most, three at most, the worst
+        first; each a tuple of one or two labels, or indices where balls have no labels. Empty for
+        a comparison that names none.
     at_least : whether the limit is a lower one.
     """
 
@@ -97,28 +103,33 @@ def compare_numbers(network: Any) -> tuple[Comparison, ...]:
     The sums of static forces on balls are compared with prestress; without prestress they are
     compared if all static forces are known, and the network has no open ends. The sums of torques
     are compared, too, if tangential forces are known, and static torques are known or no contact
-    resists rolling or twist. Overlaps, stiffnesses and masses are compared in networks
-    that were read: in granphon's own networks the contacts follow their law, and balls need not be
-    solid.
+    resists rolling or twist. Overlaps, stiffnesses, masses and moments of inertia are not compared
+    if the ``contact_model`` takes the curvatures of contacts from the kinds of the balls
+    (``own_radii`` is false), as in networks of granphon's own packings: there the contacts follow
+    their law, and balls need not be solid.
     """
     return tuple(_list_comparisons(network))
 
 
 def warn_of_faults(network: Any) -> None:
-    """Warn of each comparison that a ``network`` fails, which has been read from files; the warning
-    begins with the name of the file in which the fault stands.
+    """Warn of each comparison that a ``network`` fails, which has a
+    :attr:`~granphon.networks.network.ContactNetwork.reading`. The warning begins with the name of
+    the source in which the fault stands, that of balls or that of contacts.
 
-    There is no warning of rattlers, which are in the network only if they were asked for, and none
-    of too few contacts of a lattice in balance, whose modes of frequency zero are known.
+    There is no warning of rattlers, which are in the network only if they were asked for. There is
+    none of too few contacts either, if all balls have the same number of contacts, as in a lattice,
+    and the sums of forces are within their limit or are not compared: the modes of frequency zero
+    of a lattice are known.
     """
     failures = {each.name: each for each in compare_numbers(network) if not each.holds}
     failures.pop("rattlers", None)
     if "balance" not in failures and _is_regular(network):
         failures.pop("contacts", None)
     for name, comparison in failures.items():
-        file = network.reading.balls if name in _OF_BALLS else network.reading.contacts
+        is_of_balls = name in _COMPARISONS_OF_BALLS
+        source = network.reading.balls if is_of_balls else network.reading.contacts
         fault = comparison.fault[0].lower() + comparison.fault[1:]
-        warn_caller(message(f"{file}: {fault}", comparison.reason), InconsistencyWarning)
+        warn_caller(message(f"{source}: {fault}", comparison.reason), InconsistencyWarning)
 
 
 def _list_comparisons(network: Any) -> Iterator[Comparison]:
@@ -134,8 +145,10 @@ def _list_comparisons(network: Any) -> Iterator[Comparison]:
         if knows_torques and network.tangential_force is not None:
             yield _compare_torques(network)
     model = network.contact_model
-    is_read = model is None or model.own_radii
-    if is_read:
+    # contacts with the curvatures of the kinds, as of granphon's own packings, follow their law by
+    # construction
+    follows_law = model is not None and not model.own_radii
+    if not follows_law:
         yield from _compare_law(network)
         yield from _compare_balls(network)
     yield from _compare_hold(network)
@@ -162,7 +175,9 @@ def _can_balance(network: Any) -> bool:
 
 def compare_forces(network: Any) -> Comparison:
     """Return the comparison of the sum of the static forces on each ball, over the mean force of a
-    contact, with zero; the network has contacts with forces.
+    contact, with zero; the network has contacts with forces. Where some balls do not move, the sums
+    are less the part that may be in balance with gravity
+    (:attr:`~granphon.networks.network.ContactNetwork.residual_forces`).
     """
     ratios = np.linalg.norm(network.residual_forces, axis=1) / network.mean_force
     return _compare_sums(
@@ -170,7 +185,7 @@ def compare_forces(network: Any) -> Comparison:
         "balance",
         "sum of the static forces on a ball over the mean force of a contact",
         ratios,
-        BALANCED if network.prestress else MOVING,
+        BALANCE_LIMIT if network.prestress else REST_LIMIT,
         network.describe_imbalance(network.find_farthest(network.residual_forces)),
         "Frequencies are of a network that is not at rest, unless something else acts on"
         " the ball, as its weight or a wall",
@@ -179,7 +194,8 @@ def compare_forces(network: Any) -> Comparison:
 
 def _compare_torques(network: Any) -> Comparison:
     """Return the comparison of the sum of the static torques on each ball, over the mean force of a
-    contact times the mean radius, with zero; the network has contacts with forces.
+    contact times the mean radius of the balls that move, with zero; the network has contacts with
+    forces, and balls that move.
     """
     _forces, torques = network.unbalanced
     mean_radius = float(np.mean(network.radii[network.moving]))
@@ -190,7 +206,7 @@ def _compare_torques(network: Any) -> Comparison:
         "torques",
         "sum of the static torques on a ball over mean force of a contact and mean radius",
         ratios,
-        MOVING,
+        REST_LIMIT,
         f"The static torques on ball {network.name_ball(ball)} add up to {ratios[ball]:.2g} of the"
         f" mean contact force times the mean radius",
         "Frequencies are of balls that begin to turn: tangential forces are of another step, of the"
@@ -215,7 +231,7 @@ def _compare_sums(
     """
     failing_balls = np.flatnonzero(ratios > limit)
     order = np.argsort(-ratios[failing_balls], kind="stable")
-    worst_balls = failing_balls[order][:_NAMED]
+    worst_balls = failing_balls[order][:MOST_NAMED]
     labels = [network.name_ball(ball) for ball in worst_balls.tolist()]
     if len(labels) > 1:
         fault += f" (the worst balls: {', '.join(map(str, labels))})"
@@ -236,7 +252,7 @@ def _compare_sums(
 
 @dataclass(frozen=True)
 class _Overlaps:
-    """The overlaps of the contacts under a force between balls that move.
+    """The overlaps of the contacts that a force presses and whose two balls move.
 
     Attributes
     ----------
@@ -245,7 +261,7 @@ class _Overlaps:
     greatest_errors, errors : (m,) greatest and standard errors that rounding leaves in the
         overlaps, m.
     linear_overlaps : (m,) force over normal stiffness, m: by Hertz's law 2/3 of the overlap.
-    is_strong : (m,) whether the force of a contact is the median force or more.
+    is_strong : (m,) whether the force of a contact is the median force of these contacts or more.
     """
 
     contacts: Index
@@ -259,8 +275,9 @@ class _Overlaps:
     def of(cls, network: Any) -> Self:
         """Return the overlaps of a network."""
         force = network.normal_force
-        # a force that is so small that the overlap underflows is none
-        has_force = force / network.normal_stiffness > 1.0 / LARGEST
+        # a force under which the overlap is below 1e-60 m counts as none: powers of such an overlap
+        # would underflow
+        has_force = force / network.normal_stiffness > 1.0 / LARGEST_NUMBER
         both_move = network.moving[network.i] & network.moving[network.j]
         contacts = np.flatnonzero(has_force & both_move)
         i = network.i[contacts]
@@ -289,8 +306,9 @@ class _Overlaps:
         """The power p in the law that forces f are proportional to overlaps to the power p.
 
         By this law an overlap is p f/k, where k is the normal stiffness. So p is found as the
-        median of the overlap over f/k, over the strong contacts. The power is zero, which stands
-        for no law, if the median of the overlaps less their greatest errors is not above zero.
+        median of the overlap over f/k, over the strong contacts, of which there are some. The power
+        is zero, which stands for no law, if the median of the overlaps of these contacts, less
+        their greatest errors, is not above zero.
         """
         is_strong = self.is_strong
         if not np.median((self.overlaps - self.greatest_errors)[is_strong]) > 0.0:
@@ -301,61 +319,73 @@ class _Overlaps:
         """Return the forces of the law at the overlaps, over the forces of the contacts, (m,), if
         forces go as the ``power`` of overlaps; zero for balls that are apart.
 
-        The overlaps are taken with an ``error``, (m,) or a number, m.
+        An ``error``, (m,) or a number, m, is added to the overlaps first.
         """
         overlaps = np.maximum(self.overlaps + error, 0.0)
         return np.asarray((overlaps / (power * self.linear_overlaps)) ** power)
 
 
 def _compare_law(network: Any) -> Iterator[Comparison]:
-    """Yield the comparisons of the stiffnesses of contacts with Hertz's law under their forces, and
-    of their forces with the law at their overlaps.
+    """Yield the comparisons of the stiffnesses of contacts with Hertz's law under their forces, if
+    materials are known, and of their forces with the law at their overlaps.
 
-    Contacts with less than the median force do not count, as their overlaps have large relative
-    errors. Nothing is yielded if contacts are adhesive or known to have another law than Hertz's,
-    or if the network has no overlaps beyond rounding.
-
-    A contact of the force f and the stiffness k has the overlap p f/k: p is 3/2 by Hertz's law, and
-    1 where forces are proportional to overlaps. Without materials the nearer of the two is taken;
-    with materials p is 1 if the overlaps are f/k and the stiffnesses are not those of Hertz's law.
+    Medians are over the contacts with the median force or more, as the overlaps of the others have
+    large relative errors. Nothing is yielded if contacts are adhesive or known to have another law
+    than Hertz's, or if the network has no overlaps beyond rounding.
     """
     model = network.contact_model
     if network.adhesive or not (model is None or model.is_hertzian):
         return
     overlaps = _Overlaps.of(network)
-    if not overlaps.contacts.size:
-        return
-    power = overlaps.power
+    # without such contacts there is no median
+    power = overlaps.power if overlaps.contacts.size else 0.0
     if not power:
         return
-    is_linear = power < 0.5 * (1.0 + EXPONENT)
-    # whether the comparison of single stiffnesses tells of each contact
-    is_told = np.zeros(overlaps.contacts.size, bool)
-    all_ratios = _find_stiffness_ratios(network, overlaps.contacts)
-    stiffness_ratios = all_ratios[overlaps.is_strong & np.isfinite(all_ratios)]
-    if stiffness_ratios.size:
-        is_hertzian = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
-        is_linear = abs(power - 1.0) <= _ALIKE and not is_hertzian
-        if not is_linear:
-            stiffness_ratio = float(np.median(stiffness_ratios))
-            yield _compare_median(
-                "stiffness",
-                "median of the normal stiffness over that of Hertz's law under the force, less one",
-                stiffness_ratio,
-                "The normal stiffnesses are {ratio} times those of Hertz's law under the forces",
-                "The stiffnesses count: if the law is right, all frequencies are off by {effect}",
-                effect=stiffness_ratio**0.5,
-            )
-            relative_ratios = all_ratios / stiffness_ratio
-            is_told = _find_odd_stiffnesses(network, overlaps, relative_ratios)
-            odd_contacts = np.flatnonzero(is_told)
-            distances = np.abs(np.log(relative_ratios[odd_contacts]))
-            worst_first = odd_contacts[np.argsort(-distances, kind="stable")]
-            yield _compare_single_stiffnesses(
-                network, overlaps.contacts[worst_first], all_ratios[worst_first]
-            )
-    law = 1.0 if is_linear else EXPONENT
-    yield from _compare_forces_of_overlaps(network, overlaps, law, is_told)
+    ratios = _find_stiffness_ratios(network, overlaps.contacts)
+    is_typical = overlaps.is_strong & np.isfinite(ratios)
+    is_linear = _is_linear(power, ratios[is_typical])
+    # (m,) whether the comparison of single stiffnesses names each contact
+    has_odd_stiffness = np.zeros(overlaps.contacts.size, bool)
+    if np.any(is_typical) and not is_linear:
+        median_ratio = float(np.median(ratios[is_typical]))
+        yield _compare_stiffnesses(median_ratio)
+        has_odd_stiffness = _find_odd_stiffnesses(network, overlaps, ratios / median_ratio)
+        yield _compare_single_stiffnesses(
+            network, overlaps.contacts[has_odd_stiffness], ratios[has_odd_stiffness], median_ratio
+        )
+    power_of_law = 1.0 if is_linear else EXPONENT
+    yield from _compare_forces_of_overlaps(network, overlaps, power_of_law, has_odd_stiffness)
+
+
+def _is_linear(power: float, stiffness_ratios: Array) -> bool:
+    """Whether the forces of contacts are compared with forces that are proportional to overlaps,
+    and not with those of Hertz's law.
+
+    A contact of the force f and the stiffness k has the overlap p f/k: p is 3/2 by Hertz's law, and
+    1 where forces are proportional to overlaps. ``power`` is the p of the network
+    (:attr:`_Overlaps.power`). ``stiffness_ratios`` (m,) are the stiffnesses of the contacts that
+    count over those of Hertz's law under their forces, none if no material is known. Without them
+    the nearer p is taken. With them p is 1 only if the overlaps are f/k and the stiffnesses are not
+    those of Hertz's law.
+    """
+    if not stiffness_ratios.size:
+        return power < 0.5 * (1.0 + EXPONENT)
+    is_hertzian = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _RATIO_TOLERANCE
+    return abs(power - 1.0) <= _RATIO_TOLERANCE and not is_hertzian
+
+
+def _compare_stiffnesses(median_ratio: float) -> Comparison:
+    """Return the comparison of the ``median_ratio``, that of the normal stiffnesses to those of
+    Hertz's law under the same forces, with one.
+    """
+    return _compare_median(
+        "stiffness",
+        "median of the normal stiffness over that of Hertz's law under the force, less one",
+        median_ratio,
+        "The normal stiffnesses are {ratio} times those of Hertz's law under the forces",
+        "The stiffnesses count: if the law is right, all frequencies are off by {effect}",
+        effect=median_ratio**0.5,
+    )
 
 
 def _is_far(ratios: Array) -> Flags:
@@ -371,27 +401,35 @@ def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative_ratios: Ar
     and not the force.
 
     ``relative_ratios`` (m,) are the ratios of the stiffnesses to those of the law, over the median
-    of these ratios.
+    of these ratios; nan where materials are not known. False for all contacts if most of the strong
+    ones whose ratios are known join balls that are apart, by their places.
     """
-    # forces of the law at the overlaps over those of the contacts, with the stiffness of the law
-    # under the force in place of that of the contact
+    # forces of the law at the overlaps over those of the contacts, found with the stiffness of the
+    # law under the force, times the median ratio, in place of that of the contact
     force_ratios = overlaps.find_ratios(EXPONENT) / relative_ratios**EXPONENT
-    force_ratios /= np.nanmedian(force_ratios[overlaps.is_strong])
+    median_ratio = float(np.nanmedian(force_ratios[overlaps.is_strong]))
+    if not median_ratio:
+        return np.zeros(len(force_ratios), bool)
     force = network.normal_force[overlaps.contacts]
-    is_odd = _is_far(relative_ratios) & ~_is_far(force_ratios)
-    return np.asarray(is_odd & (force > _LEAST_COMPARED * np.mean(force)))
+    is_odd = _is_far(relative_ratios) & ~_is_far(force_ratios / median_ratio)
+    return np.asarray(is_odd & (force > _LEAST_FORCE * np.mean(force)))
 
 
-def _compare_single_stiffnesses(network: Any, outliers: Index, ratios: Array) -> Comparison:
+def _compare_single_stiffnesses(
+    network: Any, outliers: Index, ratios: Array, median_ratio: float
+) -> Comparison:
     """Return the comparison of the number of ``outliers`` with zero. These are indices (m,) of
-    contacts whose stiffness is far from that of the law, the worst first; ``ratios`` (m,) are their
-    stiffnesses over those of the law.
+    contacts whose stiffness is far from that of the law; ``ratios`` (m,) are their stiffnesses over
+    those of the law, and ``median_ratio`` is the median of such ratios, from which the worst are
+    farthest.
     """
-    stiffnesses = network.normal_stiffness[outliers]
+    distances = np.abs(np.log(ratios / median_ratio))
+    order = np.argsort(-distances, kind="stable")
+    stiffnesses = network.normal_stiffness[outliers[order]]
     return _compare_outliers(
         network,
-        outliers,
-        (stiffnesses, stiffnesses / ratios),
+        outliers[order],
+        (stiffnesses, stiffnesses / ratios[order]),
         name="single stiffnesses",
         meaning="contacts whose normal stiffness is more than ten times that of Hertz's law under"
         " the force, or less than a tenth, beside the median ratio of all",
@@ -438,63 +476,89 @@ def _compare_outliers(
 
 
 def _compare_forces_of_overlaps(
-    network: Any, overlaps: _Overlaps, power: float, is_told: Flags
+    network: Any, overlaps: _Overlaps, power: float, has_odd_stiffness: Flags
 ) -> Iterator[Comparison]:
     """Yield four comparisons of the forces of contacts with those of the law at their overlaps. By
     the law forces go as the ``power`` of overlaps.
 
     The comparisons are of the median ratio, of the scatter about the median, of the number of
-    contacts far from the median, and of the error that rounding leaves in forces. ``is_told`` (m,)
-    marks contacts of wrong stiffnesses, which are not counted again among the contacts far from the
-    median.
+    contacts far from the median, and of the error that rounding leaves in forces.
+    ``has_odd_stiffness`` (m,) marks contacts of wrong stiffnesses, which are not counted again
+    among the contacts far from the median.
     """
     is_strong = overlaps.is_strong
     ratios = overlaps.find_ratios(power)  # forces of the law over those of the contacts
-    median = float(np.median(ratios[is_strong]))
-    deviations = np.abs(ratios[is_strong] / median - 1.0)
-    scatter = float(np.median(deviations))
+    median_ratio = float(np.median(ratios[is_strong]))
+    deviations = np.abs(ratios[is_strong] / median_ratio - 1.0)
     relative_errors = overlaps.errors[is_strong] / overlaps.linear_overlaps[is_strong]
     # an overlap p f/k, to the power p, has the relative error p error/(p f/k) = error/(f/k)
     law_error = float(np.median(relative_errors))
     yield _compare_median(
         "law",
-        "median of the force over that of the law at the overlap of the places, less one",
-        1.0 / median,
+        "force over that of the law at the overlap of the places, at the median, less one",
+        1.0 / median_ratio,
         "The forces are {ratio} times those of the law at the overlaps of the places",
         "By Hertz's law, if the overlaps are right and not the forces, all frequencies are off by"
         " {effect}. Compare units, Young's modulus and columns. If the law is another one, give the"
         " stiffnesses",
-        effect=median**FREQUENCY_EXPONENT,
+        effect=median_ratio**FREQUENCY_EXPONENT,
         slack=law_error,
     )
-    worst_first = overlaps.contacts[is_strong][np.argsort(-deviations, kind="stable")]
-    yield Comparison(
+    yield _compare_scatter(network, overlaps.contacts[is_strong], deviations, law_error)
+    is_odd = _find_odd_forces(network, overlaps, power, median_ratio) & ~has_odd_stiffness
+    yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
+    are_forces_of_overlaps = bool(np.max(deviations) < _LEAST_SCATTER)
+    yield _compare_rounding(
+        law_error if are_forces_of_overlaps else _find_error_of_directions(network, overlaps)
+    )
+
+
+def _compare_scatter(
+    network: Any, contacts: Index, deviations: Array, law_error: float
+) -> Comparison:
+    """Return the comparison of the median of the ``deviations`` (m,) with their limit. These are
+    the relative deviations, from their median, of the forces of the law over those of the
+    ``contacts``, indices (m,). Rounding leaves the relative error ``law_error`` in the forces of
+    the law.
+    """
+    scatter = float(np.median(deviations))
+    worst_first = contacts[np.argsort(-deviations, kind="stable")]
+    return Comparison(
         name="scatter",
         meaning="median deviation of that ratio from its median, over the median",
         value=scatter,
-        limit=_ALIKE + law_error,
+        limit=_RATIO_TOLERANCE + law_error,
         worst=_name_pairs(network, worst_first),
         fault=f"The ratios of forces to those of the law at the overlaps scatter by {scatter:.1%}",
         reason="Frequencies are of contacts whose forces are of another step, in another order, or"
         " of other materials",
     )
+
+
+def _find_odd_forces(network: Any, overlaps: _Overlaps, power: float, median_ratio: float) -> Flags:
+    """Return (m,) whether the force of each contact is far from that of the law at the overlap,
+    and no rounding of the places explains that.
+
+    By the law forces go as the ``power`` of overlaps; ``median_ratio`` is the median of the forces
+    of the law over those of the contacts. A contact with a weak force counts only if the law makes
+    a strong one of the overlap.
+    """
     # the ratios that rounding of the places allows
-    lowest_ratios = overlaps.find_ratios(power, -overlaps.greatest_errors) / median
-    highest_ratios = overlaps.find_ratios(power, overlaps.greatest_errors) / median
+    lowest_ratios = overlaps.find_ratios(power, -overlaps.greatest_errors) / median_ratio
+    highest_ratios = overlaps.find_ratios(power, overlaps.greatest_errors) / median_ratio
+    is_far = (highest_ratios < 1.0 / _MOST_FACTOR) | (lowest_ratios > _MOST_FACTOR)
     force = network.normal_force[overlaps.contacts]
-    is_odd = (highest_ratios < 1.0 / _MOST_FACTOR) | (lowest_ratios > _MOST_FACTOR)
-    is_odd &= np.maximum(1.0, lowest_ratios) * force > _LEAST_COMPARED * np.mean(force)
-    is_odd &= ~is_told
-    yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
-    rounding_error = law_error
-    if np.max(deviations) >= _FOLLOWS:
-        # the forces were not computed from the overlaps: rounding of the places changes them only
-        # through the directions of contacts
-        i = network.i[overlaps.contacts]
-        j = network.j[overlaps.contacts]
-        relative_errors = overlaps.errors / (network.radii[i] + network.radii[j])
-        rounding_error = float(np.median(relative_errors))
-    yield _compare_rounding(rounding_error)
+    larger_force = np.maximum(1.0, lowest_ratios) * force  # of the contact, or by the law
+    return np.asarray(is_far & (larger_force > _LEAST_FORCE * np.mean(force)))
+
+
+def _find_error_of_directions(network: Any, overlaps: _Overlaps) -> float:
+    """Return the relative error that the rounding of places leaves in forces which were not
+    computed from the overlaps: it changes these forces only through the directions of contacts.
+    """
+    i = network.i[overlaps.contacts]
+    j = network.j[overlaps.contacts]
+    return float(np.median(overlaps.errors / (network.radii[i] + network.radii[j])))
 
 
 def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comparison:
@@ -520,10 +584,10 @@ def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comp
 
 
 def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
-    """Return the labels, or indices, of the two balls of each of the first three of ``contacts``,
-    indices (m,).
+    """Return the labels, or indices, of the two balls of each of the first of ``contacts``, indices
+    (m,), three at most.
     """
-    first_contacts = contacts[:_NAMED]
+    first_contacts = contacts[:MOST_NAMED]
     ends_i = network.i[first_contacts].tolist()
     ends_j = network.j[first_contacts].tolist()
     pairs = zip(ends_i, ends_j, strict=True)
@@ -571,14 +635,14 @@ def _find_stiffness_ratios(network: Any, contacts: Index) -> Array:
 
 
 def _compare_rounding(error: float) -> Comparison:
-    """Return the comparison of the digits of places, which leave the relative ``error`` in
-    forces.
+    """Return the comparison of the relative ``error``, which the digits of places leave in forces,
+    with its limit.
     """
     return Comparison(
         name="rounding",
         meaning="part of the forces that the digits of places leave open",
         value=error,
-        limit=_ROUNDED,
+        limit=_ROUNDING_LIMIT,
         fault=f"Places are rounded: their digits leave {error:.1%} of the forces open",
         reason=f"The forces follow from overlaps: frequencies are off by about"
         f" {FREQUENCY_EXPONENT * error:.1%}. Write places with more digits (in LAMMPS: dump_modify"
@@ -591,7 +655,7 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
     it is known for all of them, and of their moments of inertia with those of solid spheres, if
     balls rotate.
     """
-    balls = np.flatnonzero(network.moving & np.isfinite(network.radii))
+    balls = np.flatnonzero(network.moving)
     if not balls.size:
         return
     densities = _evaluate_materials(network, lambda material: material.density)[balls]
@@ -638,7 +702,7 @@ def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
     """Yield the comparisons of the moments of inertia of ``balls``, indices (n,), with those of
     solid spheres of their masses and radii: of the median ratio, and of single moments.
     """
-    solid_inertias = SOLID * network.masses[balls] * network.radii[balls] ** 2
+    solid_inertias = SOLID_INERTIA * network.masses[balls] * network.radii[balls] ** 2
     ratios = network.inertias[balls] / solid_inertias
     median_ratio = float(np.median(ratios))
     yield _compare_median(
@@ -650,7 +714,7 @@ def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
         effect=median_ratio**-0.5,
     )
     # a moment far from the others, or one above that of a hollow sphere
-    is_odd = _is_far(ratios / median_ratio) | (ratios > (1.0 + _ALIKE) * _HOLLOW)
+    is_odd = _is_far(ratios / median_ratio) | (ratios > (1.0 + _RATIO_TOLERANCE) * _HOLLOW_INERTIA)
     yield _compare_single_balls(
         network,
         "single inertias",
@@ -680,7 +744,7 @@ def _compare_single_balls(
     In ``fault`` the number of outliers takes the place of {count}, and the worst of them that of
     {listed}. The other arguments are fields of :class:`Comparison`.
     """
-    order = np.argsort(-np.abs(np.log(ratios)), kind="stable")[:_NAMED]
+    order = np.argsort(-np.abs(np.log(ratios)), kind="stable")[:MOST_NAMED]
     labels = [network.name_ball(ball) for ball in outliers[order].tolist()]
     shown = [
         f"ball {label} has {ratio:.3g}"
@@ -709,7 +773,7 @@ def _compare_median(
     slack: float = 0.0,
 ) -> Comparison:
     """Return the comparison of a ``median`` ratio with one. Their difference must not be above
-    :data:`_ALIKE` plus a ``slack``.
+    :data:`_RATIO_TOLERANCE` plus a ``slack``.
 
     In ``fault`` the ratio takes the place of {ratio}. ``effect`` is the factor by which frequencies
     are off; in ``reason`` its difference from one takes the place of {effect}. The other arguments
@@ -720,7 +784,7 @@ def _compare_median(
         name=name,
         meaning=meaning,
         value=value,
-        limit=_ALIKE + slack,
+        limit=_RATIO_TOLERANCE + slack,
         fault=fault.format(ratio=f"{median:.4g}"),
         reason=reason.format(effect=f"{abs(effect - 1.0):.1%}"),
     )
@@ -730,14 +794,18 @@ def _compare_median(
 
 
 def _compare_hold(network: Any) -> Iterator[Comparison]:
-    """Yield the comparisons of rattlers, of pieces, and of the number of contacts."""
+    """Yield the comparisons of rattlers, of pieces, and of the number of contacts.
+
+    If all balls that move are rattlers, pieces are not compared, and the number of contacts is only
+    if there are none at all.
+    """
     rattlers = network.rattlers
     yield Comparison(
         name="rattlers",
         meaning="balls that carry no load",
         value=float(rattlers.size),
         limit=0.0,
-        worst=tuple((network.name_ball(ball),) for ball in rattlers[:_NAMED].tolist()),
+        worst=tuple((network.name_ball(ball),) for ball in rattlers[:MOST_NAMED].tolist()),
         fault=f"{counted(rattlers.size, 'ball carries', 'balls carry')} no load",
         reason="Each adds modes of frequency zero, or nearly zero. Leave them out:"
         " network.without_rattlers()",
@@ -745,7 +813,6 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
     is_held = network.moving.copy()
     is_held[rattlers] = False
     if not np.any(is_held):
-        # all balls are rattlers: contacts are counted only where there are none at all
         if np.any(network.moving) and not network.n_contacts:
             yield _compare_coordination(network, network.moving)
         return
@@ -762,7 +829,7 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
     yield _compare_coordination(network, is_held)
 
 
-def _compare_coordination(network: Any, is_held: Array) -> Comparison:
+def _compare_coordination(network: Any, is_held: Flags) -> Comparison:
     """Return the comparison of the number of contacts per ball with the isostatic number, at which
     as many deformations are resisted as there are motions (Maxwell's count).
 
@@ -778,15 +845,16 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     n_contacts = int(np.count_nonzero(is_counted))
     n_resisted = _count_resisted(network, is_counted)
     n_needed = motions.count * n_held - _count_rigid_motions(network)
-    if network.on_site is not None:  # a spring to the ground resists one motion of its ball
+    if network.on_site is not None:
+        # a spring to the ground resists one motion of its ball; rotations are the last motions
         n_needed -= int(np.count_nonzero(network.on_site[is_held, : motions.count]))
     n_soft = max(n_needed - n_resisted, 0)
     resisted_by_contact = n_resisted / n_contacts if n_resisted else 1.0
     n_isostatic = max(n_needed, 0) / resisted_by_contact  # contacts of the network
     # a contact with a body that does not move has one end alone at a ball that is held; without
     # contacts there is no mean, and each would join two balls
-    n_ends = np.count_nonzero(is_held[network.i] & is_counted)
-    n_ends += np.count_nonzero(is_held[network.j] & is_counted)
+    n_ends = int(np.count_nonzero(is_held[network.i] & is_counted))
+    n_ends += int(np.count_nonzero(is_held[network.j] & is_counted))
     balls_of_contact = n_ends / n_contacts if n_contacts else 2.0
     contacts_of_ball = balls_of_contact * n_contacts / n_held
     isostatic_number = balls_of_contact * n_isostatic / n_held
@@ -826,7 +894,9 @@ def _count_resisted(network: Any, is_counted: Flags) -> int:
 
 
 def _is_regular(network: Any) -> bool:
-    """Whether all balls that move have the same number of contacts, as in a lattice or a row."""
+    """Whether all balls that move have the same number of contacts, as in a lattice or a row
+    between walls; also true if no ball moves.
+    """
     counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
     return np.unique(counts[network.moving]).size <= 1
 
@@ -835,9 +905,9 @@ def _count_rigid_motions(network: Any) -> int:
     """Return the number of rigid motions, translations and rotations of the whole network that
     deform no contact.
 
-    There are none where bodies that do not move, or springs to the ground, hold the balls. A
-    network turns in a plane only if its balls move along both axes of the plane, and it repeats
-    along neither.
+    None is counted if some body does not move or there are springs to the ground, as if these held
+    the balls against all of them. A network turns in a plane only if its balls move along both axes
+    of the plane, and it repeats along neither.
     """
     if not np.all(network.moving) or network.on_site is not None:
         return 0

@@ -26,9 +26,13 @@ from granphon.networks.demands import NUMBERS_OF_BALLS
 
 #: difference of the radii of balls that name no kind, over their mean, below which the balls are of
 #: one kind
-_ALIKE = 0.25
+_MOST_SPREAD = 0.25
+#: greatest difference of the heights of outermost points in one face, over the spread of radii: up
+#: to 5 are there in samples of 48 x 48 balls at low load, and at a spread of 5 % of the radius the
+#: next row is 34 away. Balls of a deeper row that have lost no contact stand on no floor anyway.
+_MOST_SPREADS_OF_FACE = 8.0
 #: greatest relative difference of two stiffnesses that count as the same: a file may round numbers
-_SAME = 1e-6
+_STIFFNESS_TOLERANCE = 1e-6
 
 
 def cut_network(
@@ -97,7 +101,8 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     wall of a known material. Both walls have one name. Contacts keep their forces, and get the
     stiffnesses of balls on the new wall.
 
-    InputError if the network names no kinds, and also has contacts with other flat walls.
+    InputError if the network names no kinds, and also has contacts with other flat walls, and as
+    :func:`name_kinds`.
     """
     model = network.contact_model
     is_wall = np.isinf(network.radii)
@@ -112,7 +117,9 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     if not network.kinds:
         # without names only the stiffness tells a contact with this wall from other contacts
         stiffness = press(network.wall)["normal_stiffness"]
-        if not np.allclose(network.normal_stiffness[contacts], stiffness, rtol=_SAME, atol=0.0):
+        if not np.allclose(
+            network.normal_stiffness[contacts], stiffness, rtol=_STIFFNESS_TOLERANCE, atol=0.0
+        ):
             fault = f"not all flat walls of the network are the wall {wall.name!r}"
             why = "Which of them are is not known, as the network names no kinds"
             raise InputError(fault, why, "Give the kinds of the balls before the network is cut")
@@ -130,14 +137,15 @@ def _hold_faces(
     ``contacts`` in place: clamped balls get an infinite mass, and walls and their contacts are
     added.
 
-    Returns the walls, and for each clamped face the indices of its balls.
+    Returns the walls, and for each clamped face the indices of its balls. InputError for a floor
+    that cannot be found (:meth:`_LayerStack.find_floor`).
     """
     axis = len(stack.layers.cell)  # the axis across the layers follows the periods
     spread = _find_spread(stack.network)
     lower_edge, upper_edge = edges
     heights = balls["positions"][:, axis]
     # balls whose radii differ by the spread stand at different heights in one face
-    tolerance = 4.0 * spread
+    tolerance = _MOST_SPREADS_OF_FACE * spread
     lower_face, upper_face = find_faces(
         heights, balls["radii"], (lower_edge, upper_edge), stack.network.n_balls, tolerance
     )
@@ -196,13 +204,15 @@ def _find_spread(network: Any) -> float:
     for kind in set(kinds[is_ball].tolist()):
         radii = network.radii[is_ball & (kinds == kind)]
         spread = max(spread, float(np.ptp(radii)))
-    if network.kinds or spread < _ALIKE * float(np.mean(network.radii[is_ball])):
+    if network.kinds or spread < _MOST_SPREAD * float(np.mean(network.radii[is_ball])):
         return spread
     return 0.0
 
 
 def _find_forces(network: Any, contacts: Index) -> Array:
-    """Return the static forces (m, 3), N, of balls i on balls j of some ``contacts`` (m,)."""
+    """Return the static forces (m, 3), N, of balls i on balls j of some ``contacts`` (m,), indices
+    in the network.
+    """
     forces = network.normal_force[contacts, None] * network.normal[contacts]
     if network.tangential_force is not None:
         forces += network.tangential_force[contacts]
@@ -215,8 +225,9 @@ def _press_on_floor(
     """Return the fields (m,), by name, SI, of the contacts of ``balls`` (m,) of a cut with a
     ``wall``, each under its own ``force`` (m,), N.
 
-    ``face`` names the face of these balls in messages. InputError for a ball without a force, or of
-    an unknown material.
+    ``face`` names the face of these balls in messages. InputError if the network has no contact
+    model, for balls of an unknown material, for a force that the law of their contacts does not
+    bear, and for a ball without a force.
     """
     model: ContactModel | None = network.contact_model
     if model is None:
@@ -386,7 +397,8 @@ class _LayerStack:
 
         With ``allows_unpressed``, which is for faces of balls of different sizes, a ball of the
         face that has lost no contact stands on no floor. InputError for such a ball without
-        ``allows_unpressed``, and if no ball of the face has lost a contact.
+        ``allows_unpressed``, if no ball of the face has lost a contact, and as
+        :func:`_press_on_floor`.
         """
         p = self.shift.shape[1]  # the axis across the layers
         leads_beyond = np.minimum(self.i, self.j) < 0
@@ -413,17 +425,18 @@ class _LayerStack:
         np.add.at(floor_forces, np.searchsorted(pressed_balls, balls), signs[:, None] * forces)
         normal_force = side * floor_forces[:, p]
         springs = _press_on_floor(self.network, pressed_balls, normal_force, wall, _name_face(side))
-        tangential_force = floor_forces
-        tangential_force[:, p] = 0.0
-        if self.network.tangential_force is None:
-            tangential_force[:] = 0.0
+        tangential_force = np.zeros(floor_forces.shape)
+        if self.network.tangential_force is not None:
+            axes_along = np.arange(3) != p
+            tangential_force[:, axes_along] = floor_forces[:, axes_along]
         return _Floor(side, pressed_balls, springs | {"tangential_force": tangential_force})
 
 
 @dataclass(frozen=True, eq=False)
 class _Floor:
-    """A flat wall below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,) stand;
-    ``springs`` has the fields (m,) of their contacts.
+    """A flat wall below (``side`` -1) or above (+1) a cut, on which ``balls`` (m,), indices in the
+    cut, stand; ``springs`` has the fields of their contacts by name, (m,) or (m, 3), but for ends,
+    normals, torques and shifts.
     """
 
     side: float

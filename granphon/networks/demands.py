@@ -12,7 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from granphon.networks.sources import LARGEST, MOST_STEPS, UNIT, are_across, span_distance
+from granphon.networks.sources import (
+    LARGEST_NUMBER,
+    MOST_STEPS,
+    UNIT_TOLERANCE,
+    are_across,
+    span_distance,
+)
 
 #: fields with one number for each ball
 NUMBERS_OF_BALLS = ("radii", "masses", "inertias")
@@ -26,8 +32,10 @@ _SPRINGS = {
 #: fault of an entry that does not, in words, and words on how to mend the fault, "" for none
 _Demand = tuple[str, Any, str, str]
 #: what messages say of numbers that are too large, and of products that would be
-_TOO_LARGE = f"that is not finite, or above {LARGEST:g}"
-_BEYOND = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+_SIZE_FAULT = f"that is not finite, or above {LARGEST_NUMBER:g}"
+_RANGE_FAULT = (
+    f"beyond what can be reckoned with, {1.0 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g} in SI"
+)
 
 
 def list_demands(network: Any) -> Iterator[_Demand]:
@@ -42,11 +50,12 @@ def list_demands(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_balls(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that coordinates are finite and below ``LARGEST``, that radii, masses and
-    moments of inertia are above zero, and that these three are finite for balls that move.
+    """Yield the demands that coordinates are finite and below ``LARGEST_NUMBER``, that radii,
+    masses and moments of inertia are above zero, and that these three are finite for balls that
+    move.
     """
-    is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
-    yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
+    is_placed = np.all(np.abs(network.positions) < LARGEST_NUMBER, axis=1)
+    yield "positions", is_placed, f"is at a place {_SIZE_FAULT} m", ""
     for name in NUMBERS_OF_BALLS:
         values = getattr(network, name)
         yield name, values > 0.0, f"has {name} that are not above zero", ""
@@ -57,7 +66,8 @@ def _list_demands_on_balls(network: Any) -> Iterator[_Demand]:
 
 def _list_demands_on_ends(network: Any) -> Iterator[_Demand]:
     """Yield the demands that the two balls of each contact are there, that its shift leads along
-    periods only and not too far, and that the contact does not join a ball with itself.
+    periods only and not too far, and that the contact does not join a ball with itself, but for an
+    image of it.
     """
     for name in ("i", "j"):
         index = getattr(network, name)
@@ -79,7 +89,12 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     """
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
-    yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
+    yield (
+        "normal",
+        np.abs(length - 1.0) <= UNIT_TOLERANCE,
+        "has a normal whose length is not one",
+        "",
+    )
     for name, lower_limit in _SPRINGS.items():
         values = getattr(network, name)
         fault = f"has a {name} that is not {lower_limit}"
@@ -96,19 +111,19 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     tangential = network.tangential_force
     if tangential is not None:
         name = "tangential_force"
-        is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
-        yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
+        is_finite = np.all(np.abs(tangential) < LARGEST_NUMBER, axis=1)
+        yield name, is_finite, f"has a {name} {_SIZE_FAULT} N", ""
         is_across = are_across(tangential, network.normal, network.normal_force)
         fault = f"has a {name} that is not across its normal"
         yield name, is_across, fault, "Leave the normal force out of it"
     torque = network.contact_torque
     if torque is not None:
         name = "contact_torque"
-        is_finite = np.all(np.abs(torque) < LARGEST, axis=1)
-        yield name, is_finite, f"has a {name} {_TOO_LARGE} N m", ""
+        is_finite = np.all(np.abs(torque) < LARGEST_NUMBER, axis=1)
+        yield name, is_finite, f"has a {name} {_SIZE_FAULT} N m", ""
     for name in ("arm_i", "arm_j"):
-        is_finite = np.abs(getattr(network, name)) < LARGEST
-        yield name, is_finite, f"has an {name} {_TOO_LARGE} m", ""
+        is_finite = np.abs(getattr(network, name)) < LARGEST_NUMBER
+        yield name, is_finite, f"has an {name} {_SIZE_FAULT} m", ""
 
 
 def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
@@ -122,12 +137,12 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
     # the components from d on are those that leave the line or the plane
-    is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT, axis=1)
+    is_flat = ~np.any(np.abs(network.normal[:, d:]) > UNIT_TOLERANCE, axis=1)
     yield "normal", is_flat, f"leaves {where} of a network in {d} dimensions", ""
     has_still_end = ~(network.moving[network.i] & network.moving[network.j])
     vector = network.vector
     arms = network.arm_i + network.arm_j
-    is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
+    is_level = ~np.any(np.abs(vector[:, d:]) > UNIT_TOLERANCE * np.abs(arms)[:, None], axis=1)
     yield "i", is_level | has_still_end, f"joins balls that are not both in {where}", ""
     leads_to_j = np.einsum("ca,ca->c", network.normal, vector) > 0.0
     fault = "has a normal that does not lead from ball i to ball j"
@@ -140,14 +155,19 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_range(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that masses, sizes and stiffnesses are so far from zero and infinity that
-    products of a few of them stay within the range of floats.
+    """Yield the demands that masses, radii, moments of inertia, forces and stiffnesses are so far
+    from zero and infinity that products of a few of them stay within the range of floats. Forces,
+    and stiffnesses other than the normal ones, may be zero or near to it.
     """
     for name in NUMBERS_OF_BALLS:
         values = getattr(network, name)
-        is_in_range = (values >= 1.0 / LARGEST) & (values <= LARGEST)
-        yield name, is_in_range | ~network.moving, f"has {name} {_BEYOND}", ""
-    is_stiff = network.normal_stiffness >= 1.0 / LARGEST
-    yield "normal_stiffness", is_stiff, f"has a stiffness {_BEYOND}", ""
+        is_in_range = (values >= 1.0 / LARGEST_NUMBER) & (values <= LARGEST_NUMBER)
+        yield name, is_in_range | ~network.moving, f"has {name} {_RANGE_FAULT}", ""
+    is_stiff = network.normal_stiffness >= 1.0 / LARGEST_NUMBER
+    yield "normal_stiffness", is_stiff, f"has a stiffness {_RANGE_FAULT}", ""
     for name in _SPRINGS:
-        yield name, getattr(network, name) <= LARGEST, f"has a {name} {_BEYOND}", ""
+        is_in_range = np.abs(getattr(network, name)) <= LARGEST_NUMBER  # adhesive forces may pull
+        yield name, is_in_range, f"has a {name} {_RANGE_FAULT}", ""
+    if network.on_site is not None:
+        is_in_range = np.all(network.on_site <= LARGEST_NUMBER, axis=1)
+        yield "on_site", is_in_range, f"has springs to the ground {_RANGE_FAULT}", ""

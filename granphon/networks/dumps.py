@@ -23,15 +23,15 @@ from granphon.base.tables import read_rows
 from granphon.base.text import decode, read_bytes
 from granphon.networks.sources import MOST_BYTES
 
-_IS_DUMP = "Is this a dump of style custom, local or yaml?"
-_NOT_WHOLE = "The file is not whole"
+_ADVICE_ON_FORMAT = "Is this a dump of style custom, local or yaml?"
+_REASON_OF_CUT = "The file is not whole"
 #: what parts the cells of a row of YAML, "  - [ 1 , 0.5, ]": the dash becomes the first cell
-_NO_BRACKETS = bytes.maketrans(b"[],", b"   ")
+_BRACKETS_TO_BLANKS = bytes.maketrans(b"[],", b"   ")
 #: a file of frames, of one program
 OneDump = TypeVar("OneDump", bound="Dump")
 #: what follows the units of a dump that granphon has written, and is followed by options of the
 #: reader, as " granphon slip_levers=arms"; other programs pass the rest of this line over
-OWN = " granphon"
+OWN_MARK = " granphon"
 
 
 @dataclass
@@ -69,7 +69,7 @@ class Frame:
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the numbers (rows,) of each of some ``columns``, by name; InputError names the
-        line of a cell that is no number.
+        line of a cell that is lacking or no number.
         """
         places = [self.names.index(column) + self.offset for column in columns]
         rows = read_rows(self.name, self._body, places, columns, self.count, self.first + 1)
@@ -96,7 +96,7 @@ class Frame:
         for row, line in enumerate(self._body.splitlines()):
             n_cells = len(line.split())
             if n_cells != len(self.names) + self.offset:
-                fault = f"{self.name}:{self.first + 1 + row}: found {n_cells} cells"
+                fault = f"{self.name}:{self.first + 1 + row}: found {n_cells - self.offset} cells"
                 raise InputError(f"{fault}, where {len(self.names)} are needed", why)
 
     @property
@@ -104,7 +104,7 @@ class Frame:
         """The rows, with cells parted by blanks."""
         assert self.lines is not None
         body = self.lines.take(self.first, self.count)
-        return body.translate(_NO_BRACKETS) if self.offset else body
+        return body.translate(_BRACKETS_TO_BLANKS) if self.offset else body
 
 
 class Dump:
@@ -121,7 +121,7 @@ class Dump:
     word: ClassVar[str] = "time step"
     argument: ClassVar[str] = "step"
     #: advice for a file without frames
-    mend: ClassVar[str] = _IS_DUMP
+    mend: ClassVar[str] = _ADVICE_ON_FORMAT
 
     def __init__(self, path: str | os.PathLike[str], kind: str) -> None:
         """Read the frames of the file at ``path``, up to the first that cannot be read; InputError
@@ -318,10 +318,10 @@ class Lines:
         n_below = len(self) - self.place
         if count < 0:
             fault = f"{self.where}: the number of {kind} is not given before"
-            raise InputError(fault, mend=_IS_DUMP)
+            raise InputError(fault, mend=_ADVICE_ON_FORMAT)
         if count > n_below:
             fault = f"{self.name} ends before its {count} {kind} do: {n_below} are there"
-            raise InputError(fault, _NOT_WHOLE)
+            raise InputError(fault, _REASON_OF_CUT)
         for column in columns:
             if not column.isascii() or not column.isprintable():
                 fault = f"{self.where}: found a column named {brief(column, 40)}"
@@ -355,7 +355,7 @@ class Lines:
                 n_needed = min(len(self.take(frame.first, 1).split()), n_needed)
             if n_cells < n_needed:
                 fault = f"{where}: the last row has {n_cells} cells, and {n_needed} are needed"
-                raise InputError(fault, _NOT_WHOLE)
+                raise InputError(fault, _REASON_OF_CUT)
         self.require_whole()
 
     def require_whole(self) -> None:
@@ -396,7 +396,7 @@ def _split_frames(lines: Lines, kind: str) -> Iterator[Frame]:
     # the last frame may be cut
     if frame.lines is None:
         fault = f"{lines.name} ends before the {kind} of its time step {frame.step}"
-        raise InputError(fault, _NOT_WHOLE)
+        raise InputError(fault, _REASON_OF_CUT)
     lines.refuse_cut(frame)
 
 
@@ -418,7 +418,7 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
         title = _read_title(lines)
         word, *names = title.split() or [""]
         if title == "UNITS":
-            units, _own, own_words = lines.read().partition(OWN)
+            units, _own, own_words = lines.read().partition(OWN_MARK)
             options = dict(item.split("=", 1) for item in own_words.split() if "=" in item)
         elif title == "TIMESTEP":
             frame = Frame(lines.name, lines.read_count(), units=units, options=options)
@@ -451,7 +451,7 @@ def _read_title(lines: Lines) -> str:
     line = lines.read()
     if line and not line.startswith("ITEM:"):
         fault = f"{lines.where}: found {brief(line, 40)}, where a line 'ITEM: ...' is needed"
-        raise InputError(fault, mend=_IS_DUMP)
+        raise InputError(fault, mend=_ADVICE_ON_FORMAT)
     return line.removeprefix("ITEM:").strip()
 
 
@@ -492,7 +492,7 @@ def _split_yaml(lines: Lines, kind: str) -> Iterator[Frame]:
         if not colon:
             raise InputError(
                 f"{lines.where}: found {brief(key, 40)}, where 'key: value' is needed",
-                mend=_IS_DUMP,
+                mend=_ADVICE_ON_FORMAT,
             )
         words = [word.strip().strip("'\"") for word in value.strip(" []").split(",")]
         words = [word for word in words if word]
@@ -552,7 +552,8 @@ def _set_box(
         if not all(cell.isascii() and "_" not in cell for row in rows for cell in row):
             raise ValueError
         bounds = np.array([[float(cell) for cell in row] for row in rows])
-        frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
+        with np.errstate(all="ignore"):  # vectors that are not finite are refused below
+            frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
         if boundaries:
             frame.pbc = np.array([boundary == "pp" for boundary in boundaries])
         has_three_axes = frame.cell.shape == (3, 3) and frame.pbc.shape == (3,)

@@ -38,12 +38,14 @@ _VECTORS = {
     "contact_torque": ("torque_x", "torque_y", "torque_z"),
     "force": ("force_x", "force_y", "force_z"),
 }
-_REMARK = "granphon_network"
+#: the key of the fields of the whole network
+_REMARK_KEY = "granphon_network"
 #: greatest difference of two cells that count as one, over the largest entry: other programs round
-_SAME = 1e-6
-_SEAL = " granphon_sha256="
+_CELL_TOLERANCE = 1e-6
+#: the key of the digest, and what parts it from the rest of its line and from its value
+_SEAL_KEY = " granphon_sha256="
 #: vectors of contacts that viewers draw; reading takes the parts of which they are made
-_SHOWN = ("force",)
+_VECTORS_FOR_VIEWERS = ("force",)
 #: letters of types of columns, by the kind of an array of NumPy
 _TYPES = {"i": "I", "f": "R", "U": "S"}
 
@@ -100,10 +102,10 @@ def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, 
         f'Origin="{join_numbers(corner.tolist())}"',
         f"Properties={':'.join(properties)}",
         f'pbc="{" ".join("T" if repeats else "F" for repeats in network.pbc)}"',
-        f"{_REMARK}={quote(json.dumps(remark), safe='')}",
+        f"{_REMARK_KEY}={quote(json.dumps(remark), safe='')}",
     ]
     lines = [str(n_rows), " ".join(keys), *map(" ".join, zip(*cells, strict=True)), ""]
-    lines[1] += _SEAL + digest_lines(lines)
+    lines[1] += _SEAL_KEY + digest_lines(lines)
     return "\n".join(lines)
 
 
@@ -124,11 +126,11 @@ def read_frame(
     name = str(path)
     lines = decode(name, read_bytes(path, most_bytes)).replace("\r\n", "\n").split("\n")
     head = lines[1] if len(lines) > 1 else ""
-    is_sealed = _SEAL in head
+    is_sealed = _SEAL_KEY in head
     if is_sealed:
-        head, _, seal = head.partition(_SEAL)
+        head, _, seal = head.partition(_SEAL_KEY)
         if digest_lines([lines[0], head, *lines[2:]]) != seal:
-            raise damage_error(path, f"{_SEAL.strip(' =')} in line 2")
+            raise damage_error(path, f"{_SEAL_KEY.strip(' =')} in line 2")
     rows = lines[2:-1] if lines[-1] == "" else lines[2:]
     if not any(lines):
         raise InputError(f"{name} is empty", mend="Write it again")
@@ -138,9 +140,9 @@ def read_frame(
     keys = dict(re.findall(r"(\w+)=(\S+)", head))
     remark: Any = None
     with suppress(ValueError, RecursionError):
-        remark = json.loads(unquote(keys.get(_REMARK, "")))
+        remark = json.loads(unquote(keys.get(_REMARK_KEY, "")))
     if not isinstance(remark, dict):
-        fault = f"{name} is no frame of granphon: its second line has no {_REMARK}"
+        fault = f"{name} is no frame of granphon: its second line has no {_REMARK_KEY}"
         why = "The units of other files are not known, and they have no contacts"
         raise InputError(fault, why, "Give a file of network.write_tables, or arrays in SI")
     _require_box(name, head, remark)
@@ -171,9 +173,11 @@ def _require_box(name: str, head: str, remark: Mapping[str, Any]) -> None:
                 box = np.array(lattice_match[1].split(), float).reshape(3, 3)
             except ValueError:
                 box = np.full((3, 3), np.nan)
-            is_same &= np.allclose(box[pbc], cell[pbc], rtol=0.0, atol=_SAME * np.max(np.abs(cell)))
+            is_same &= np.allclose(
+                box[pbc], cell[pbc], rtol=0.0, atol=_CELL_TOLERANCE * np.max(np.abs(cell))
+            )
     if not is_same:
-        fault = f"{name}: Lattice or pbc in line 2 is not that of the network in {_REMARK}"
+        fault = f"{name}: Lattice or pbc in line 2 is not that of the network in {_REMARK_KEY}"
         raise InputError(fault, "The line was changed", "Give cell and pbc of arrays, or mend it")
 
 
@@ -192,7 +196,7 @@ def _list_columns(name: str, properties: str) -> list[str]:
     names = list[str]()
     for column, width in zip(parts[::3], map(int, parts[2::3]), strict=True):
         numbered = [column] if width == 1 else [f"{column}.{place}" for place in range(width)]
-        components = () if column in _SHOWN else _VECTORS.get(column, ())
+        components = () if column in _VECTORS_FOR_VIEWERS else _VECTORS.get(column, ())
         names += components if len(components) == width else numbered
     return names
 
@@ -215,7 +219,10 @@ def _read_rows(
     units = {key: "" if kind is None else kind.unit for key, kind in quantities.items()}
     places = [place for place, column in enumerate(names) if column in units]
     headings = tuple(Heading(names[place], units[names[place]]) for place in places)
-    vectors = (*_VECTORS["pos"], *(f"{vector}.{place}" for vector in _SHOWN for place in range(3)))
+    vectors = (
+        *_VECTORS["pos"],
+        *(f"{vector}.{place}" for vector in _VECTORS_FOR_VIEWERS for place in range(3)),
+    )
     must_be_finite = [place for place, column in enumerate(names) if column in vectors]
     for first in range(0, max(len(rows), 1), most_rows):
         columns: list[list[str]] = [[] for _ in places]

@@ -12,10 +12,10 @@ import numpy as np
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 
-#: most rows of a kind of fault that a message names, the worst ones
-_MOST_NAMED = 3
+#: most rows, balls or contacts of one kind of fault that a message names, the worst ones
+MOST_NAMED = 3
 #: what a reader does with contacts that have faults: raise an error, or leave them out
-BAD = ("refuse", "drop")
+FAULT_ACTIONS = ("refuse", "drop")
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,10 @@ def _find_worst(places: Index, values: Array | None) -> Index:
     nan counts as infinite. Without values these are the first three.
     """
     if values is None:
-        return places[:_MOST_NAMED]
+        return places[:MOST_NAMED]
     sizes = np.abs(values[places]).reshape(len(places), -1)
     sizes = np.max(np.where(np.isnan(sizes), np.inf, sizes), axis=1)
-    return places[np.argsort(-sizes, kind="stable")[:_MOST_NAMED]]
+    return places[np.argsort(-sizes, kind="stable")[:MOST_NAMED]]
 
 
 def _show(value: Array, unit: str) -> str:

@@ -28,8 +28,14 @@ from granphon.base.staging import write_texts
 from granphon.base.text import join_numbers, list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, texts, whole_number
 from granphon.networks.building import Source
-from granphon.networks.dumps import OWN, Dump, Frame
-from granphon.networks.sources import SOLID, Balls, Contacts, find_rounding, require_readable_labels
+from granphon.networks.dumps import OWN_MARK, Dump, Frame
+from granphon.networks.sources import (
+    SOLID_INERTIA,
+    Balls,
+    Contacts,
+    find_rounding,
+    require_readable_labels,
+)
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
@@ -37,9 +43,10 @@ _STYLES = {
     "nano": (1e-9, 1e-21, 1e-12),
 }  # fmt: skip
 #: advice for the style "lj", whose units are those of the user's choice
-_GIVE_SCALES = "Give the scales, units=gp.Units(length, stiffness, mass), in SI"
-#: greatest relative difference of boxes that are one: the dumps may be written with few digits
-_SAME_BOX = 1e-5
+_ADVICE_ON_SCALES = "Give the scales, units=gp.Units(length, stiffness, mass), in SI"
+#: greatest difference of two boxes that are one, over the longest component of their vectors: the
+#: dumps may be written with few digits
+_BOX_TOLERANCE = 1e-5
 #: the last time step that LAMMPS counts
 _LAST_STEP = 2**63 - 1
 #: names of the vectors of pairs, each with its components
@@ -50,15 +57,16 @@ _VECTORS = {
     "rolling_force": ("rx", "ry", "rz"),
 }
 #: columns of pairs that are read
-OF_PAIRS = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
+COLUMNS_OF_PAIRS = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
             *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
-#: columns of atoms that are read, or that a network has no use for
-_OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
+#: columns of atoms that have no note if they are not read: another column counts in their place
+_COLUMNS_OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
 #: ends of the names of columns of places: "s" of fractions of the box, "u" of places that are not
 #: wrapped back into the box
 _PLACE_SUFFIXES = ("", "u", "s", "su")
-_WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
-_NAME_PAIRS = (
+#: advice for a dump without the columns of atoms or of pairs that are needed
+_ADVICE_ON_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
+_ADVICE_ON_PAIRS = (
     "Name them in LAMMPS, dump_modify 2 colname 1 i colname 2 j, or here: columns=['i', 'j',"
     " 'force', ...]"
 )
@@ -67,14 +75,15 @@ _WALL_FORCE = (2, 3, 4)
 _WALL_PLACE = (5, 6, 7)
 #: what dumps of granphon's own say after their units: fields of the network, the names of its walls
 #: (with commas), and where forces of walls act
-_OF_NETWORK = ("tangential_law", "slip_levers")
+_FIELDS_OF_NETWORK = ("tangential_law", "slip_levers")
 _PRESTRESS = "prestress"
 _WALLS = "walls"
 _WALL_ARMS = "wall_arms"
 #: the word for forces of walls that act amid the overlap; they act at the radius otherwise
 _AMID_OVERLAP = "middle"
-#: greatest relative difference of stiffnesses that are of one material: files round forces
-_SAME_SPRINGS = 1e-3
+#: greatest relative difference of stiffnesses that are of one material, and of moments of inertia
+#: that are those of solid balls: files round numbers
+_SPRING_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -91,8 +100,9 @@ class Scales:
         as :class:`~granphon.base.scales.Units`; for None those of the style that the ``frames``
         name, or of SI if they name none.
 
-        InputError for an unknown style, for frames of different styles, for a style other than that
-        of the frames, and without ``units`` for frames of a style that has none in SI.
+        InputError for an unknown style, for the style "lj" by its name, for frames of different
+        styles, for a style other than that of the frames, and without ``units`` for frames of a
+        style whose units in SI are not known.
         """
         # other frames do not say their style
         frames_with_units = [frame for frame in frames if frame.units]
@@ -112,10 +122,12 @@ class Scales:
                 fault = f"{first_frame.name} says that its units are {brief(requested, 40)}"
                 mend = f"Write it in {', '.join(_STYLES)}"
                 if requested == "lj":
-                    mend = _GIVE_SCALES
+                    mend = _ADVICE_ON_SCALES
                 raise InputError(fault, "Their lengths and masses in SI are not known", mend)
             if requested == "lj":
-                raise InputError("the units 'lj' are given without their scales", mend=_GIVE_SCALES)
+                raise InputError(
+                    "the units 'lj' are given without their scales", mend=_ADVICE_ON_SCALES
+                )
             style = require("units", lambda value: choice(value, [*_STYLES]), requested)
             scales = _STYLES[style]
         if styles_of_files and styles_of_files != {style}:
@@ -133,7 +145,7 @@ class Springs:
     ``normal`` and ``shear`` are in N/m; without them stiffnesses follow from the material.
     ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m, or "epsd2", a law of LIGGGHTS;
     ``twisting`` is that of LAMMPS' twisting law, N m, or "marshall"; without them contacts roll and
-    twist freely. InputError for a number out of range.
+    twist freely. InputError for a number out of range, and for another word.
     """
 
     normal: float | None = None
@@ -158,7 +170,8 @@ class Springs:
 
     def of(self, count: int) -> dict[str, Any]:
         """Return, by name, the fields of :class:`~granphon.networks.sources.Contacts` that give
-        these stiffnesses to ``count`` contacts, as arrays (count,) or a number for all.
+        these stiffnesses to ``count`` contacts: normal and shear stiffnesses as arrays (count,),
+        left out where none is given, and ``rolling`` and ``twisting`` as they are.
         """
         fields: dict[str, Any] = {"rolling": self.rolling, "twisting": self.twisting}
         for name, number in (("normal_stiffness", self.normal), ("shear_stiffness", self.shear)):
@@ -182,15 +195,15 @@ def read_dumps(
     ``ContactNetwork.from_lammps`` for the arguments and errors.
 
     ``slip_levers`` of the source are "radii", by which LAMMPS computes slip. Where dumps of
-    granphon's own say another law of tangential forces or other levers, the source has these, and
-    the walls that they name are read unless ``walls`` names others.
+    granphon's own say their levers, their law of tangential forces or ``prestress``, the source has
+    these, and the walls that they name are read unless ``walls`` names others.
     """
     atoms, contact_frame = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, contact_frame])
     if springs.rolling is not None:  # "epsd2" is a law of LIGGGHTS alone
         not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
-        contact_frame.names = read_names(columns, contact_frame)
+        contact_frame = replace(contact_frame, names=read_names(columns, contact_frame))
     options = atoms.options
     names_of_walls = _read_walls(walls) or _list_own_walls(atoms)
     contacts = read_contacts(contact_frame, scales, springs)
@@ -202,7 +215,9 @@ def read_dumps(
         balls = add_wall(balls, label, wall)
     notes = note_pairs(contact_frame, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
-    own_fields: dict[str, Any] = {name: options[name] for name in _OF_NETWORK if name in options}
+    own_fields: dict[str, Any] = {
+        name: options[name] for name in _FIELDS_OF_NETWORK if name in options
+    }
     if _PRESTRESS in options:
         own_fields[_PRESTRESS] = options[_PRESTRESS] == str(True)
     source = make_source(atoms, scales, balls, lists, notes)
@@ -226,7 +241,8 @@ def make_source(
 
 def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
     """Return the frames of atoms and of pairs at one time ``step``, or for None the last frame of
-    each file; InputError unless both frames are of one step and one box.
+    each file. InputError unless both frames are of one step and one box, and as
+    :meth:`~granphon.networks.dumps.Dump.find`.
 
     ``dump`` and ``pairs`` are paths, or files that are open
     (:class:`~granphon.networks.dumps.Dump`).
@@ -235,10 +251,14 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
     atoms = Dump.open(dump, "atoms").find(step)
     contact_frame = Dump.open(pairs, "entries").find(step)
     if atoms.step != contact_frame.step:
-        fault = f"{atoms.name} ends at the time step {atoms.step}, and {contact_frame.name} at"
+        fault = (
+            f"{atoms.name} ends at the time step {atoms.step}, and {contact_frame.name} at"
+            f" {contact_frame.step}"
+        )
         why = "Balls and contacts must be of one step"
-        raise InputError(f"{fault} {contact_frame.step}", why, "Give the step that both have")
-    has_same_cell = np.allclose(atoms.cell, contact_frame.cell, rtol=_SAME_BOX)
+        raise InputError(fault, why, "Give the step that both have")
+    deviations = np.abs(atoms.cell - contact_frame.cell)
+    has_same_cell = np.all(deviations <= _BOX_TOLERANCE * np.max(np.abs(atoms.cell)))
     if not has_same_cell or np.any(atoms.pbc != contact_frame.pbc):
         fault = f"{atoms.name} and {contact_frame.name} have different boxes"
         raise InputError(fault, mend="Are they of one simulation?")
@@ -249,14 +269,15 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
 
 
 def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
-    """Return the contacts of a dump of pairs, in SI units; InputError without ids.
+    """Return the contacts of a dump of pairs, in SI units; InputError without ids, and for ids that
+    are no whole numbers.
 
     Static torques of rolling and twist are read only where the ``springs`` have a law of these
     (:func:`list_lawless`).
     """
-    require_columns(pairs, ("i", "j"), _NAME_PAIRS)
+    require_columns(pairs, ("i", "j"), _ADVICE_ON_PAIRS)
     lawless = list_lawless(pairs, springs)
-    names_read = [name for name in OF_PAIRS if name in pairs.names and name not in lawless]
+    names_read = [name for name in COLUMNS_OF_PAIRS if name in pairs.names and name not in lawless]
     columns = pairs.read(names_read)
     # programs write the vector from j to i and the forces on i; in Contacts the vector leads from i
     # to j and the forces act on j: all change their signs
@@ -297,8 +318,10 @@ def list_lawless(pairs: Frame, springs: Springs) -> dict[str, str]:
 
 
 def note_pairs(pairs: Frame, springs: Springs) -> list[str]:
-    """Return the notes on columns of a dump of ``pairs`` that are not read."""
-    notes = [note_columns(pairs, OF_PAIRS)]
+    """Return the notes on columns of a dump of ``pairs`` that are not read; the first one is "" if
+    nothing is to be said.
+    """
+    notes = [note_columns(pairs, COLUMNS_OF_PAIRS)]
     lawless = list_lawless(pairs, springs)
     for argument in dict.fromkeys(lawless.values()):
         names = [name for name in lawless if lawless[name] == argument]
@@ -318,7 +341,7 @@ def read_names(columns: Any, contact_frame: Frame) -> tuple[str, ...]:
     names = tuple(words) if isinstance(words, Sequence) else ()
     are_texts = all(isinstance(name, str) for name in names)
     if are_texts and len(names) == len(contact_frame.names):
-        for name in OF_PAIRS:
+        for name in COLUMNS_OF_PAIRS:
             if names.count(name) > 1:
                 fault = f"columns name {name} twice: {brief(columns)}"
                 raise InputError(fault, "One alone can be read", "Give the other another name")
@@ -326,7 +349,7 @@ def read_names(columns: Any, contact_frame: Frame) -> tuple[str, ...]:
     shown = (
         f"{contact_frame.name} has {len(contact_frame.names)}: {list_names(contact_frame.names)}"
     )
-    mend = f"Give a name for each; those that count are {', '.join(OF_PAIRS)}"
+    mend = f"Give a name for each; those that count are {', '.join(COLUMNS_OF_PAIRS)}"
     raise InputError(f"columns are {brief(columns)}, and {shown}", mend=mend)
 
 
@@ -336,23 +359,23 @@ def read_names(columns: Any, contact_frame: Frame) -> tuple[str, ...]:
 def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -> Balls:
     """Return the balls of a dump of atoms, in SI units.
 
-    Balls that :func:`find_frozen` finds do not move; without ``frozen`` all move. The kinds are the
-    elements, or else the types, if there are several. InputError without columns of places, ids or
-    radii.
+    Balls that :func:`find_frozen` finds do not move, and neither do balls of infinite mass. The
+    kinds are the elements, or else the types, if there are several. InputError without columns of
+    places, ids or sizes, for ids that are no whole numbers, and as :func:`find_frozen`.
     """
     names = _name_places(atoms)
     has_radius = "radius" in atoms.names
     # without both columns the error is about the radius
-    size = "radius" if has_radius or "diameter" not in atoms.names else "diameter"
-    require_columns(atoms, ("id", size), _WRITE_ATOMS)
+    size_name = "radius" if has_radius or "diameter" not in atoms.names else "diameter"
+    require_columns(atoms, ("id", size_name), _ADVICE_ON_ATOMS)
     has_mass = "mass" in atoms.names
-    columns = atoms.read(["id", size, *names, *(["mass"] if has_mass else [])])
-    positions, rounding = _place(atoms, names, columns)
-    radii = columns[size] if has_radius else 0.5 * columns[size]
+    columns = atoms.read(["id", size_name, *names, *(["mass"] if has_mass else [])])
+    positions, rounding = _find_positions(atoms, names, columns)
+    radii = columns[size_name] if has_radius else 0.5 * columns[size_name]
     kinds = _read_kinds(atoms)
     return Balls(
         atoms.name,
-        scales.length * (positions + atoms.origin),
+        scales.length * positions,
         scales.length * radii,
         masses=scales.mass * columns["mass"] if has_mass else None,
         labels=read_ids(atoms, "id", columns),
@@ -371,22 +394,22 @@ def _name_places(atoms: Frame) -> tuple[str, ...]:
         if set(names) <= set(atoms.names):
             return names
     listed = f"Its columns are {list_names(atoms.names)}"
-    raise InputError(f"{atoms.name} has no columns x, y and z", listed, _WRITE_ATOMS)
+    raise InputError(f"{atoms.name} has no columns x, y and z", listed, _ADVICE_ON_ATOMS)
 
 
-def _place(
+def _find_positions(
     atoms: Frame, names: tuple[str, ...], columns: Mapping[str, Array]
 ) -> tuple[Array, Array]:
-    """Return the positions (n, 3) of balls, counted from the origin of the box, and the greatest
-    errors (n, 3) that rounding leaves in them, both in units of the dump.
+    """Return the positions (n, 3) of balls, and the greatest errors (n, 3) that rounding leaves in
+    them, both in units of the dump.
 
     ``names`` are the three of the ``columns`` that have the places, see :func:`_name_places`.
     """
     coordinates = join_vectors(columns, names)
     rounding = find_rounding(coordinates)
     if names[0].startswith("xs"):  # fractions of the box
-        return coordinates @ atoms.cell, rounding @ np.abs(atoms.cell)
-    return coordinates - atoms.origin, rounding
+        return coordinates @ atoms.cell + atoms.origin, rounding @ np.abs(atoms.cell)
+    return coordinates, rounding
 
 
 def _read_kinds(atoms: Frame) -> tuple[str, ...]:
@@ -467,13 +490,13 @@ def _read_wall(
     rows = np.flatnonzero(columns[touching_name])
     force = join_vectors(columns, force_names)[rows]
     places = join_vectors(columns, place_names)[rows]
-    between = scales.length * places - balls.positions[rows]
     axes = np.flatnonzero(atoms.pbc)
-    if axes.size:  # the contact may be at another image of the ball, if balls are not wrapped
-        periods = scales.length * atoms.cell[axes]
-        between -= np.rint(between @ np.linalg.pinv(periods)) @ periods
-    distance = np.linalg.norm(between, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a normal of nan is told as a fault
+    with np.errstate(all="ignore"):  # a place out of range makes a normal of nan, told as a fault
+        between = scales.length * places - balls.positions[rows]
+        if axes.size:  # the contact may be at another image of the ball, if balls are not wrapped
+            periods = scales.length * atoms.cell[axes]
+            between -= np.rint(between @ np.linalg.pinv(periods)) @ periods
+        distance = np.linalg.norm(between, axis=1)
         normal = between / distance[:, None]
     overlap = balls.radii[rows] - distance
     # LAMMPS lets forces of walls act at the radius, without half of the overlap
@@ -528,9 +551,9 @@ def require_columns(frame: Frame, names: Sequence[str], mend: str) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless a frame has columns of these
     ``names``; the message has the advice ``mend``.
     """
-    lacking = [name for name in names if name not in frame.names]
-    if lacking:
-        fault = f"{frame.name} has no column {' and no column '.join(lacking)}"
+    missing_names = [name for name in names if name not in frame.names]
+    if missing_names:
+        fault = f"{frame.name} has no column {' and no column '.join(missing_names)}"
         raise InputError(fault, f"Its columns are {list_names(frame.names)}", mend)
 
 
@@ -553,11 +576,11 @@ def read_ids(frame: Frame, column: str, columns: Mapping[str, Array]) -> Index:
     return np.asarray(numbers, np.intp)
 
 
-def note_columns(frame: Frame, read: Collection[str]) -> str:
-    """Return a note that names the columns of a frame that are not among the columns ``read``; ""
-    if there are no such columns.
+def note_columns(frame: Frame, names_read: Collection[str]) -> str:
+    """Return a note that names the columns of a frame that are not among ``names_read``, those of
+    the columns that are read; "" if there are no such columns.
     """
-    names = [name for name in frame.names if name not in read]
+    names = [name for name in frame.names if name not in names_read]
     if not names:
         return ""
     listed = list_names(names)
@@ -565,14 +588,16 @@ def note_columns(frame: Frame, read: Collection[str]) -> str:
 
 
 def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] | None) -> list[str]:
-    """Return the notes on columns of a dump of atoms that are not read.
+    """Return the notes on columns of a dump of atoms that are not read; the last one is "" if
+    nothing is to be said.
 
-    ``walls`` are the names of the fixes whose columns are read as contacts with walls. The columns
-    of another fix that seem to be contacts with a wall have a note of their own, which says how to
+    ``walls`` are the names of the fixes whose columns are read as contacts with walls, and
+    ``frozen`` has the names of further columns that are read (:func:`find_frozen`). The columns of
+    another fix that seem to be contacts with a wall have a note of their own, which says how to
     read them.
     """
     places = [f"{axis}{suffix}" for axis in "xyz" for suffix in _PLACE_SUFFIXES]
-    read = {*_OF_ATOMS, *places, *(frozen or ())}
+    names_read = {*_COLUMNS_OF_ATOMS, *places, *(frozen or ())}
     notes = []
     fixes: dict[str, set[int]] = {}  # the numbers of the columns of each fix
     for name in atoms.names:
@@ -580,15 +605,16 @@ def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] |
         if match:
             fixes.setdefault(match[1], set()).add(int(match[2]))
     for fix, numbers in fixes.items():
-        # fix wall/gran with the keyword contacts has the columns 1 to 8
-        if set(range(1, 9)) <= numbers:
-            read |= {f"f_{fix}[{number}]" for number in numbers}
-            if fix not in walls:
-                notes.append(
-                    f"{atoms.name}: contacts with the wall of fix {fix} are not read:"
-                    f" walls={fix!r} reads them."
-                )
-    return [*notes, note_columns(atoms, read)]
+        # fix wall/gran with the keyword contacts has the columns 1 to 8, of which 1 to 7 are needed
+        has_contacts = set(range(1, 8)) <= numbers
+        if has_contacts and fix not in walls:
+            notes.append(
+                f"{atoms.name}: contacts with the wall of fix {fix} are not read:"
+                f" walls={fix!r} reads them."
+            )
+        if has_contacts:
+            names_read |= {f"f_{fix}[{number}]" for number in numbers}
+    return [*notes, note_columns(atoms, names_read)]
 
 
 # -- writing ---------------------------------------------------------------------------------------
@@ -605,7 +631,8 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     box = _write_box(network)
     ids = np.arange(1, network.n_balls + 1) if network.labels is None else network.labels
     walls = _find_walls(network)
-    options = {name: str(getattr(network, name)) for name in (*_OF_NETWORK, _PRESTRESS)}
+    _require_free_labels(ids[np.isfinite(network.radii)], len(walls))
+    options = {name: str(getattr(network, name)) for name in (*_FIELDS_OF_NETWORK, _PRESTRESS)}
     if walls:
         options[_WALLS] = ",".join(walls)
         at_radius = network.arm_i == network.radii[network.i]
@@ -617,6 +644,19 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     text_of_pairs = _frame_text("ENTRIES", box, columns_of_pairs, options)
     write_texts([(atoms, text_of_atoms), (pairs, text_of_pairs)])
     _warn_of_lost(network)
+
+
+def _require_free_labels(ids: Index, n_walls: int) -> None:
+    """Raise InputError if one of the ``ids`` (n,) of balls is a label that the reader of dumps
+    gives to one of ``n_walls`` walls: -1, -2, and so on.
+    """
+    is_taken = (ids < 0) & (ids >= -n_walls)
+    if np.any(is_taken):
+        raise InputError(
+            f"a ball of the network has the label {ids[is_taken][0]}",
+            "A wall has this label where dumps are read",
+            "Give others: dataclasses.replace(network, labels=...)",
+        )
 
 
 def _list_columns_of_atoms(
@@ -712,13 +752,14 @@ def _warn_of_lost(network: Any) -> None:
     is_at_wall = np.isinf(network.radii[network.j])
     losses = list[str]()
     if network.ball_motions.rotate:
-        balls = network.moving & np.isfinite(network.radii)
-        solid = SOLID * network.masses[balls] * network.radii[balls] ** 2
-        if not np.allclose(network.inertias[balls], solid, rtol=_SAME_SPRINGS, atol=0.0):
+        balls = np.flatnonzero(network.moving)
+        solid_inertias = SOLID_INERTIA * network.masses[balls] * network.radii[balls] ** 2
+        deviations = np.abs(network.inertias[balls] - solid_inertias)
+        if np.any(deviations > _SPRING_TOLERANCE * solid_inertias):
             losses.append("moments of inertia, which are not those of solid balls")
     if network.contact_torque is not None and np.any(network.contact_torque[is_at_wall]):
         losses.append("static torques of contacts with flat walls")
-    if network.on_site is not None and np.any(network.on_site):
+    if network.on_site is not None:
         losses.append("springs to the ground")
     if network.adhesive:
         n_pulling = np.count_nonzero(network.normal_force < 0.0)
@@ -727,7 +768,7 @@ def _warn_of_lost(network: Any) -> None:
             f" ({n_pulling:,} of {network.n_contacts:,})"
         )
     scatter = _find_scatter(network)
-    if scatter > _SAME_SPRINGS:
+    if scatter > _SPRING_TOLERANCE:
         losses.append(
             "stiffnesses, which are not of one material by Hertz's and Mindlin's laws, and differ"
             f" from such by up to {100.0 * scatter:.3g} %"
@@ -800,7 +841,10 @@ def _write_box(network: Any) -> str:
     cell[is_open] = np.eye(3)[is_open]
     if np.any(np.triu(cell, 1)) or not np.all(np.diag(cell) > 0.0):
         fault = f"the cell of the network is {network.cell.tolist()} m"
-        why = "In a dump the first vector lies along x, and the second in the xy plane"
+        why = (
+            "In a dump the first vector lies along x, the second in the xy plane, and each leads"
+            " upwards along its own axis"
+        )
         raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
     inverse = np.linalg.inv(cell)
     # coordinates along the sides of the box, in m along open axes, and how far radii reach
@@ -832,7 +876,7 @@ def _frame_text(
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     head = [
         "ITEM: UNITS",
-        " ".join([f"si{OWN}", *(f"{name}={value}" for name, value in options.items())]),
+        " ".join([f"si{OWN_MARK}", *(f"{name}={value}" for name, value in options.items())]),
         "ITEM: TIMESTEP",
         "0",
         f"ITEM: NUMBER OF {kind}",

@@ -55,9 +55,9 @@ _KEYWORDS = {
     "heatFlux": ("heat",),
 }  # fmt: skip
 #: what the computes give without keywords
-_DEFAULT = ("pos", "vel", "id", "force", "torque", "history", "contactArea")
+_DEFAULT_KEYWORDS = ("pos", "vel", "id", "force", "torque", "history", "contactArea")
 #: columns of contacts with walls that are read
-_OF_WALLS = ("mesh", "ball", *_KEYWORDS["pos"], "fx", "fy", "fz")
+_COLUMNS_OF_WALLS = ("mesh", "ball", *_KEYWORDS["pos"], "fx", "fy", "fz")
 
 
 def read_liggghts(
@@ -94,7 +94,7 @@ def read_liggghts(
         for label in np.unique(wall_contacts.j).tolist():
             balls = add_wall(balls, label, f"mesh {-label - 1}")
         lists.append(wall_contacts)
-        notes.append(note_columns(wall_frame, (*_OF_WALLS, "delta")))
+        notes.append(note_columns(wall_frame, (*_COLUMNS_OF_WALLS, "delta")))
     else:
         notes.append("Contacts with walls are not in a dump of pairs: walls=FILE reads them.")
     source = make_source(atoms, scales, balls, lists, notes)
@@ -109,14 +109,14 @@ def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
     compute; None is for a compute without keywords, whose default ones hold.
 
     Without keywords, a frame whose columns have names of their own, not "c_ID[1]" and so on, is
-    returned as it is. InputError for an unknown keyword, for one that is given twice, and for a
-    frame with another number of columns than the keywords give.
+    returned as it is. InputError for what are no words, for an unknown keyword, for one that is
+    given twice, for none, and for a frame with another number of columns than the keywords give.
     """
     are_numbered = all(re.fullmatch(r"c_.+\[\d+\]", name) for name in frame.names)
     if keywords is None and not are_numbered:
         return frame
     words = keywords.split() if isinstance(keywords, str) else keywords
-    keywords_of_dump = _DEFAULT if words is None else texts("keywords", words)
+    keywords_of_dump = _DEFAULT_KEYWORDS if words is None else texts("keywords", words)
     are_known = set(keywords_of_dump) <= set(_KEYWORDS)
     are_distinct = len(set(keywords_of_dump)) == len(keywords_of_dump)
     if not are_known or not are_distinct or not keywords_of_dump:
@@ -154,18 +154,19 @@ def _rename_wall(names: Sequence[str]) -> tuple[str, ...]:
 def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) -> Contacts:
     """Return the contacts of ``balls`` with the walls of meshes, in SI units, from a frame of
     ``compute wall/gran/local``: mesh m has the label -1 - m. InputError for a frame without the
-    columns that are needed.
+    columns that are needed, for ids that are no whole numbers, and without a ball.
     """
     mend = "Write pos, id and force in compute wall/gran/local"
-    require_columns(frame, _OF_WALLS, mend)
-    columns = frame.read([name for name in (*_OF_WALLS, "delta") if name in frame.names])
+    require_columns(frame, _COLUMNS_OF_WALLS, mend)
+    columns = frame.read([name for name in (*_COLUMNS_OF_WALLS, "delta") if name in frame.names])
     labels = read_ids(frame, "ball", columns)
     indices = _find_indices(balls, labels)
     # from the centre of the ball to the place of the contact on the wall
-    between = join_vectors(columns, ("x1", "y1", "z1")) - join_vectors(columns, ("x2", "y2", "z2"))
-    between *= scales.length
-    distance = np.linalg.norm(between, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a normal of nan is told as a fault
+    places_on_wall = join_vectors(columns, ("x1", "y1", "z1"))
+    centres = join_vectors(columns, ("x2", "y2", "z2"))
+    with np.errstate(all="ignore"):  # a place out of range makes a normal of nan, told as a fault
+        between = scales.length * (places_on_wall - centres)
+        distance = np.linalg.norm(between, axis=1)
         normal = between / distance[:, None]
     # the column has more digits of an overlap than places with few digits leave
     has_overlap = "delta" in frame.names
@@ -179,7 +180,7 @@ def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) ->
         overlap=overlap,
         # LIGGGHTS lets forces of walls act at half of the overlap, and LAMMPS at the radius
         arm_i=balls.radii[indices] - 0.5 * overlap,
-        arm_j=np.zeros(frame.count),
+        arm_j=-0.5 * overlap,
         lines=frame.first + 1 + np.arange(frame.count),
         **springs.of(frame.count),
     )

@@ -26,19 +26,21 @@ from granphon.networks.lammps import Springs, add_wall, find_frozen, join_vector
 from granphon.networks.sources import Balls, Contacts, find_rounding
 
 #: columns of a contact in .fstat
-_OF_CONTACTS = ("time", "i", "j", "x", "y", "z", "delta", "slip", "fn", "ft", "nx", "ny", "nz",
-                "tx", "ty", "tz")  # fmt: skip
+_COLUMNS_OF_CONTACTS = (
+    "time", "i", "j", "x", "y", "z", "delta", "slip", "fn", "ft", "nx", "ny", "nz", "tx", "ty",
+    "tz",
+)  # fmt: skip
 #: columns of a ball in .data, in space and in a plane, by the number of bounds in the heading
-_OF_BALLS = {
+_COLUMNS_OF_BALLS = {
     6: ("x", "y", "z", "vx", "vy", "vz", "radius", "a", "b", "c", "wx", "wy", "wz", "info"),
     4: ("x", "y", "vx", "vy", "radius", "a", "w", "info"),
 }
-#: lines of the heading of a time in .fstat
-_HEADING = 3
+#: number of lines of the heading of a time in .fstat
+_N_HEADING_LINES = 3
 #: no file has as many balls or contacts
-_MOST = 1e12
+_MOST_ROWS = 1e12
 #: greatest relative difference of times that are one: files have some ten digits
-_SAME_TIME = 1e-6
+_TIME_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -89,15 +91,19 @@ class _Data(_Times):
         while not lines.is_at_end:
             number, *further_numbers = _read_numbers(lines)
             n_bounds = len(further_numbers) - 1
-            is_count = 0.0 <= number < _MOST and not number % 1.0
-            if n_bounds not in _OF_BALLS or not is_count or not math.isfinite(further_numbers[0]):
+            is_count = 0.0 <= number < _MOST_ROWS and not number % 1.0
+            are_finite = all(map(math.isfinite, further_numbers))
+            if n_bounds not in _COLUMNS_OF_BALLS or not is_count or not are_finite:
                 fault = f"{lines.where}: found {1 + len(further_numbers)} numbers"
-                why = "A time begins with the number of balls, the time and the bounds of the box"
+                why = (
+                    "A time begins with the number of balls, the time and the bounds of the box,"
+                    " all finite"
+                )
                 raise InputError(
                     f"{fault}, where a heading is needed", why, "Is this a file .data?"
                 )
             frame = Frame(lines.name, further_numbers[0], kind)
-            lines.read_list(frame, _OF_BALLS[n_bounds], int(number), kind)
+            lines.read_list(frame, _COLUMNS_OF_BALLS[n_bounds], int(number), kind)
             p = n_bounds // 2
             frame.cell[:p, :p] = np.diag(
                 np.subtract(further_numbers[1 + p :], further_numbers[1 : 1 + p])
@@ -119,13 +125,13 @@ class _Fstat(_Times):
         run_starts = headings[~np.isin(headings - 1, headings)]
         runs = np.searchsorted(run_starts, headings, side="right") - 1
         places_in_runs = headings - run_starts[runs]
-        starts = headings[places_in_runs % _HEADING == 0]
+        starts = headings[places_in_runs % _N_HEADING_LINES == 0]
         for start, end in pairwise([*starts.tolist(), len(lines)]):
             lines.place = start
             words = lines.read().lstrip("#").split()
             frame = Frame(lines.name, _read_time(lines, ["time", *words]), kind)
-            lines.place = min(start + _HEADING, end)
-            lines.read_list(frame, _OF_CONTACTS, end - lines.place, kind)
+            lines.place = min(start + _N_HEADING_LINES, end)
+            lines.read_list(frame, _COLUMNS_OF_CONTACTS, end - lines.place, kind)
             yield frame
 
 
@@ -163,20 +169,20 @@ def read_mercury(
     if not len(state.balls.radii):
         raise InputError(f"{state.name} has no ball at the time {state.time:g} s")
     contact_frame = _Fstat.open(fstat, "entries").find(state.time)
-    contacts, fixed = _read_contacts(contact_frame, state.balls, springs)
+    contacts, is_fixed = _read_contacts(contact_frame, state.balls, springs)
     balls = state.balls
     notes = [
         *state.notes,
         f"{contact_frame.name}: not read, as they play no part: time, x, y, z, slip.",
     ]
     if balls.masses is None:  # of a file .data
-        if frozen is None and np.any(fixed):
-            listed = list_names(map(str, np.flatnonzero(fixed).tolist()))
+        if frozen is None and np.any(is_fixed):
+            listed = list_names(map(str, np.flatnonzero(is_fixed).tolist()))
             notes.append(
                 f"{contact_frame.name} has the contacts of some balls from the other ball alone:"
                 f" these do not move: {listed}."
             )
-            balls = replace(balls, still=fixed)
+            balls = replace(balls, still=is_fixed)
         notes.append(
             f"{contact_frame.name} does not say how many contacts it has: the file .restart does,"
             f" by which a file that is cut between two lines is told."
@@ -214,7 +220,7 @@ def _is_restart(lines: Lines) -> bool:
 
 def _is_same_time(time: float, other_time: float) -> bool:
     """Whether two times, s, differ by no more than rounding in the files."""
-    return abs(time - other_time) <= _SAME_TIME * max(abs(time), abs(other_time))
+    return abs(time - other_time) <= _TIME_TOLERANCE * max(abs(time), abs(other_time))
 
 
 # -- balls -----------------------------------------------------------------------------------------
@@ -310,7 +316,8 @@ def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
     """Read the next ``count`` lines of a file .restart, and return them as balls; if the particles
     have two dimensions (``is_plane``), they have no z, and the moments of inertia of discs.
 
-    InputError if there are fewer lines, or for a line without place, radius and inverse mass.
+    InputError if there are fewer lines, and for a line that lacks the place, the radius or the
+    inverse mass.
     """
     if count > len(lines) - lines.place:
         fault = f"{lines.name} ends before its {count} particles do: {len(lines) - lines.place} are"
@@ -324,14 +331,16 @@ def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
         row[4] = _read_numbers_after(lines, words, "invMass")[0]
     positions = table[:, : 2 if is_plane else 3]
     radii = table[:, 3]
-    with np.errstate(divide="ignore"):  # the mass of a fixed ball is infinite
+    # the mass of a fixed ball is infinite; other numbers out of range are refused later
+    with np.errstate(all="ignore"):
         masses = 1.0 / table[:, 4]
+        inertias = 0.5 * masses * radii**2 if is_plane else None
     return Balls(
         lines.name,
         positions,
         radii,
         masses=masses,
-        inertias=0.5 * masses * radii**2 if is_plane else None,
+        inertias=inertias,
         labels=np.arange(count),
         rounding=find_rounding(positions),
         radius_rounding=find_rounding(radii),
@@ -371,7 +380,7 @@ def _read_count(lines: Lines, words: Sequence[str], name: str) -> int:
     the line that was read last; InputError if it is not there, or another number.
     """
     number = _read_numbers_after(lines, words, name)[0]
-    if not 0.0 <= number < _MOST or number % 1.0:
+    if not 0.0 <= number < _MOST_ROWS or number % 1.0:
         fault = f"{lines.where}: found {name} {number:g}, where a whole number is needed"
         raise InputError(fault, mend="Is this a file .restart of MercuryDPM, and whole?")
     return int(number)
@@ -407,10 +416,11 @@ def _compare_number(contacts: Contacts, state: _State) -> None:
     assert contacts.vector is not None
     # the difference of the listed places less the vector of the contact: periods, if the contact is
     # across a boundary, else zero but for rounding
-    periods = state.balls.positions[j] - state.balls.positions[i]
-    periods -= contacts.vector[:, : periods.shape[1]]
-    sum_of_radii = state.balls.radii[i] + state.balls.radii[j]
-    is_across = (contacts.j >= 0) & (np.linalg.norm(periods, axis=1) > sum_of_radii)
+    with np.errstate(all="ignore"):  # numbers out of range are refused later
+        periods = state.balls.positions[j] - state.balls.positions[i]
+        periods -= contacts.vector[:, : periods.shape[1]]
+        sum_of_radii = state.balls.radii[i] + state.balls.radii[j]
+        is_across = (contacts.j >= 0) & (np.linalg.norm(periods, axis=1) > sum_of_radii)
     n_most = len(contacts) + int(np.count_nonzero(is_across))
     if state.n_interactions is not None and state.n_interactions > n_most:
         fault = (
@@ -429,30 +439,16 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     one with it.
     """
     frame.require_full_rows("Lines may have run together, or the file is of another program")
-    columns = frame.read([name for name in _OF_CONTACTS if name not in ("time", "slip")])
+    columns = frame.read([name for name in _COLUMNS_OF_CONTACTS if name not in ("time", "slip")])
     i = read_ids(frame, "i", columns)
     j = read_ids(frame, "j", columns)
-    n_balls = len(balls.radii)
-    is_wall = j < 0
-    pair = np.minimum(i, j) * n_balls + np.maximum(i, j)  # a number of the two balls
-    # A contact of two balls is listed from both, or from one of them alone. It is kept as listed
-    # from the ball with the lower index, or else from the other ball.
-    is_from_lower = ~is_wall & (i < j)
-    is_from_higher = ~is_wall & (i > j)
-    lacks_higher = is_from_lower & ~np.isin(pair, pair[is_from_higher])
-    lacks_lower = is_from_higher & ~np.isin(pair, pair[is_from_lower])
-    is_alone = lacks_lower | lacks_higher
     normals = join_vectors(columns, ("nx", "ny", "nz"))
-    # A ball that touches its own image is listed from both sides: the row is kept whose normal has
-    # a positive component along the axis along which it is largest.
-    main_axes = np.argmax(np.abs(normals), axis=1)
-    is_ahead = normals[np.arange(len(i)), main_axes] > 0.0
-    is_own_image = ~is_wall & (i == j) & is_ahead
-    is_kept = is_wall | is_from_lower | lacks_lower | is_own_image
+    is_kept, is_alone = _select_rows(i, j, normals)
+    is_wall = j < 0
     # In the file normals lead from ball j to ball i, and from a ball to a wall; forces act on ball
     # i, and on a wall. In Contacts normals lead from i to j, and forces act on j.
     sign = np.where(is_wall, 1.0, -1.0)[:, None]
-    with np.errstate(invalid="ignore"):  # infinite numbers are refused later
+    with np.errstate(all="ignore"):  # numbers out of range are refused later
         across = columns["ft"][:, None] * join_vectors(columns, ("tx", "ty", "tz"))
     contacts = Contacts(
         frame.name,
@@ -467,11 +463,37 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
         **springs.of(frame.count),
     )
     is_fixed = balls.fixed.copy()
+    n_balls = len(balls.radii)
     if balls.masses is None and balls.still is None:
         lists_contacts = np.isin(np.arange(n_balls), i)
         is_fixed = np.isin(np.arange(n_balls), j[is_alone]) & ~lists_contacts
     _warn_of_half_contacts(contacts, is_alone & ~is_fixed[np.clip(j, 0, n_balls - 1)])
     return contacts.select(is_kept), is_fixed
+
+
+def _select_rows(i: Index, j: Index, normals: Array) -> tuple[Flags, Flags]:
+    """Return (rows,) whether each row of .fstat is kept, so that each contact is there once, and
+    (rows,) whether the row is the only one of a contact of two balls.
+
+    ``i`` and ``j`` (rows,) are the balls of the rows, below zero for walls, and ``normals``
+    (rows, 3) the normals in the file.
+    """
+    is_wall = j < 0
+    n_labels = int(np.max(np.maximum(i, j), initial=0)) + 1
+    pair = np.minimum(i, j) * n_labels + np.maximum(i, j)  # a number of the two balls
+    # A contact of two balls is listed from both, or from one of them alone. It is kept as listed
+    # from the ball with the lower index, or else from the other ball.
+    is_from_lower = ~is_wall & (i < j)
+    is_from_higher = ~is_wall & (i > j)
+    lacks_higher = is_from_lower & ~np.isin(pair, pair[is_from_higher])
+    lacks_lower = is_from_higher & ~np.isin(pair, pair[is_from_lower])
+    # A ball that touches its own image is listed from both sides: the row is kept whose normal has
+    # a positive component along the axis along which it is largest.
+    main_axes = np.argmax(np.abs(normals), axis=1)
+    is_ahead = normals[np.arange(len(i)), main_axes] > 0.0
+    is_own_image = ~is_wall & (i == j) & is_ahead
+    is_kept = is_wall | is_from_lower | lacks_lower | is_own_image
+    return is_kept, lacks_lower | lacks_higher
 
 
 def _warn_of_half_contacts(contacts: Contacts, is_half: Flags) -> None:
@@ -500,5 +522,5 @@ def _find_vectors(
     # indices that no ball has are refused later, and walls, below zero, have no radius
     radii_j = np.where(j < 0, 0.0, balls.radii[np.clip(j, 0, last_ball)])
     lengths = balls.radii[np.clip(i, 0, last_ball)] + radii_j - columns["delta"]
-    with np.errstate(invalid="ignore"):  # infinite numbers are refused later
+    with np.errstate(all="ignore"):  # numbers out of range are refused later
         return np.asarray(lengths[:, None] * normal)

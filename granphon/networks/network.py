@@ -50,15 +50,16 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
-from granphon.networks.consistency import BALANCED, MOVING, warn_of_faults
+from granphon.networks.consistency import BALANCE_LIMIT, REST_LIMIT, warn_of_faults
 from granphon.networks.demands import NUMBERS_OF_BALLS, list_demands
 from granphon.networks.sources import (
-    LARGEST,
+    LARGEST_NUMBER,
     SLIP_LEVERS,
     TANGENTIAL_LAWS,
     Completion,
     CompletionOptions,
     Reading,
+    are_independent,
     find_repeated,
     read_whole_numbers,
 )
@@ -68,14 +69,12 @@ if TYPE_CHECKING:
 
 Found = TypeVar("Found")
 #: fields of whole numbers
-_WHOLE = ("i", "j", "shift", "labels")
-#: least volume of a periodic cell over the product of the lengths of its vectors
-_FLAT = 1e-9
+_WHOLE_NUMBER_FIELDS = ("i", "j", "shift", "labels")
 #: memory that is taken to repeat or to cut a network, and to check the result, over the memory of
 #: the arrays of the result
 _COPIES = 4.5
 #: the key under which a network keeps what its reader knows beside its numbers
-_READING = "reading"
+_READING_KEY = "reading"
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -146,14 +145,16 @@ class ContactNetwork(Result):
     Raises
     ------
     InputError : no ball of a finite radius, arrays of different lengths, a contact that names a
-        ball that is not there or that is listed twice, a force that pulls, a number that is not
-        finite or out of range, a normal whose length is not one, a normal that does not lead from
-        ball i to ball j where both move, balls that move and whose distance differs from the sum of
-        the two arms by more than a quarter of that, a contact that leaves the line or the plane, a
-        tangential force that is not across the normal, periods that are not independent or leave
-        the line or the plane, motions that the dimension does not have, two balls with one label, a
-        ``shape`` that does not fit the number of balls, an ``on_site`` of another shape, below zero
-        or not finite.
+        ball that is not there, joins a ball with itself or is listed twice, a shift along a vector
+        that is no period or of more than 1e9 cells, a force that pulls unless contacts are
+        ``adhesive``, a number that is not finite or out of range, a normal whose length is not one,
+        a normal that does not lead from ball i to ball j where both move, balls that move and whose
+        distance differs from the sum of the two arms by more than a quarter of that, a contact that
+        leaves the line or the plane, a tangential force that is not across the normal, periods that
+        are not independent or leave the line or the plane, motions that the dimension does not
+        have, two balls with one label, a ``shape`` that does not fit the lattice or the number of
+        balls, an ``on_site`` of another shape, below zero or not finite; and, for each field, a
+        value of another kind than the one described.
     """
 
     _schema: ClassVar[int] = 2
@@ -205,14 +206,7 @@ class ContactNetwork(Result):
             "tangential_law": one_of("tangential_law", self.tangential_law, TANGENTIAL_LAWS),
             "slip_levers": one_of("slip_levers", self.slip_levers, SLIP_LEVERS),
         }
-        lattice: Any = self.lattice
-        if not isinstance(lattice, Lattice | None):
-            fault = f"the lattice of the network is {brief(lattice)}"
-            raise InputError(fault, mend="Give a granphon.Lattice, or None")
-        model: Any = self.contact_model
-        if not isinstance(model, ContactModel | None):
-            fault = f"the contact model of the network is {brief(model)}"
-            raise InputError(fault, mend="Give a material where the network is read, or None")
+        self._require_objects()
         if self.shape is not None:
             in_range = partial(lengths, low=1, high=MOST_CELLS)
             checked["shape"] = require("shape", in_range, self.shape)
@@ -220,13 +214,7 @@ class ContactNetwork(Result):
             checked["kinds"] = require("kinds", text_list, self.kinds)
             for name in dict.fromkeys(checked["kinds"]):
                 require("the name of a kind", label, name)
-        for name, layout in self._shapes.items():
-            values = getattr(self, name)
-            is_left_out = values is None and layout.endswith("?")  # "?": the field may be None
-            if name == "kinds" or is_left_out:
-                continue
-            numbers = read_whole_numbers if name in _WHOLE else real_array
-            checked[name] = read_only(numbers(name, values))
+        checked |= self._read_arrays()
         if checked["cell"].shape == (3, 3):
             # a vector along which nothing repeats has no meaning
             is_period = np.array(checked["pbc"])[:, None]
@@ -238,22 +226,43 @@ class ContactNetwork(Result):
         super().__post_init__()
         self._check()
 
+    def _require_objects(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless ``lattice`` and ``contact_model``
+        are of their classes, or None.
+        """
+        lattice: Any = self.lattice
+        if not isinstance(lattice, Lattice | None):
+            fault = f"the lattice of the network is {brief(lattice)}"
+            raise InputError(fault, mend="Give a granphon.Lattice, or None")
+        model: Any = self.contact_model
+        if not isinstance(model, ContactModel | None):
+            fault = f"the contact model of the network is {brief(model)}"
+            raise InputError(fault, mend="Give a material where the network is read, or None")
+
+    def _read_arrays(self) -> dict[str, Any]:
+        """Return the fields of numbers, by name, as read-only arrays, without those that are None
+        and may be; :class:`~granphon.base.errors.InputError` for values that are no numbers, or no
+        whole numbers where these are needed.
+        """
+        arrays: dict[str, Any] = {}
+        for name, layout in self._shapes.items():
+            values = getattr(self, name)
+            is_left_out = values is None and layout.endswith("?")  # "?": the field may be None
+            if name == "kinds" or is_left_out:  # kinds are words
+                continue
+            numbers = read_whole_numbers if name in _WHOLE_NUMBER_FIELDS else real_array
+            arrays[name] = read_only(numbers(name, values))
+        return arrays
+
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for fields that the class does not allow.
 
-        Before the fields are judged, contacts whose ball i is a flat wall are reversed, in place
-        (:meth:`_reverse_wall_contacts`).
+        When the shapes of the fields have been checked, contacts whose ball i is a flat wall are
+        reversed, in place (:meth:`_reverse_wall_contacts`). Then the entries are judged.
         """
         super()._check()
         self._reverse_wall_contacts()
-        motions = allowed_motions(self.dimension)
-        if not is_one_of(self.motions, motions):
-            fault = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
-            raise InputError(fault, mend="Use " + ", ".join(motions))
-        if self.on_site is not None and self.on_site.shape[1] != motions[self.motions].count:
-            names = ", ".join(name_springs(motions[self.motions]))
-            fault = f"on_site of the network has the shape {self.on_site.shape}"
-            raise InputError(fault, mend=f"Give a stiffness for each motion of a ball: {names}")
+        self._check_motions()
         if np.all(np.isinf(self.radii)):  # flat walls alone, or nothing
             raise InputError("the network has no ball", mend="Give one or more, of a finite radius")
         self._check_cell()
@@ -265,15 +274,35 @@ class ContactNetwork(Result):
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
             fault = "two balls of the network have the same label"
             raise InputError(fault, mend="Give each a label of its own")
-        # an array has the balls of all of its cells
-        if self.lattice is not None and self.shape is not None:
-            n_balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
-            if len(self.shape) != self.lattice.periods or n_balls != self.n_balls:
-                fault = (
-                    f"{self.shape} cells of the {self.lattice.name} lattice have {n_balls} balls,"
-                    f" and the network has {self.n_balls}"
-                )
-                raise InputError(fault, mend="Mend the shape")
+        self._check_lattice()
+
+    def _check_motions(self) -> None:
+        """Raise InputError for motions that balls in this dimension do not have, and for springs to
+        the ground that are not one for each motion.
+        """
+        motions = allowed_motions(self.dimension)
+        if not is_one_of(self.motions, motions):
+            fault = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
+            raise InputError(fault, mend="Use " + ", ".join(motions))
+        if self.on_site is not None and self.on_site.shape[1] != motions[self.motions].count:
+            names = ", ".join(name_springs(motions[self.motions]))
+            fault = f"on_site of the network has the shape {self.on_site.shape}"
+            raise InputError(fault, mend=f"Give a stiffness for each motion of a ball: {names}")
+
+    def _check_lattice(self) -> None:
+        """Raise InputError unless an array of a lattice has a length along each period of the
+        lattice, and the balls of all of its cells.
+        """
+        if self.lattice is None or self.shape is None:
+            return
+        n_balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
+        if len(self.shape) != self.lattice.periods or n_balls != self.n_balls:
+            raise InputError(
+                f"{self.shape} cells of the {self.lattice.name} lattice, which has"
+                f" {counted(self.lattice.periods, 'period')}, have {n_balls} balls, and the network"
+                f" has {self.n_balls}",
+                mend="Mend the shape",
+            )
 
     def _refuse(self, name: str, is_bad: Flags, fault: str, mend: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` that names the first bad entry of the
@@ -312,13 +341,14 @@ class ContactNetwork(Result):
             fields[name] = read_only(np.where(is_reversed[:, None], opposite, fields[name]))
 
     def _check_cell(self) -> None:
-        """Raise InputError unless periodic vectors of the cell are of sizes between 1/``LARGEST``
-        and ``LARGEST``, lie in the line or plane of the balls, and are independent.
+        """Raise InputError unless periodic vectors of the cell have greatest components between
+        1/``LARGEST_NUMBER`` and ``LARGEST_NUMBER``, m, lie in the line or plane of the balls, and
+        are independent.
         """
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
             size = np.max(np.abs(vector))
-            if not 1.0 / LARGEST < size < LARGEST:  # also if the size is nan
+            if not 1.0 / LARGEST_NUMBER < size < LARGEST_NUMBER:  # also if the size is nan
                 fault = f"vector {axis} of the cell is {vector.tolist()} m, and periodic"
                 mend = "Give a vector of finite length, or let pbc be false there"
                 raise InputError(fault, mend=mend)
@@ -329,14 +359,9 @@ class ContactNetwork(Result):
                     f" in {self.dimension} dimensions, and is periodic",
                     mend="Let it lie there, or let pbc be false",
                 )
-        if np.count_nonzero(self.pbc) > 1:
-            periods = self.cell[list(self.pbc)]
-            directions = periods / np.linalg.norm(periods, axis=1, keepdims=True)
-            # the area or volume that unit vectors along the periods span
-            volume = np.prod(np.linalg.svd(directions, compute_uv=False))
-            if volume < _FLAT:
-                fault = "the periodic vectors of the cell are not independent of each other"
-                raise InputError(fault, mend="Give other vectors, or let pbc be false")
+        if not are_independent(self.cell[list(self.pbc)]):
+            fault = "the periodic vectors of the cell are not independent of each other"
+            raise InputError(fault, mend="Give other vectors, or let pbc be false")
 
     def _check_repeated(self) -> None:
         """Raise InputError if a contact is listed twice, from one end or from both; a wall may
@@ -443,14 +468,16 @@ class ContactNetwork(Result):
     @cached_property
     def tangential_growth(self) -> Array:
         """(n_c,) relative growth of a static tangential force T with the overlap delta,
-        (dT/d delta)/T, 1/m; zero at contacts that no normal force presses.
+        (dT/d delta)/T, 1/m; zero at contacts that no normal force presses, and where the overlap is
+        1e-60 m or less.
 
         By the ``tangential_law`` T goes as a power p of the overlap, so that the growth is p/delta.
         The overlap is that of Hertz's law, 3 f/(2 k), by the normal force f and stiffness k.
         """
         power = TANGENTIAL_LAWS[self.tangential_law].power
         overlap = overlap_from(self.normal_force, self.normal_stiffness)
-        growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=overlap > 0.0)
+        is_pressed = overlap > 1.0 / LARGEST_NUMBER  # p over a smaller overlap might overflow
+        growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=is_pressed)
         return read_only(growth)
 
     @cached_property
@@ -486,7 +513,7 @@ class ContactNetwork(Result):
             surfaces = radii_i + np.where(is_ball, radii_j, radii_i)
             arms = self.arm_i + np.where(is_ball, self.arm_j, radii_i)
             resists_slip = self.shear_stiffness > 0.0
-            stretch[resists_slip] = (surfaces / arms)[resists_slip] - 1.0
+            stretch[resists_slip] = surfaces[resists_slip] / arms[resists_slip] - 1.0
         return read_only(stretch)
 
     @cached_property
@@ -530,8 +557,8 @@ class ContactNetwork(Result):
 
     @cached_property
     def imbalance(self) -> tuple[int, float, float]:
-        """The ball that is farthest from balance, the sum of the static forces on it, N, and that
-        sum over the mean force of a contact.
+        """The ball that is farthest from balance, the size of the sum of the static forces on it,
+        N, and that size over the mean force of a contact; see :meth:`find_farthest`.
         """
         return self.find_farthest(self.unbalanced[0])
 
@@ -563,19 +590,24 @@ class ContactNetwork(Result):
 
     def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
-        and the size over the mean force of a contact, zero if all forces are zero.
+        and the size over the mean force of a contact: zero if all forces are zero, and infinite if
+        contacts have no force alone.
 
-        Raises :class:`~granphon.base.errors.InputError` for forces of another shape.
+        Raises :class:`~granphon.base.errors.InputError` for forces of another shape, and for
+        components that are not below 1e120 N.
         """
         forces = real_array("forces", forces)
         if forces.shape != (self.n_balls, 3):
             fault = f"the forces have the shape {forces.shape}"
             raise InputError(fault, mend=f"Give one for each ball: ({self.n_balls}, 3)")
+        if not np.all(np.abs(forces) < LARGEST_NUMBER**2):  # squares of larger ones might overflow
+            raise InputError("the forces are not finite, or too large", mend="Give others, in N")
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))
         size = float(sizes[ball])
-        # where all forces are zero, the mean force may be zero too
-        ratio = size / self.mean_force if size else 0.0
+        if not size:  # the mean force may be zero, too
+            return ball, 0.0, 0.0
+        ratio = size / self.mean_force if self.mean_force else math.inf
         return ball, size, ratio
 
     def name_ball(self, ball: int) -> int:
@@ -610,21 +642,21 @@ class ContactNetwork(Result):
         if not can_be_judged:
             return True
         _ball, _force, ratio = self.imbalance
-        return ratio <= BALANCED
+        return ratio <= BALANCE_LIMIT
 
     def require_rest(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
         far from balance that the balls still move: the :attr:`residual_forces` on the ball are
         5e-3 of the mean force of a contact or more.
 
-        A network without a period along some axis is not judged: walls that are not in a file may
-        hold its balls there.
+        A network with springs to the ground is not judged, and neither is one without a period
+        along some axis: walls that are not in a file may hold its balls there.
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
         farthest = self.find_farthest(self.residual_forces)
         _ball, _force, ratio = farthest
-        if ratio < MOVING:
+        if ratio < REST_LIMIT:
             return
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
@@ -710,7 +742,8 @@ class ContactNetwork(Result):
     @property
     def force_fabric(self) -> Array:
         """(d, d) the mean of f n n over the contacts, over the mean of f, with the normal forces f:
-        the :attr:`fabric` in which a contact counts as its force. InputError without forces.
+        the :attr:`fabric` in which a contact counts as its force. InputError if the forces add up
+        to zero, as without contacts.
         """
         return self._average_directions(self.normal_force)
 
@@ -720,7 +753,7 @@ class ContactNetwork(Result):
         """
         total = float(np.sum(weights))
         if not total:
-            raise InputError("the network has no contacts, or none with a force")
+            raise InputError("the network has no contacts, or their normal forces add up to zero")
         normal = self.normal[:, : self.dimension]
         return np.asarray(np.einsum("c,ca,cb->ab", weights, normal, normal) / total)
 
@@ -742,8 +775,8 @@ class ContactNetwork(Result):
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
         count, as if their forces were equal; and in an ``adhesive`` network all count, as they are
         stiff without a force, too. :meth:`without_rattlers` says how many contacts hold a ball. A
-        wall is no rattler, and neither is a ball whose displacements are all resisted by springs to
-        the ground.
+        body that does not move is no rattler, and neither is a ball whose displacements are all
+        resisted by springs to the ground.
         """
         from granphon.networks.rattlers import find_rattlers
 
@@ -757,7 +790,8 @@ class ContactNetwork(Result):
         resist slip, else one more than there are dimensions; without slip resistance two or more
         contacts whose forces are in balance, as along a straight row, also hold a ball. Where
         gravity holds balls down, fewer contacts hold them: give ``held_by`` then. Raises
-        :class:`~granphon.base.errors.InputError` if no ball is held.
+        :class:`~granphon.base.errors.InputError` if all balls that move are rattlers, and for a
+        ``held_by`` that is no whole number of zero or more.
         """
         from granphon.networks.rattlers import find_most_held_by, find_rattlers
 
@@ -771,6 +805,7 @@ class ContactNetwork(Result):
             fault = "all balls of the network are rattlers, which carry no load"
             why = "Each has fewer contacts than can hold it, or is left so by others"
             mend = ""
+            # less than the number that has left no ball; the default one is not above this
             n_most = self.dimension + 1 if n_holding is None else n_holding - 1
             holding = find_most_held_by(self, n_most)
             if holding:
@@ -780,23 +815,16 @@ class ContactNetwork(Result):
 
     def select(self, balls: ArrayLike) -> Self:
         """Return the network of some balls, given by their indices or as (n,) truth values, and of
-        the contacts among them.
+        the contacts among them. Balls come in the order of the indices.
 
         The network keeps the ``labels`` of the balls; without labels they are the indices in this
-        network. It has neither ``lattice`` nor ``shape``, and its ``contact_model`` has no walls
-        that are left out. Raises
-        :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given
-        twice, for none, and for another number of truth values.
+        network. It has neither ``lattice`` nor ``shape``. Its ``contact_model`` has no wall if no
+        flat wall is kept, and else, where balls have ``kinds``, only the walls that are kept.
+
+        Raises :class:`~granphon.base.errors.InputError` for what is no index of a ball, for a ball
+        given twice, for no ball of a finite radius, and for another number of truth values.
         """
-        # a list of truth values says which balls are kept; any other list has indices
-        plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
-        is_list = isinstance(plain, list | tuple) and len(plain) > 0
-        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
-        if are_flags and len(plain) != self.n_balls:
-            fault = f"balls are {len(plain)} truth values, and the network has {self.n_balls} balls"
-            raise InputError(fault, mend="Give one for each ball, or the indices of balls")
-        indices = np.flatnonzero(plain) if are_flags else balls
-        kept_balls = index_array("balls", indices, self.n_balls)
+        kept_balls = self._read_selection(balls)
         new_index = np.full(self.n_balls, -1)  # -1 for balls that are left out
         new_index[kept_balls] = np.arange(kept_balls.size)
         i = new_index[self.i]
@@ -820,13 +848,34 @@ class ContactNetwork(Result):
         if self.on_site is not None:
             fields["on_site"] = self.on_site[kept_balls]
         if self.contact_model is not None:
-            kept_walls = kept_balls[np.isinf(self.radii[kept_balls])].tolist()
-            walls = self.contact_model.walls if kept_walls else ()
-            if self.kinds is not None:
-                names = {self.kinds[ball] for ball in kept_walls}
-                walls = tuple(wall for wall in walls if wall.name in names)
+            walls = self._select_walls(self.contact_model, kept_balls)
             fields["contact_model"] = replace(self.contact_model, walls=walls)
         return replace(self, **fields)
+
+    def _read_selection(self, balls: ArrayLike) -> Index:
+        """Return the indices (m,) of some ``balls``, which are given by their indices or as (n,)
+        truth values; errors are those of :meth:`select`.
+        """
+        # a list of truth values says which balls are kept; any other list has indices
+        plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
+        is_list = isinstance(plain, list | tuple) and len(plain) > 0
+        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
+        if are_flags and len(plain) != self.n_balls:
+            fault = f"balls are {len(plain)} truth values, and the network has {self.n_balls} balls"
+            raise InputError(fault, mend="Give one for each ball, or the indices of balls")
+        indices = np.flatnonzero(plain) if are_flags else balls
+        return index_array("balls", indices, self.n_balls)
+
+    def _select_walls(self, model: ContactModel, kept_balls: Index) -> tuple[Wall, ...]:
+        """Return those of the elastic walls of a contact ``model`` that are among ``kept_balls``,
+        (m,) indices: the names of kinds tell which they are, and without kinds all are returned if
+        any flat wall is kept.
+        """
+        kept_walls = kept_balls[np.isinf(self.radii[kept_balls])].tolist()
+        if self.kinds is None:
+            return model.walls if kept_walls else ()
+        names = {self.kinds[ball] for ball in kept_walls}
+        return tuple(wall for wall in model.walls if wall.name in names)
 
     @cached_property
     def piece_numbers(self) -> Index:
@@ -837,9 +886,9 @@ class ContactNetwork(Result):
         """Return the pieces of the network, sets of balls that contacts join, as networks, the
         largest first; (self,) if there is one piece alone.
 
-        A wall does not move and joins no pieces; each piece that touches the wall contains it. A
-        wall that no ball touches is in no piece, unless there is one piece alone, which is the
-        network itself. There is no piece where no ball moves.
+        A body that does not move, as a wall, joins no pieces; each piece that touches the body
+        contains it. A body that no ball touches is in no piece, unless there is one piece alone,
+        which is the network itself. There is no piece where no ball moves.
         """
         moving = self.moving
         piece_of_ball = self.piece_numbers
@@ -850,7 +899,7 @@ class ContactNetwork(Result):
         pieces = np.split(members, bounds) if members.size else []
         is_at_wall = ~(moving[self.i] & moving[self.j])
         if np.any(is_at_wall):
-            # the ball and the wall of each contact with a wall
+            # the two ends of each contact with a body that does not move, here called a wall
             touching_balls = np.where(moving[self.i], self.i, self.j)[is_at_wall]
             touched_walls = np.where(moving[self.i], self.j, self.i)[is_at_wall]
             for index, balls in enumerate(pieces):
@@ -868,9 +917,12 @@ class ContactNetwork(Result):
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         They have no labels, and ``left_out`` counts the balls that are left out of all cells. If
-        this network is one cell of a lattice, the ``lattice`` is kept, and the field ``shape`` is
-        the given one. Raises :class:`~granphon.base.errors.InputError` for a network without
-        periods, another number of lengths, and more balls than memory holds.
+        this network is one cell of a lattice, and repeats along all of the periods of the lattice,
+        the ``lattice`` is kept, and the field ``shape`` is the given one. Otherwise both are None.
+
+        Raises :class:`~granphon.base.errors.InputError` for a network without periods, another
+        number of lengths, lengths that are no whole numbers from 1 to 1,000,000, and more balls
+        than memory holds.
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
@@ -894,9 +946,11 @@ class ContactNetwork(Result):
             repetitions = (n_cells,) if values.ndim == 1 else (n_cells, 1)
             contacts[name] = np.tile(values, repetitions)
         contacts |= {"i": i, "j": j, "shift": shift}
-        # copies of an array of several cells are not in the order of cells that a shape means: only
-        # copies of a single cell keep lattice and shape
-        is_cell = self.lattice is not None and max(self.shape or (1,)) == 1
+        # copies of an array of several cells are not in the order of cells that a shape means, and
+        # a shape has a length along each period: only copies of a single cell, along all periods,
+        # keep lattice and shape
+        has_one_cell = max(self.shape or (1,)) == 1
+        is_cell = self.lattice is not None and has_one_cell and len(axes) == self.lattice.periods
         return replace(
             self,
             cell=self.cell * counts[:, None],
@@ -960,13 +1014,14 @@ class ContactNetwork(Result):
         chain. If need be the network is turned, so that the periods that are left lie along x or in
         the xy plane.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few
-        layers that a contact reaches across all of them, if layers are not connected, if no ball
-        can move, and if the balls of a clamped layer touch none that moves. A floor raises the
-        error, too, if the materials of the balls are not known, if a ball is not pressed on it, or
-        if a ball of the face has lost no contact. Where balls of one kind differ in size, a ball
-        that has lost no contact stands on no floor instead, and the error is raised if all balls of
-        the face are such.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for
+        ``layers`` that are no whole number from 1 to 1,000,000 or do not fit into memory, for other
+        ``edges``, for so few layers that a contact reaches across all of them, if layers are not
+        connected, if no ball can move, and if the balls of a clamped layer touch none that moves. A
+        floor raises the error, too, if the materials of the balls are not known, if a ball is not
+        pressed on it, or if a ball of the face has lost no contact. Where balls of one kind differ
+        in size, a ball that has lost no contact stands on no floor instead, and the error is raised
+        if all balls of the face are such.
         """
         from granphon.networks.cuts import cut_network
 
@@ -989,8 +1044,8 @@ class ContactNetwork(Result):
         keep their forces, and get the stiffnesses that belong to the new material.
 
         Raises :class:`~granphon.base.errors.InputError` unless the network has one wall whose
-        material is known, and for a network without ``kinds`` that also has contacts with other
-        flat walls: which contacts are those of the wall is not known there.
+        material is known, for what is no material, and for a network without ``kinds`` that also
+        has contacts with other flat walls: which contacts are those of the wall is not known there.
         """
         from granphon.networks.cuts import change_wall
 
@@ -1161,7 +1216,8 @@ class ContactNetwork(Result):
             label -1, the next one -2, and so on. Its contacts have no static torques of rolling and
             twist, which the fix does not write.
         frozen : columns of the dump of atoms, each with a value or values there: such balls do not
-            move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
+            move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all of finite mass
+            move.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls and no contact leads
             up or down, else 3.
         motions, friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
@@ -1374,8 +1430,9 @@ class ContactNetwork(Result):
         :meth:`from_liggghts`, "mercury" :meth:`from_mercury`; others are those of
         :func:`~granphon.register_reader`. ``options`` are the reader's.
 
-        Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the
-        reader refuses, and where it fails: the message names it.
+        Errors of granphon's own that the reader raises pass as they are. Raises
+        :class:`~granphon.base.errors.InputError` for a name without a reader, for any other error
+        of the reader, which the message tells, and if the reader returns no network.
         """
         reader = READERS[one_of("program", program, READERS)]
         try:
@@ -1413,7 +1470,7 @@ class ContactNetwork(Result):
             if all_labels is None:
                 all_labels = np.arange(whole_network.n_balls)
             is_kept = np.isin(all_labels, network.labels)
-        network._cache[_READING] = source.describe(is_kept, notes)
+        network._cache[_READING_KEY] = source.describe(is_kept, notes)
         warn_of_faults(network)
         return network
 
@@ -1422,7 +1479,7 @@ class ContactNetwork(Result):
         """What the reader of the files of this network knows beside the numbers of the network;
         None for a network that was not read, or that has been changed since.
         """
-        return self._cache.get(_READING)
+        return self._cache.get(_READING_KEY)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -1443,9 +1500,10 @@ class ContactNetwork(Result):
         acts on ball j, N. Each file has a digest of the rest. Folders are made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no name of a file, for two
-        names of one file, and for ``labels`` of the size 2^53 or more, which could not be read
-        again; and OutputError for files that granphon has not written, for folders, and if a file
-        cannot be written. Neither file is written then.
+        names of one file, for ``labels`` of the size 2^53 or more, which could not be read again,
+        and, in a CSV file, for ``kinds`` with spaces at their ends, which could not either; and
+        OutputError for files that granphon has not written, for folders, and if a file cannot be
+        written. Neither file is written then.
         """
         from granphon.networks.tables import write_tables
 
@@ -1478,10 +1536,11 @@ class ContactNetwork(Result):
         :meth:`write_tables` keeps all of these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
-        x or whose second one leaves the xy plane, for what is no name of a file, for two names of
-        one file, and for ``labels`` of the size 2^53 or more, which could not be read again; and
-        OutputError for files that are there and are not such dumps of granphon's own, as dumps of
-        LAMMPS, and if a file cannot be written. Neither file is written then.
+        x, whose second one leaves the xy plane, or of which one leads down along its own axis, for
+        what is no name of a file, for two names of one file, for ``labels`` of the size 2^53 or
+        more, which could not be read again, and for negative ``labels`` that the reader gives to
+        walls; and OutputError for files that are there and are not such dumps of granphon's own, as
+        dumps of LAMMPS, and if a file cannot be written. Neither file is written then.
         """
         from granphon.networks.lammps import write_dumps
 
@@ -1557,24 +1616,24 @@ def _read_periods(pbc: Any) -> tuple[bool, ...]:
 
 
 def _find_mean(values: Array) -> float:
-    """Return the mean of ``values`` (m,): their first value plus the mean of the differences from
-    it, which is exact where all values are equal.
+    """Return the mean of ``values`` (m,), of which there is one or more: their first value plus the
+    mean of the differences from it, which is exact where all values are equal.
     """
     return float(values[0] + np.mean(values - values[0]))
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
-    """Return (n,) the number, from 0, of the piece to which each ball belongs: the set of all balls
-    that contacts between balls that move join. A wall does not move, and is a piece of its own.
+    """Return (n,) the number, from 0, of the piece to which each ball belongs: a set of balls that
+    contacts between balls that move join. A body that does not move is a piece of its own.
 
     ``i`` and ``j`` (n_c,) are the balls of each contact, and ``moving`` (n,) says which balls move.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    joins = moving[i] & moving[j]
+    both_move = moving[i] & moving[j]
     n_balls = len(moving)
-    ones = np.ones(np.count_nonzero(joins))
-    graph = coo_array((ones, (i[joins], j[joins])), shape=(n_balls, n_balls))
+    ones = np.ones(np.count_nonzero(both_move))
+    graph = coo_array((ones, (i[both_move], j[both_move])), shape=(n_balls, n_balls))
     _count, numbers = connected_components(graph, directed=False)
     return np.asarray(numbers, np.intp)

@@ -13,7 +13,7 @@ import numpy as np
 
 from granphon.balls.hertz import HOLDING_FORCE
 from granphon.base.arrays import Flags, Index
-from granphon.networks.consistency import BALANCED
+from granphon.networks.consistency import BALANCE_LIMIT
 
 
 def find_rattlers(network: Any, held_by: int | None = None) -> Index:
@@ -122,7 +122,7 @@ class _Hold:
         """
         counts = self.counts[balls]
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
-        is_balanced = net_force <= BALANCED * self.total_sizes[balls]
+        is_balanced = net_force <= BALANCE_LIMIT * self.total_sizes[balls]
         is_held_in_row = self.rows_hold & (counts >= 2) & is_balanced
         return np.asarray(
             (counts >= self.least_count) | is_held_in_row | self.needs_no_contacts[balls]
@@ -132,7 +132,7 @@ class _Hold:
         """Remove the contacts of a ``ball`` one by one, and yield the neighbour at each.
 
         When a neighbour is yielded, the contact has been taken from the count and the sums of the
-        neighbour; those of the ball itself stay, as nothing reads them any more.
+        neighbour. Those of the ball itself are wrong from then on, and nothing reads them any more.
         """
         ends = self._order[self._starts[ball] : self._starts[ball + 1]]
         contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i

@@ -15,34 +15,36 @@ import numpy as np
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import choice, real_array, require, truth
-from granphon.networks.faults import BAD, Faults
+from granphon.base.validation import choice, real_array, require, truth, whole_number
+from granphon.networks.faults import FAULT_ACTIONS, Faults
 
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within
 #: the range of floats
-LARGEST = 1e60
+LARGEST_NUMBER = 1e60
+#: least volume, or area, that periods span, over the product of their lengths
+_LEAST_VOLUME = 1e-9
 #: greatest number of cells between two balls
 MOST_STEPS = 1_000_000_000
 #: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
 MOST_BYTES = 4_000_000_000
 #: deviation of the length of a normal from one, or of a normal from the plane, that is put down to
 #: rounding in a file
-UNIT = 1e-6
+UNIT_TOLERANCE = 1e-6
 #: greatest part of a tangential force along the normal: the rounding in a file
-ALONG = 1e-2
+_ALONG_TOLERANCE = 1e-2
 #: part of a tangential force along the normal, over the normal force, that is rounding
-_NOTHING = 1e-12
+_LEAST_ALONG = 1e-12
 #: least and greatest number of significant digits with which a program writes numbers
 _DIGITS = (6, 15)
 #: number of different values of fewer digits from which on the values are rounded, not chosen by
 #: hand
-_CHOSEN = 100
+_LEAST_VALUES = 100
 #: moment of inertia of a solid sphere over m r^2
-SOLID = 0.4
+SOLID_INERTIA = 0.4
 #: least whole number that is not told from the next one as a float
 _FIRST_INEXACT = 2**53
 #: greatest relative error of a number that is read from a text and converted into SI
-_EXACT = 1e-14
+_DIGIT_TOLERANCE = 1e-14
 #: the unit of each field of contacts that holds numbers with one
 _UNITS = {
     "vector": "m",
@@ -88,7 +90,7 @@ TANGENTIAL_LAWS = {
     "liggghts": TangentialLaw(0.5),
 }
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
-_STRAY = 0.25
+_ARM_TOLERANCE = 0.25
 #: how rotations and displacements make slip, see the field ``slip_levers`` of
 #: :class:`~granphon.networks.network.ContactNetwork`
 SLIP_LEVERS = ("arms", "radii", "yade")
@@ -135,11 +137,11 @@ class Balls:
         of range, or with a label that another ball has, too.
         """
         faults = Faults(self.name, "balls", len(self.radii), self.describe)
-        is_placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
+        is_placed = np.all(np.abs(self.positions) < LARGEST_NUMBER, axis=1)
         words = "a place that is not finite, or too large"
         faults.note(~is_placed, words, values=self.positions, unit="m")
         is_flat_wall = self.fixed & np.isinf(self.radii)
-        is_sized = (self.radii > 0.0) & ((self.radii < LARGEST) | is_flat_wall)
+        is_sized = (self.radii > 0.0) & ((self.radii < LARGEST_NUMBER) | is_flat_wall)
         why = ""
         if np.any(np.isinf(self.radii) & ~is_sized):
             why = "Only a body that does not move may have a radius of inf"
@@ -210,13 +212,15 @@ class Completion:
     bad: str = "refuse"
 
     def __post_init__(self) -> None:
-        """Check the material, ``bad`` and the truth values; the other arguments are checked where
-        they are used.
+        """Check the material, ``bad``, ``held_by`` and the truth values; the other arguments are
+        checked with the fields of the network.
         """
         material: Any = self.material
         if not isinstance(material, Material | None):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
-        require("bad", partial(choice, options=BAD), self.bad)
+        require("bad", partial(choice, options=FAULT_ACTIONS), self.bad)
+        if self.held_by is not None:
+            whole_number("held_by", self.held_by, 0)
         for name in ("friction", "prestress", "keep_rattlers"):
             value = getattr(self, name)
             if name != "prestress" or value is not None:
@@ -304,7 +308,7 @@ class Contacts:
                 continue
             article = "an" if name.startswith(("a", "o")) else "a"
             words = f"{article} {name} that is not finite, or too large"
-            is_in_range = np.abs(values) < LARGEST  # False for nan
+            is_in_range = np.abs(values) < LARGEST_NUMBER  # False for nan
             if values.ndim > 1:
                 is_in_range = is_in_range.all(axis=1)
             faults.note(~is_in_range, words, values=values, unit=unit)
@@ -322,14 +326,16 @@ class Contacts:
             # squares of larger numbers might overflow
             length = np.linalg.norm(np.clip(self.normal, -2.0, 2.0), axis=1)
             words = "a normal whose length is not one"
-            faults.note(np.abs(length - 1.0) > UNIT, words, values=self.normal)
+            faults.note(np.abs(length - 1.0) > UNIT_TOLERANCE, words, values=self.normal)
 
 
 def span_distance(arms: Array, vector: Array) -> Flags:
     """Return (n_c,) whether the sum of the two arms of each contact, ``arms`` (n_c,), m, is the
     length of the ``vector`` (n_c, 3), m, from centre to centre, to a quarter of the sum.
     """
-    return np.asarray(np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms))
+    return np.asarray(
+        np.abs(np.linalg.norm(vector, axis=1) - arms) <= _ARM_TOLERANCE * np.abs(arms)
+    )
 
 
 def are_across(tangential: Array, normal: Array, normal_force: Array | float) -> Flags:
@@ -337,12 +343,22 @@ def are_across(tangential: Array, normal: Array, normal_force: Array | float) ->
     (n_c, 3) of its contact, but for rounding; ``normal_force`` is (n_c,), N, or the number zero if
     it is not known.
 
-    Rounding is a part along the normal up to the sum of :data:`ALONG` times the tangential force,
-    1e-12 times the normal force, and the least float of full precision.
+    Rounding is a part along the normal up to the sum of :data:`_ALONG_TOLERANCE` times the
+    tangential force, :data:`_LEAST_ALONG` times the normal force, and the least float of full
+    precision.
     """
     along = np.abs(np.einsum("ca,ca->c", tangential, normal))
-    rounding = _NOTHING * np.abs(normal_force) + np.finfo(float).tiny
-    return np.asarray(along <= ALONG * np.linalg.norm(tangential, axis=1) + rounding)
+    rounding = _LEAST_ALONG * np.abs(normal_force) + np.finfo(float).tiny
+    return np.asarray(along <= _ALONG_TOLERANCE * np.linalg.norm(tangential, axis=1) + rounding)
+
+
+def are_independent(periods: Array) -> bool:
+    """Whether the ``periods`` (p, 3), m, each longer than zero, are independent, and not nearly
+    dependent: the volume or area that unit vectors along them span is :data:`_LEAST_VOLUME` or
+    more. A single period, or none, is independent.
+    """
+    directions = periods / np.linalg.norm(periods, axis=1, keepdims=True)
+    return bool(np.prod(np.linalg.svd(directions, compute_uv=False)) >= _LEAST_VOLUME)
 
 
 def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:
@@ -361,13 +377,13 @@ def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -
 
 
 def read_whole_numbers(name: str, values: Any) -> Index:
-    """Return ``values`` as an array of whole numbers, of the same shape; floats are accepted if
-    they are whole.
+    """Return ``values``, a number or an array, as an array of whole numbers, of the same shape;
+    floats are accepted if they are whole.
 
     Raises :class:`~granphon.base.errors.InputError`, which names the field ``name``, for other
     values, and for floats whose size is 2^53 or more, which are not exact.
     """
-    if isinstance(values, np.ndarray) and values.dtype.kind == "i":
+    if type(values) is np.ndarray and values.dtype.kind == "i":  # not a masked array, for instance
         return np.asarray(values, np.intp)
     numbers = real_array(name, values)
     if numbers.dtype.kind == "i":
@@ -425,22 +441,23 @@ def find_rounding(values: Array) -> Array:
     sizes = np.abs(values)
     with np.errstate(over="ignore"):
         single_precision = values.astype(np.float32)
-    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)
+    is_counted = (sizes < LARGEST_NUMBER) & (sizes > 1.0 / LARGEST_NUMBER)
     least_digits, _most_digits = _DIGITS
     n_digits = _count_digits(sizes[is_counted])
-    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
+    if n_digits < least_digits and np.unique(sizes[is_counted]).size < _LEAST_VALUES:
         return np.zeros(values.shape)
     if n_digits >= least_digits and np.array_equal(
         single_precision[is_counted], values[is_counted]
     ):
         spacing = np.spacing(np.where(is_counted, np.abs(single_precision), np.float32(1.0)))
+        spacing = spacing.astype(float)
         return np.where(is_counted, 0.5 * spacing, 0.0)
     # a unit of the last digit of each value
     exponents = np.floor(np.log10(np.where(is_counted, sizes, 1.0)))
     last_units = 10.0 ** (exponents - n_digits + 1.0)
     coarsest = float(np.max(last_units[is_counted]))
     steps = sizes[is_counted] / coarsest
-    if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
+    if np.allclose(steps, np.rint(steps), rtol=_DIGIT_TOLERANCE, atol=0.0):
         last_units = np.full(values.shape, coarsest)
     return np.where(is_counted, 0.5 * last_units, 0.0)
 
@@ -455,13 +472,13 @@ def find_errors_of_overlaps(
     m; ``normal`` is (n_c, 3).
     """
     weights = np.abs(normal[:, : rounding.shape[1]])  # of the error along each axis
-    greatest = np.einsum("ca,ca->c", weights, rounding[i] + rounding[j])
-    greatest = greatest + radius_rounding[i] + radius_rounding[j]
+    greatest_errors = np.einsum("ca,ca->c", weights, rounding[i] + rounding[j])
+    greatest_errors = greatest_errors + radius_rounding[i] + radius_rounding[j]
     squares = np.einsum("ca,ca->c", weights**2, rounding[i] ** 2 + rounding[j] ** 2)
     squares = squares + radius_rounding[i] ** 2 + radius_rounding[j] ** 2
     # each rounding error is uniformly distributed up to the greatest one: its variance is a third
     # of the square of the greatest
-    return greatest, np.sqrt(squares / 3.0)
+    return greatest_errors, np.sqrt(squares / 3.0)
 
 
 def _count_digits(sizes: Array) -> int:
@@ -473,7 +490,7 @@ def _count_digits(sizes: Array) -> int:
     for n_digits in range(1, most_digits):
         power = 10.0 ** (n_digits - 1)
         rounded = np.rint(mantissas * power) / power
-        if np.allclose(rounded, mantissas, rtol=_EXACT, atol=0.0):
+        if np.allclose(rounded, mantissas, rtol=_DIGIT_TOLERANCE, atol=0.0):
             return n_digits
     return most_digits
 
@@ -498,22 +515,24 @@ def find_repeated(
     n_balls = int(max(np.max(i, initial=0), np.max(j, initial=0))) + 1
     pair = np.where(is_from_higher, j, i) * n_balls + np.where(is_from_higher, i, j)
     step = np.where(is_from_higher[:, None], -shift, shift)
-    contacts, twins = _find_twins(pair, step)
-    is_same_end = is_from_higher[contacts] == is_from_higher[twins]
-    signs = np.where(is_same_end, 1.0, -1.0)[:, None]  # from the other end normals are opposite
-    deviation = np.abs(normal[contacts] - signs * normal[twins])
-    has_other_normal = np.any(deviation > UNIT, axis=1)
-    is_repeated = both_move[twins] | ~has_other_normal
+    seen_normal = np.where(is_from_higher[:, None], -normal, normal)
+    # normals play no part between balls that move; contacts with a wall that have the same normal
+    # must follow each other
+    key_normal = np.where(both_move[:, None], 0.0, seen_normal)
+    contacts, twins = _find_twins(pair, step, key_normal)
+    deviation = np.abs(key_normal[contacts] - key_normal[twins])
+    is_repeated = ~np.any(deviation > UNIT_TOLERANCE, axis=1)
     return contacts[is_repeated], twins[is_repeated]
 
 
-def _find_twins(pair: Index, step: Index) -> tuple[Index, Index]:
+def _find_twins(pair: Index, step: Index, normal: Array) -> tuple[Index, Index]:
     """Return the indices (m,) of contacts, and the indices (m,) of their twins, later contacts with
     the same ``pair`` and ``step``. Of three such contacts the second is the twin of the first, and
-    the third that of the second.
+    the third that of the second, in ascending order of the ``normal``, or as they are listed where
+    normals are equal.
 
-    ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
-    between them.
+    ``pair`` (n_c,) is a number of the two balls of a contact, ``step`` (n_c, 3) the cells between
+    them, and ``normal`` (n_c, 3) a vector.
     """
     by_pair = np.argsort(pair, kind="stable")
     is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
@@ -521,8 +540,11 @@ def _find_twins(pair: Index, step: Index) -> tuple[Index, Index]:
     # Only contacts whose pair has several contacts are sorted by their steps, too. There are few of
     # them, as balls rarely touch through more than one image.
     contacts = by_pair[is_as_previous | is_as_following]
-    contacts = contacts[np.lexsort((*step[contacts].T, pair[contacts]))]
+    keys = (*normal[contacts].T, *step[contacts].T, pair[contacts])  # the last key counts first
+    contacts = contacts[np.lexsort(keys)]
     has_same_pair = np.diff(pair[contacts]) == 0
     has_same_step = ~np.any(np.diff(step[contacts], axis=0), axis=1)
     is_twin = has_same_pair & has_same_step
-    return contacts[:-1][is_twin], contacts[1:][is_twin]
+    first_contacts = contacts[:-1][is_twin]
+    next_contacts = contacts[1:][is_twin]
+    return np.minimum(first_contacts, next_contacts), np.maximum(first_contacts, next_contacts)

@@ -52,10 +52,11 @@ from granphon.networks.sources import (
     require_readable_labels,
 )
 
+#: quantities of columns whose numbers have any sign, and of forces that press
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
-_ACROSS = replace(_FORCE, least="any")
-_TURNING = replace(TURN_STIFFNESS, least="any")
+_SIGNED_FORCE = replace(_FORCE, least="any")
+_SIGNED_TORQUE = replace(TURN_STIFFNESS, least="any")
 #: columns of springs to the ground, by the names of these
 _ON_SITE = {name: f"on_site_{name}" for name in name_springs(ALL)}
 #: columns of the table of balls, and of that of contacts, with their quantities; None: numbers
@@ -88,35 +89,35 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "bending_stiffness": TURN_STIFFNESS,
     "arm_i": _PLACE,
     "arm_j": _PLACE,
-    "tangential_x": _ACROSS,
-    "tangential_y": _ACROSS,
-    "tangential_z": _ACROSS,
-    "torque_x": _TURNING,
-    "torque_y": _TURNING,
-    "torque_z": _TURNING,
-    "force_x": _ACROSS,
-    "force_y": _ACROSS,
-    "force_z": _ACROSS,
+    "tangential_x": _SIGNED_FORCE,
+    "tangential_y": _SIGNED_FORCE,
+    "tangential_z": _SIGNED_FORCE,
+    "torque_x": _SIGNED_TORQUE,
+    "torque_y": _SIGNED_TORQUE,
+    "torque_z": _SIGNED_TORQUE,
+    "force_x": _SIGNED_FORCE,
+    "force_y": _SIGNED_FORCE,
+    "force_z": _SIGNED_FORCE,
     "overlap": _PLACE,
 }
 _AXES = ("x", "y", "z")
-_TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
+_TANGENTIAL_FORCE = tuple(f"tangential_{axis}" for axis in _AXES)
 _TORQUE = tuple(f"torque_{axis}" for axis in _AXES)
 _FORCE_VECTOR = tuple(f"force_{axis}" for axis in _AXES)
-_OF_SPRINGS = tuple(
+_COLUMNS_OF_SPRINGS = tuple(
     name for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
 )
 #: columns that may hold "inf": those of a body that does not move
-_OF_WALLS = ("radius", "diameter", "mass", "inertia")
+_COLUMNS_WITH_INFINITY = ("radius", "diameter", "mass", "inertia")
 #: most columns of a table whose names are compared with known names, as the comparison is slow:
 #: tables of programs have some tens
 _MOST_NAMES = 1000
 #: rows of a table whose cells are in memory at one time
 _MOST_ROWS = 100_000
 #: ends of the names of files that hold a frame of extended XYZ
-_FRAMES = (".extxyz", ".xyz")
+_FRAME_SUFFIXES = (".extxyz", ".xyz")
 #: begins the line of a written table that holds the fields of the whole network
-_REMARK = "# granphon network: "
+_REMARK_PREFIX = "# granphon network: "
 
 
 class _Columns:
@@ -169,11 +170,7 @@ class _Columns:
             self._headings = names
         keys = [Heading.parse(name).key for name in names]
         require_balls(self.name, keys, known)
-        for name, heading in columns.items():
-            if heading not in first_names:
-                fault = f"{self.name} has no column {heading!r}, which columns gives for {name!r}"
-                listed = list_names(self._headings)
-                raise InputError(f"{fault}; its columns are {listed}", mend="Mend the heading")
+        self._require_headings(first_names, columns)
         self._require_spelling(names, keys, known, columns)
         self.note = self._note_columns(names, keys, known, columns)
         self._values: dict[str, Array] = {}
@@ -187,6 +184,16 @@ class _Columns:
             elif heading in self._arrays:
                 self._values[name] = self._read_array(name, heading, quantity)
         self._require_one_length()
+
+    def _require_headings(self, names: Table | Sequence[str], columns: Mapping[str, str]) -> None:
+        """Raise InputError unless all headings in ``columns`` are among the ``names`` of the table,
+        or stand in its first piece.
+        """
+        for name, heading in columns.items():
+            if heading not in names:
+                fault = f"{self.name} has no column {heading!r}, which columns gives for {name!r}"
+                listed = list_names(self._headings)
+                raise InputError(f"{fault}; its columns are {listed}", mend="Mend the heading")
 
     def _require_one_length(self) -> None:
         """Raise InputError, which tells the length of each column, unless all have the same."""
@@ -218,7 +225,7 @@ class _Columns:
             warn_caller(
                 message(fault, why, "End it with one if it is whole"), UnverifiedFileWarning
             )
-        remark = re.search(f"^{re.escape(_REMARK)}.*$", text, re.MULTILINE)
+        remark = re.search(f"^{re.escape(_REMARK_PREFIX)}.*$", text, re.MULTILINE)
         if remark:
             self.remark = self._read_remark(remark[0])
         return Table.parse_parts(self.name, raw, _MOST_ROWS)
@@ -266,7 +273,7 @@ class _Columns:
         """
         remark: Any = None
         with suppress(ValueError, RecursionError):
-            remark = json.loads(line.removeprefix(_REMARK))
+            remark = json.loads(line.removeprefix(_REMARK_PREFIX))
         if not isinstance(remark, dict):
             problem = f"{self.name}: the line {brief(line)} cannot be read"
             raise InputError(problem, mend="Leave it out")
@@ -341,7 +348,7 @@ class _Columns:
         """
         mend = "Give a list of names"
         try:
-            names = np.asarray(self._arrays[heading])
+            names = np.asanyarray(self._arrays[heading])  # a masked name stays masked: it is None
         except ValueError:  # rows of different lengths
             problem = f"kind of {self.name} is {brief(self._arrays[heading])}"
             raise InputError(problem, mend=mend) from None
@@ -459,7 +466,7 @@ def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None
             return table.numbers(heading)
         except InputError as error:
             raise InputError(f"{table.name}: {error}") from None
-    if name not in _OF_WALLS:
+    if name not in _COLUMNS_WITH_INFINITY:
         return table.column(heading, quantity)
     keys = [parsed.key for parsed in table.headings]
     index = keys.index(Heading.parse(heading).key)
@@ -503,7 +510,7 @@ def read_tables(
     remark = table_of_balls.remark
     quantities: Mapping[str, Quantity | None] = CONTACTS
     if remark.get("adhesive") is True:
-        quantities = {**CONTACTS, "normal_force": _ACROSS}  # of either sign
+        quantities = {**CONTACTS, "normal_force": _SIGNED_FORCE}  # of either sign
     table_of_contacts = _Columns("contacts", contacts, quantities, headings_of_contacts)
     is_own = bool(remark or table_of_balls.sealed or table_of_contacts.sealed)
     if is_own:  # granphon gives both of its tables a digest
@@ -549,7 +556,7 @@ def _require_columns(columns: Any) -> None:
 def _read_cell(cell: Any, pbc: Any) -> tuple[Array, Flags]:
     """Return the vectors of the cell (3, 3), m, from lengths (p,) or vectors (p, d), and which of
     them are periods (3,): by default, without ``pbc``, those that are not zero. InputError for
-    another shape.
+    another shape, and as :func:`_read_pbc`.
     """
     vectors = np.zeros((3, 3))
     is_period = np.zeros(3, bool)
@@ -587,7 +594,7 @@ def _read_pbc(pbc: Any, has_cell: bool) -> list[bool]:
 
 def _read_balls(columns: _Columns) -> Balls:
     """Return the balls of a table, in SI units; InputError if the table has no places, no sizes, or
-    both radii and diameters.
+    both radii and diameters, for ids that are no whole numbers, and as :meth:`_Columns.vectors`.
     """
     columns.require("x")
     has_diameter = "diameter" in columns
@@ -621,19 +628,20 @@ def _read_balls(columns: _Columns) -> Balls:
 
 def _read_contacts(columns: _Columns) -> Contacts:
     """Return the contacts of a table, in SI units; InputError if the table does not name the two
-    balls of each contact.
+    balls of each contact, for ids and shifts that are no whole numbers, and as
+    :meth:`_Columns.vectors`.
     """
     columns.require("i", "j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
-    springs: dict[str, Any] = {name: columns.find(name) for name in _OF_SPRINGS}
+    springs: dict[str, Any] = {name: columns.find(name) for name in _COLUMNS_OF_SPRINGS}
     return Contacts(
         columns.name,
         columns.whole("i"),
         columns.whole("j"),
         shift=shift,
         normal=columns.vectors("nx", "ny", "nz", wide=True),
-        tangential_force=columns.vectors(*_TANGENTIAL, wide=True),
+        tangential_force=columns.vectors(*_TANGENTIAL_FORCE, wide=True),
         contact_torque=columns.vectors(*_TORQUE, wide=True),
         force=columns.vectors(*_FORCE_VECTOR, wide=True),
         overlap=columns.find("overlap"),
@@ -644,7 +652,7 @@ def _read_contacts(columns: _Columns) -> Contacts:
 
 def _is_frame(path: Any) -> bool:
     """Return whether the file at ``path`` holds a frame of extended XYZ, by its name."""
-    return str(path).lower().endswith(_FRAMES)
+    return str(path).lower().endswith(_FRAME_SUFFIXES)
 
 
 def write_tables(
@@ -656,15 +664,7 @@ def write_tables(
     if network.labels is not None:
         require_readable_labels(network.labels)
     fields = vars(network)
-    fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
-    for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):
-        fields_of_whole[name] = fields[name]
-    if fields["slip_levers"] != "arms":
-        fields_of_whole["slip_levers"] = fields["slip_levers"]
-    if fields["adhesive"]:
-        fields_of_whole["adhesive"] = True
-    if fields["contact_model"] is not None:
-        fields_of_whole["contact_model"] = plain(fields["contact_model"])
+    fields_of_whole = _list_fields_of_whole(fields)
     columns_of_balls = _list_columns_of_balls(fields)
     columns_of_contacts = _list_columns_of_contacts(fields)
     for path in (balls, contacts):
@@ -675,7 +675,9 @@ def write_tables(
         shown = _show_balls(network)
         text_of_balls = frame_text(columns_of_balls | shown, network, fields_of_whole)
     else:
-        remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
+        _require_readable_kinds(network.kinds or ())
+        # the text of a table begins each comment with "# "
+        remark = _REMARK_PREFIX.removeprefix("# ") + json.dumps(fields_of_whole)
         text_of_balls = _columns_text(columns_of_balls, BALLS, [remark])
     if _is_frame(contacts):
         from granphon.networks.extxyz import frame_text  # not needed for CSV
@@ -685,6 +687,34 @@ def write_tables(
     else:
         text_of_contacts = _columns_text(columns_of_contacts, CONTACTS, [])
     write_texts([(balls, text_of_balls), (contacts, text_of_contacts)])
+
+
+def _list_fields_of_whole(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of the whole network that the remark of a table holds, by name, as plain
+    data; ``fields`` are all fields of the network. Levers that are the arms, contacts that do not
+    adhere, and a contact model of None are not written.
+    """
+    fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
+    for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):
+        fields_of_whole[name] = fields[name]
+    if fields["slip_levers"] != "arms":
+        fields_of_whole["slip_levers"] = fields["slip_levers"]
+    if fields["adhesive"]:
+        fields_of_whole["adhesive"] = True
+    if fields["contact_model"] is not None:
+        fields_of_whole["contact_model"] = plain(fields["contact_model"])
+    return fields_of_whole
+
+
+def _require_readable_kinds(kinds: Sequence[str]) -> None:
+    """Raise :class:`InputError` for names of ``kinds`` (n,) that a CSV file could not give back:
+    spaces at the ends of its cells are not read.
+    """
+    for name in dict.fromkeys(kinds):
+        if name != name.strip():
+            why = "Spaces at the ends of a name could not be read again from a CSV file"
+            mend = "Give another name, or write a file of extended XYZ"
+            raise InputError(f"a kind of the network is called {name!r}", why, mend)
 
 
 def _show_balls(network: Any) -> dict[str, Array]:
@@ -736,10 +766,10 @@ def _list_columns_of_contacts(fields: Mapping[str, Any]) -> dict[str, Array]:
         columns[name] = fields[name] if labels is None else labels[fields[name]]
     columns |= zip(("shift_1", "shift_2", "shift_3"), fields["shift"].T, strict=True)
     columns |= zip(("nx", "ny", "nz"), fields["normal"].T, strict=True)
-    for name in _OF_SPRINGS:
+    for name in _COLUMNS_OF_SPRINGS:
         columns[name] = fields[name]
     if fields["tangential_force"] is not None:
-        columns |= zip(_TANGENTIAL, fields["tangential_force"].T, strict=True)
+        columns |= zip(_TANGENTIAL_FORCE, fields["tangential_force"].T, strict=True)
     if fields["contact_torque"] is not None:
         columns |= zip(_TORQUE, fields["contact_torque"].T, strict=True)
     return columns

@@ -76,6 +76,13 @@ WAVE_COSTS: tuple[CostClass, ...] = (
     "sensitivities",
     "network",
 )
+#: keys of summary.yaml that no registered observable can have as its name: the outputs of granphon,
+#: or the writer of the summary, have them for something else
+SUMMARY_KEYS = frozenset({
+    "schema", "versions", "source", "observe", "finite_overlap", "medium", "sizes", "states",
+    "peaks", "matters_most", "design", "local_field", "errors_from", "ok", "validity", "warnings",
+    "files", "units",
+})  # fmt: skip
 #: first words of labels that keep their capital within a sentence
 _CAPITAL_WORDS = ("Young", "Poisson", "Q")
 
@@ -925,17 +932,18 @@ def register_observable(
 
     Raises
     ------
-    InputError : a name that another ``find`` has, that data sets or scenes have for something else,
-        or that is no such word; a unit that is not SI; ``words`` or a ``label`` that are no text,
-        or blank; another ``cost``; a ``find`` that cannot be called; a ``told`` that is no truth
-        value.
+    InputError : a name that another ``find`` has, that data sets, summaries or scenes have for
+        something else, or that is no such word; a unit that is not SI; ``words`` or a ``label``
+        that are no text, or blank; another ``cost``; a ``find`` that cannot be called; a ``told``
+        that is no truth value.
     """
     # of each text: its value, the condition that it meets, and that condition in words
     requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
         "name": (
             name,
-            is_free,
-            "a word of letters, digits and underscores that scenes and data sets do not have yet",
+            lambda word: is_free(word) and word not in SUMMARY_KEYS,
+            "a word of letters, digits and underscores that scenes, summaries and data sets do not"
+            " have yet",
         ),
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, _is_not_blank, "a text"),

@@ -91,8 +91,10 @@ class SoundVelocities(Result):
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero,
         because it is a flexural wave.
     velocities : (..., n_u) of all these waves, ascending.
-    twist : velocity of the wave in which the balls of a straight chain turn about it; zero without
-        torsion, None if they do not turn. It displaces nothing, and is not among ``velocities``.
+    twist : velocity of the wave in which the balls of a straight chain turn about it; zero where a
+        contact does not resist torsion, None if the lattice is no straight chain, if the balls do
+        not turn about it, and if springs to the ground act. It displaces nothing, and is not among
+        ``velocities``.
     polarisations : (..., n_u, n_u) their unit displacements (x, y, z, as far as the balls move), as
         columns.
     """

@@ -199,15 +199,15 @@ class Phonons:
             self._cell = _Cell.of_lattice(self.lattice)
         else:
             require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
+            if not np.any(atoms.cell):
+                raise InputError(
+                    "the Atoms have no cell",
+                    "Wave vectors are fractions of its reciprocal vectors",
+                    "Give the Atoms a cell of any size",
+                )
             self._cell = _Cell.of_atoms(atoms, self.state.reference_lattice.periods)
             self.atoms = self._cell.put_on(atoms.copy())
             self.lattice = self.calculator.contact_lattice(self.atoms)
-        if not self.lattice.measure > 0.0:
-            raise InputError(
-                "the Atoms have no cell",
-                "Wave vectors are fractions of its reciprocal vectors",
-                "Give the Atoms a cell of any size",
-            )
         if not len(self.lattice.contacts):
             raise InputError(
                 "no two of these balls touch",
@@ -788,7 +788,7 @@ class Phonons:
         return ComplexBands(
             frequencies=hertz,
             wavenumbers=_list_wavenumbers(half_space, waves, wavevector),
-            running=np.array([upward.running for upward, _ in waves]),
+            running=np.array([upward.n_running for upward, _ in waves]),
             height=half_space.height,
             warnings=losses.find_warnings(float(np.max(hertz))),
         )
@@ -1282,7 +1282,7 @@ def _list_wavenumbers(
     for n, upward_and_downward in enumerate(waves):
         for sense, bloch_waves in enumerate(upward_and_downward):
             of_waves = space.wavenumbers(bloch_waves.factors, along)
-            of_waves[: bloch_waves.running].imag = 0.0  # exactly, for waves that run
+            of_waves[: bloch_waves.n_running].imag = 0.0  # exactly, for waves that run
             wavenumbers[n, sense, : len(of_waves)] = of_waves
     # motions that reach no other layer at any frequency are no waves
     are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))

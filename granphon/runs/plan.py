@@ -1237,8 +1237,8 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
         balls=n_balls,
         contacts=n_cells * network.n_contacts,
         frames=settings.frames,
-        damped=settings.has_dashpots,
-        implicit=settings.scheme == "midpoint",
+        has_dashpots=settings.has_dashpots,
+        is_implicit=settings.scheme == "midpoint",
     )
     n_samples = 1 if array is None else array.samples
     return cost_of_motion.times(serving.load.size * n_samples)

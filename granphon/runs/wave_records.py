@@ -259,8 +259,9 @@ def require_network(
     """Raise GranphonError unless the networks of a case, repeated and cut, have what one ``key`` of
     the ``settings`` names, such as the balls of "source" or the modes of "count".
 
-    Networks of equal balls at a typical force stand for those of packings. Networks of more than
-    ``most`` balls are not looked at, nor are crystals whose states take long.
+    Networks of equal balls stand for those of packings, and the first load for all of them
+    (:func:`find_typical_state`). Networks of more than ``most`` balls are not looked at, nor are
+    crystals whose states take long.
     """
     # the key "repeat" is judged without the cut, whose errors belong to the key "cut"
     settings = replace(settings, cut=()) if key == "repeat" else settings
@@ -302,11 +303,11 @@ def _find_typical_sample(serving: ServingMedium, settings: NetworkSettings, most
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
-    """Return a state that stands for all states of a medium.
+    """Return a state that stands for all states of a medium: the one at the first load.
 
-    For a packing it is the state of equal balls at a typical force, for a crystal the state at the
-    first load, and for a packing in files the only state. None for a crystal whose states take long
-    to find.
+    For a packing it is the state of equal balls at the mean contact force that is expected there
+    (:func:`~granphon.media.cost.estimate_contact_force`), for a crystal its own state, and for a
+    packing in files the only state. None for a crystal whose states take long to find.
     """
     if serving.packing.kind_names:  # a crystal, or a packing in files
         is_at_hand = serving.is_quick or serving.packing.is_network

@@ -62,7 +62,7 @@ from granphon.base.quantities import (
     load_quantities,
     tensor_quantities,
 )
-from granphon.base.registry import describe_failures, list_added
+from granphon.base.registry import Registry, list_added
 from granphon.base.settings import (
     NEEDED,
     Kind,
@@ -699,7 +699,11 @@ def _read_observables(value: Any) -> tuple[str, ...]:
             choice(name, observables)
         except Refused as refused:
             # a plugin that is missing, or failed to load, may be why a name is not known
-            mend = refused.mend or describe_failures() or "Install the plug-in that adds the name"
+            mend = (
+                refused.mend
+                or Registry.describe_failures()
+                or "Install the plug-in that adds the name"
+            )
             raise Refused(refused.found, refused.allowed, mend) from None
     names = list(value)
     for name in names:
@@ -939,8 +943,8 @@ BALLS = Setting(
 
 
 def _read_structure(value: Any) -> Any:
-    """Return the name of a structure such as NaCl, the name of a lattice, or the lattice that a
-    block {name, cell, sites} describes; Refused for any other value.
+    """Return the name of a structure such as NaCl, written in any case of letters, the name of a
+    lattice, or the lattice that a block {name, cell, sites} describes; Refused for any other value.
     """
     structure = name_structure(value)
     if structure is not None:
@@ -951,7 +955,10 @@ def _read_structure(value: Any) -> Any:
         return read_lattice(value)
     except Refused as refused:
         allowed = f"{', '.join((*LATTICES, *STRUCTURES))}, or a block of name, cell and sites"
-        raise Refused(refused.found, allowed, refused.mend) from None
+        # the reader of lattices has not compared the value with the names of structures
+        guess = closest(value, (*LATTICES, *STRUCTURES)) if isinstance(value, str) else None
+        mend = f"Did you mean {guess!r}?" if guess in STRUCTURES else refused.mend
+        raise Refused(refused.found, allowed, mend) from None
 
 
 def _read_removed_balls(value: Any) -> tuple[int, ...]:
@@ -995,7 +1002,7 @@ def _read_law(value: Any) -> Any:
     is_block = isinstance(value, dict) and bool(value)
     if not is_block or not all(isinstance(key, str) and len(key.split()) == 2 for key in value):
         allowed = f"{_describe_laws()}, or a block of pairs of kinds, as {{A B: hertz}}"
-        raise Refused(show(value), allowed, describe_failures())
+        raise Refused(show(value), allowed, Registry.describe_failures())
     return tuple(
         (tuple(pair.split()), read_inside(pair, _read_law_of_pair, law_of_pair))
         for pair, law_of_pair in value.items()
@@ -1008,7 +1015,7 @@ def _read_law_of_pair(value: Any) -> Any:
     """
     law = _read_single_law(value)
     if law is None:
-        raise Refused(show(value), _describe_laws(), describe_failures())
+        raise Refused(show(value), _describe_laws(), Registry.describe_failures())
     return law
 
 

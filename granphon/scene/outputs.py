@@ -24,7 +24,15 @@ import numpy as np
 from granphon.base.errors import GranphonError, InputError, MissingFileError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, Table, table_text
-from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_path, require_schema
+from granphon.base.text import (
+    decode,
+    dump_yaml,
+    parse_yaml,
+    read_bytes,
+    read_yaml,
+    require_path,
+    require_schema,
+)
 from granphon.base.validation import require, text, text_list
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
@@ -44,16 +52,16 @@ SUMMARY_SCHEMA = 1
 DIAMETERS_FILE = "diameters.csv"
 #: most variables of a design that the summary lists
 _MOST_VARIABLES = 20
-#: numbers that data sets leave out where moduli say the same
-_LEFT_OUT = ("tensor", "tensor_error")
+#: the tensors of elastic constants, which data sets leave out where moduli say the same
+_TENSORS = ("tensor", "tensor_error")
 #: the packages that make force constants, bands and densities of states
-_OF_PHONONS = ("ase", "phonopy", "spglib")
-#: ending of the files that hold figures
-_FIGURE = ".png"
+_PHONON_PACKAGES = ("ase", "phonopy", "spglib")
+#: ending of the names of files that hold figures
+_FIGURE_ENDING = ".png"
 #: the number of states of a run in words, for the reference
-_NUMBERS = {"any": "", "one": "one state", "many": "a sweep"}
+_STATES_IN_WORDS = {"any": "", "one": "one state", "many": "a sweep"}
 #: commands whose files a later run in the same folder replaces
-_OF_RUNS = ("run", "report")
+_RUN_COMMANDS = ("run", "report")
 #: the states that a figure shows: texts of values by the name of a parameter, see
 #: :func:`granphon.figures.choices.choose_states`
 Wishes = Mapping[str, Sequence[str]]
@@ -152,15 +160,18 @@ class Export:
         """
         # the dataclass is frozen: attributes are set past it
         assign = partial(object.__setattr__, self)
-        figures = [name for name in self.files if name.endswith(_FIGURE)]
+        figures = [name for name in self.files if name.endswith(_FIGURE_ENDING)]
         if not self.occasion:
-            conditions = [f"`{self.observed}`" if self.observed else "", _NUMBERS[self.states]]
+            conditions = [
+                f"`{self.observed}`" if self.observed else "",
+                _STATES_IN_WORDS[self.states],
+            ]
             assign("occasion", ", ".join(filter(None, conditions)) or "every run")
         assign("caption", self.caption or self.words)
         assign("label", self.label or self.name.replace("_", " "))
         assign("numbers", tuple(name for name in self.files if name not in figures))
         assign("figure", figures[0] if figures else "")
-        assign("stem", self.figure.removesuffix(_FIGURE))
+        assign("stem", self.figure.removesuffix(_FIGURE_ENDING))
         if self.source is None:
             assign("source", self.files[0] if self.files else "")
 
@@ -178,8 +189,8 @@ class Export:
     def files_without_errors(self) -> tuple[str, ...]:
         """Names of the files of numbers that hold no standard errors even if parameters have them.
         Of an output of one state alone these are all but band.yaml and the tables (.csv) of an
-        output with ``columns`` or ``of_states``; of other outputs, whose numbers are in sweep.nc
-        with their errors, there are none.
+        output with ``columns`` or ``of_states``. Of other outputs none are named: the errors of
+        their numbers, if these are numbers of states, are in sweep.nc.
         """
         if self.states != "one":
             return ()
@@ -266,7 +277,7 @@ class Export:
         """Return the matplotlib figure of the ``results``, drawn with the ``options``, whose names
         are among :attr:`options`. ``tell`` is called with a sentence that says which panels the
         figure has chosen, if it chooses any. InputError if the output has no figure, or if its
-        function ``draw`` returns none.
+        function ``draw`` returns none; and the errors of this function.
         """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
@@ -319,16 +330,17 @@ class Results:
 
     def __getitem__(self, name: str) -> Any:
         """Return the value of the output ``name``, read from its file ``source``, and keep it in
-        ``values``; None if the folder does not hold the file, and for an output that is not read.
-        The value of an output without a file is found from other values. KeyError if there is no
-        such output.
+        ``values``; None if the folder does not hold this file, and for an output that is not read.
+        The value of an output without files and without a ``source`` is found from other values.
+
+        KeyError if there is no such output; InputError for a file that cannot be read.
         """
         if name not in self.values:
             row = OUTPUTS[name]
             path = row.find_source(self.folder)
             if path is not None:
                 self.values[name] = row.read_value(path)
-            elif row.files:
+            elif row.files or row.source:
                 self.values[name] = None
             else:
                 self.values[name] = row.find_value(self)
@@ -337,7 +349,8 @@ class Results:
     def find_errors(self, name: str) -> dict[str, Any]:
         """Return the standard errors (n,), SI, of the numbers in the table of the output ``name``,
         by the names of columns; empty without errors. They are read from the table, and kept in
-        ``column_errors``.
+        ``column_errors``. KeyError if there is no such output; InputError for a table that cannot
+        be read.
         """
         if name not in self.column_errors:
             self.column_errors[name] = OUTPUTS[name].read_errors(self.folder)
@@ -498,8 +511,8 @@ def _list_limits(run: Any) -> dict[str, Any]:
 
 def _summarise_state(run: Any) -> dict[str, Any]:
     """Return the numbers of the only state by name: its medium, with the choice and the expected
-    error of an automatic medium, and the observables of the catalogue that are plain numbers or
-    tensors. Numbers of waves that are not finite are left out.
+    error of an automatic medium, the local field of an effective medium, and the observables of the
+    catalogue that are plain numbers or tensors. Numbers of waves that are not finite are left out.
     """
     scene = run.scene
     data = run.dataset
@@ -540,7 +553,7 @@ def _list_numbers(run: Any, cost_classes: Sequence[CostClass]) -> dict[str, Any]
             if entry.swept and name in state:
                 values = state[name].values
                 number = values if values.ndim else values.item()
-            elif not entry.swept or name in _LEFT_OUT:
+            elif not entry.swept or name in _TENSORS:
                 number = entry.find(run.analysis)
             if number is not None:
                 numbers[name] = number
@@ -626,16 +639,17 @@ def _of_one_state(summarise: Callable[[Any], dict[str, Any]]) -> Callable[[Any],
 
 
 def _list_onsets(run: Any) -> dict[str, Any]:
-    """Return the onsets of the only state: lists of the frequencies, Hz, and of the curvatures,
-    m^2/s, of the branches at Gamma.
+    """Return the onsets of the only state, under "onset_frequency" and "onset_curvature": lists of
+    the frequencies, Hz, and of the curvatures, m^2/s, of the branches at Gamma.
     """
     names = ("onset_frequency", "onset_curvature")
     return {name: run.dataset[name].values.ravel().tolist() for name in names}
 
 
 def _list_peaks(run: Any) -> dict[str, Any]:
-    """Return the peaks of the response of the only state, by receiver a list of peaks: each has its
-    frequency, Hz, height and quality Q, and as NAME_error their standard errors if these are known.
+    """Return, under "peaks", for each receiver of the only state a list of the peaks of the
+    response: each has its "frequency", Hz, "height", in the SI unit of the response, and "quality",
+    the Q factor, and as NAME_error their standard errors if these are known.
     """
     data = run.dataset
     receivers = data["receiver"].values.tolist()
@@ -683,12 +697,12 @@ def _list_strongest(run: Any) -> dict[str, Any]:
     parameters = data["sensitivity_to"].values.tolist()
     # (quantities, parameters); a derivative that is not known counts as zero
     magnitudes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
-    strongest = {
+    strongest_parameters = {
         quantity: parameters[int(np.argmax(magnitudes_of_quantity))]
         for quantity, magnitudes_of_quantity in zip(quantities, magnitudes, strict=True)
         if np.any(magnitudes_of_quantity)
     }
-    return {"matters_most": strongest}
+    return {"matters_most": strongest_parameters}
 
 
 # -- what it costs ---------------------------------------------------------------------------------
@@ -868,10 +882,10 @@ def _write_fields(
     them. The ``columns`` are triples of heading, unit and attribute.
     """
     _write_json(run[name], folder / f"{name}.json")
-    headings = [Heading(heading, unit) for heading, unit, _ in columns]
-    heading_of_name = {heading.name: heading for heading in headings}
+    headings = [Heading(text_of_heading, unit) for text_of_heading, unit, _ in columns]
+    heading_of_text = {heading.name: heading for heading in headings}
     errors = run.find_errors(name)
-    headings += [heading_of_name[heading].of_error for heading in errors]
+    headings += [heading_of_text[text_of_heading].of_error for text_of_heading in errors]
     values = [*_list_fields(name, columns, run).values(), *errors.values()]
     rows = np.transpose(values).tolist()
     (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
@@ -934,12 +948,13 @@ def _read_states(path: Path) -> Any:
 
 def _read_json(kind: str, path: Path) -> Any:
     """Return the result in the JSON file ``path``; ``kind`` is the name of its class in granphon.
-    InputError if the file is not JSON, or does not hold such a result.
+    InputError if the file cannot be read, is not JSON, or does not hold such a result.
     """
     import granphon
 
+    content = decode(str(path), read_bytes(path))
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(content)
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not JSON", mend="Run the scene again") from None
     try:
@@ -972,11 +987,14 @@ def _read_dos(path: Path) -> Any:
 def _read_errors(path: Path) -> Any:
     """Return the standard errors in ``path``, the summary.yaml of a folder, by name as NAME_error,
     and under "errors_from" for each name the parameter that gives most of its error; None without
-    errors.
+    errors. InputError if the summary cannot be read.
     """
     summary = read_summary(path.parent)
     if "errors_from" not in summary:
         return None
+    if not isinstance(summary["errors_from"], Mapping):
+        problem = f"{path}: errors_from is {brief(summary['errors_from'])}"
+        raise InputError(problem, "Granphon did not write it so", "Run the scene again")
     error_names = [f"{name}_error" for name in summary["errors_from"]]
     return {name: summary[name] for name in (*error_names, "errors_from") if name in summary}
 
@@ -1397,7 +1415,7 @@ for _row in (
         states="one",
         find=_find_bands,
         cost=_cost_bands,
-        packages=_OF_PHONONS,
+        packages=_PHONON_PACKAGES,
         summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
         write=_write_bands,
         of_states=True,
@@ -1417,7 +1435,7 @@ for _row in (
         states="one",
         find=_find_force_constants,
         cost=_cost_force_constants,
-        packages=_OF_PHONONS,
+        packages=_PHONON_PACKAGES,
         write=_write_force_constants,
         words="[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
     ),
@@ -1429,7 +1447,7 @@ for _row in (
         when=lambda scene: not scene.packing.is_network,
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
         cost=_cost_dos,
-        packages=_OF_PHONONS,
+        packages=_PHONON_PACKAGES,
         write=_write_dos,
         columns=partial(_list_fields, "dos", _DENSITY_COLUMNS[:-1]),
         along="frequency",
@@ -1457,7 +1475,7 @@ for _row in (
         (),
         observed="gaps",
         find=_find_gaps,
-        packages=_OF_PHONONS,
+        packages=_PHONON_PACKAGES,
         summarise=lambda run: {"gaps": run.gaps.tolist()},
     ),
     Export(
@@ -1600,7 +1618,7 @@ def register_output(
     ----------
     name : its name in scenes and results, a word of letters, digits and underscores; it may be that
         of an observable that was registered before, which a scene then observes too.
-    files : names of its files. One may be a figure, whose name ends in .png.
+    files : names of its files, or its only name. One may be a figure, whose name ends in .png.
     words : what the files hold, in a few words.
     when : function of the :class:`~granphon.Scene` that says whether its run has the output; by
         default a run has it if the scene observes the ``name``.
@@ -1623,12 +1641,13 @@ def register_output(
     Raises
     ------
     InputError : a name that another output has, or that is no such word; no file, one that another
-        output has, or that is no plain name; ``words`` that are no text; two figures; an argument
-        that is no function; files without their function.
+        output has, that is given twice, or that is no plain name; ``words`` that are no text, or
+        blank; two figures; an argument that is no function; files without their function.
     """
     given_name: Any = name
-    is_of_granphon = name in CATALOGUE and not CATALOGUE.is_added(name)
-    if not isinstance(given_name, str) or not is_free(name) or is_of_granphon:
+    is_text = isinstance(given_name, str)
+    is_of_granphon = is_text and name in CATALOGUE and not CATALOGUE.is_added(name)
+    if not is_text or not is_free(name) or is_of_granphon:
         mend = (
             "Give a word of letters, digits and underscores that scenes and data sets do not have"
             " yet, or that of a registered observable"
@@ -1653,13 +1672,14 @@ def register_output(
 def _read_file_names(name: str, files: Any) -> tuple[str, ...]:
     """Return the names ``files`` of an output ``name`` that is to be registered, as a tuple.
 
-    InputError unless they are plain names with an ending that no other output has, at least one,
-    and at most one of a figure.
+    InputError unless they are different plain names with an ending, which no other output has, at
+    least one, and at most one of a figure.
     """
     file_names: tuple[str, ...] = require(f"files of the output {name!r}", text_list, files)
     holders = {file: holder.name for _name, holder in OUTPUTS.items() for file in holder.files}
     for file in file_names:
-        if Path(file).name != file or file.startswith(".") or not Path(file).suffix:
+        is_plain = Path(file).name == file and file.isprintable() and not file.startswith(".")
+        if not is_plain or not Path(file).suffix:
             mend = "Give a plain name with an ending, such as impedance.csv"
             raise InputError(f"{brief(file)} is no file of an output", mend=mend)
         if holders.get(file, name) != name:
@@ -1668,7 +1688,11 @@ def _read_file_names(name: str, files: Any) -> tuple[str, ...]:
     mend = "Give at least one file, and one figure at most"
     if not file_names:
         raise InputError(f"the output {name!r} has no files", mend=mend)
-    n_figures = sum(file.endswith(_FIGURE) for file in file_names)
+    if len(set(file_names)) < len(file_names):
+        repeated_name = next(file for file in file_names if file_names.count(file) > 1)
+        problem = f"the output {name!r} has the file {repeated_name} twice"
+        raise InputError(problem, mend="Give it once")
+    n_figures = sum(file.endswith(_FIGURE_ENDING) for file in file_names)
     if n_figures > 1:
         raise InputError(f"the output {name!r} has {n_figures} figures", mend=mend)
     return file_names
@@ -1741,7 +1765,7 @@ def every_file() -> tuple[str, ...]:
     """Return the names of all files that runs of scenes, and reports about runs, may write. A later
     run in the same folder makes all of them outdated.
     """
-    return list_files([row for _name, row in OUTPUTS.items() if row.command in _OF_RUNS])
+    return list_files([row for _name, row in OUTPUTS.items() if row.command in _RUN_COMMANDS])
 
 
 def require_folder(folder: Path) -> None:

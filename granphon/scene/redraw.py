@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
-from granphon.base.text import read_bytes, read_yaml
+from granphon.base.text import read_bytes, read_yaml, require_path
 from granphon.figures.plot import OF_STATES, choose_figure
 from granphon.scene.outputs import (
     OUTPUTS,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 #: endings of the files of figures
-_FORMATS = (".pdf", ".png", ".svg")
+_FIGURE_ENDINGS = (".pdf", ".png", ".svg")
 
 
 @dataclass(frozen=True)
@@ -53,15 +53,29 @@ class View:
     columns: str | None = None
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """What a figure of several runs compares. The attributes are the arguments of the same names of
+    :func:`granphon.figures.curves.plot_together`; ``distance`` is in metres.
+    """
+
+    x: str | None = None
+    y: str | None = None
+    data: Sequence[str | os.PathLike[str]] = ()
+    distance: float | tuple[float, float] | None = None
+
+
 #: all states of a sweep, in the panels that granphon chooses
 WHOLE = View()
+#: the quantities that granphon chooses, without measured values
+USUAL_COMPARISON = Comparison()
 #: why some figures do not take an option, by the name of the option
-_WHY_REFUSED = {
+_REASONS_OF_REFUSALS = {
     "asymptotes": "Long waves are drawn beside bands only",
     "variable": "Only the curves of a sweep have a variable",
     "where": "Only states of a sweep are chosen",
-    "rows": "Only the curves of a sweep have rows and columns",
-    "columns": "Only the curves of a sweep have rows and columns",
+    "rows": "Only curves over the load or a parameter have rows and columns",
+    "columns": "Only curves over the load or a parameter have rows and columns",
 }
 
 
@@ -83,9 +97,9 @@ def redraw(
     folder : folder of the run or fit.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. The name of a figure of
         the table of outputs, as surface, spectrum or motion, or one of a plug-in, means that
-        figure. By default, in the folder, the figure that comes first: bands.png (dos.png without
-        bands); of one state without bands that of its motion, surface or response; else sweep.png
-        or, of a sweep without velocities, the figure of what it observes; or fit.png.
+        figure. By default, in the folder, the figure that comes first: design.png, bands.png, or
+        dos.png without bands; of one state without these that of its motion, surface or response;
+        else sweep.png or, of a sweep without curves, the figure of what it observes; or fit.png.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -98,11 +112,15 @@ def redraw(
     Raises
     ------
     MissingFileError : there is no such folder, or a file of the run that is drawn is missing there.
-    InputError : the folder holds nothing to draw, its files are damaged, the format or the variable
-        is unknown, or an option belongs to another kind of result.
+    InputError : ``folder`` or ``out`` is no path; the folder holds nothing to draw, its files are
+        damaged, or change meanwhile; the format, the variable or a state of the ``view`` is
+        unknown; or an option belongs to another kind of result.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
+    require_path(folder)
+    if out is not None:
+        require_path(out)
     source = Path(folder)
     asks_for_sweep = variable is not None or view != WHOLE
     row = _choose_output(
@@ -111,7 +129,10 @@ def redraw(
     options: dict[str, Any] = {name: value for name, value in vars(view).items() if value}
     if variable is not None:
         options["variable"] = variable
-    _require_options(row, source, [*options, "asymptotes"] if asymptotes else list(options))
+    names_of_options = list(options)
+    if asymptotes:
+        names_of_options.append("asymptotes")
+    _require_options(row, source, names_of_options)
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
@@ -133,7 +154,7 @@ def _require_options(row: Export, source: Path, names: Sequence[str]) -> None:
         refused_names.append("asymptotes")
     if refused_names:
         words = " and ".join(refused_names)
-        reasons = dict.fromkeys(_WHY_REFUSED[name] for name in refused_names)
+        reasons = dict.fromkeys(_REASONS_OF_REFUSALS[name] for name in refused_names)
         problem = f"{row.figure} of {source} cannot be drawn with {words}"
         raise InputError(problem, ". ".join(reasons), f"Leave {words} out")
 
@@ -155,9 +176,9 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     ``stem`` is the name of the figure's file without its ending, None if the user names no file;
     the name of a figure in the table of outputs chooses this output. Otherwise:
 
-    - A sweep is drawn as curves if ``asks_for_sweep``, that is if the user gives an option of
-      sweeps.
-    - Else the output that comes first by its rank is drawn; but curves of a sweep that observes
+    - States, also a single one, are drawn as curves over the load if ``asks_for_sweep``, that is
+      if the user gives an option of sweeps.
+    - Else the output that comes first by its rank is drawn; but curves of a run that observes
       nothing for curves are drawn only if the folder holds no other figure.
     - If the figure of this output draws each state by itself, and there are several states, the
       curves are drawn in its place.
@@ -202,7 +223,7 @@ def _find_first(rows: Sequence[Export]) -> Export:
 
 
 def _observes_curves(source: Path) -> bool:
-    """Whether the run in the folder ``source``, which holds a sweep, observes something that is
+    """Whether the run in the folder ``source``, which holds its states, observes something that is
     drawn as curves over the load.
     """
     return shows_curves(json.loads(Results(source).dataset.attrs["observe"]))
@@ -230,10 +251,7 @@ def draw_together(
     out: str | os.PathLike[str] | None = None,
     *,
     force: bool = False,
-    x: str | None = None,
-    y: str | None = None,
-    data: Sequence[str | os.PathLike[str]] = (),
-    distance: float | tuple[float, float] | None = None,
+    comparison: Comparison = USUAL_COMPARISON,
     backend: str | None = None,
     view: View = WHOLE,
     tell: Tell | None = None,
@@ -246,8 +264,7 @@ def draw_together(
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default
         comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data, distance : as in :func:`granphon.figures.curves.plot_together`; ``distance`` is in
-        metres.
+    comparison : the quantities that are compared, and measured values beside them.
     backend : matplotlib backend that draws; by default the one that belongs to the ending of
         ``out``.
     view : which states of the runs are drawn; a run that is swept over none of the names of
@@ -257,12 +274,16 @@ def draw_together(
     Raises
     ------
     MissingFileError : there is no such folder or file, or a file of a run is missing.
-    InputError : a folder or file is given twice, the runs cannot share an axis, no run has the
-        states of the ``view``, a file is damaged, or the format is unknown; nothing is written
-        then.
+    InputError : one of ``sources``, or ``out``, is no path; a folder or file is given twice, the
+        runs cannot share an axis, no run has the states of the ``view``, a file is damaged, or the
+        format is unknown; nothing is written then.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
+    for source in sources:
+        require_path(source)
+    if out is not None:
+        require_path(out)
     names = [str(source) for source in sources]
     # the same folder or file may be written in several ways, as "run" and "./run/"
     real_paths = [os.path.realpath(name) for name in names]
@@ -276,20 +297,17 @@ def draw_together(
 
         runs = _choose_states_of_runs([read_run(name) for name in names], view)
         # measured loads may be side forces on a hexagonal frame
-        balls_per_side = _find_balls_per_side(names) if data else None
+        balls_per_side = _find_balls_per_side(names) if comparison.data else None
         return comparison_figure(
             runs,
-            x=x,
-            y=y,
-            data=data,
+            **vars(comparison),
             balls_per_side=balls_per_side,
-            distance=distance,
             rows=view.rows,
             columns=view.columns,
             tell=tell,
         )
 
-    paths = [Path(name) for name in (*names, *map(str, data))]
+    paths = [Path(name) for name in (*names, *map(str, comparison.data))]
     folders = [path for path in map(Path, names) if path.is_dir()]
     files = [path for path in paths if path.is_file()]
     target = Path("comparison.png" if out is None else out)
@@ -355,9 +373,9 @@ def _draw(
     FileExistsInRunError if there is a file ``target`` that ``force`` may not replace. The figure
     arrives whole or not at all.
     """
-    if target.suffix not in _FORMATS:
-        problem = f"{target.name} has an ending that names no figure format"
-        raise InputError(problem, mend="Use " + ", ".join(_FORMATS))
+    if target.suffix not in _FIGURE_ENDINGS:
+        problem = f"{target} has an ending that names no figure format"
+        raise InputError(problem, mend="Use " + ", ".join(_FIGURE_ENDINGS))
     # the folder is locked before anything is read, so that no run replaces the results meanwhile
     with ResultFiles(target.parent, [target.name], force, inputs=inputs).open() as locked:
         records = [read_written_files(folder) for folder in folders]
@@ -377,11 +395,14 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     """Return the results in ``source``, the folder of a run or one of its files; summary.yaml means
     the sweep.nc beside it. A fit beside a sweep is left out.
 
-    Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, and
-    :class:`~granphon.base.errors.InputError` if ``source`` holds no results, or damaged ones.
+    Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, or if
+    a file that a run wrote into the folder, and that would be drawn, is missing; and
+    :class:`~granphon.base.errors.InputError` if ``source`` is no path, or holds no results, or
+    damaged ones.
     """
     from granphon.figures.curves import Run
 
+    require_path(source)
     path = Path(source)
     name = str(source)
     if path.name == "summary.yaml" and path.is_file():

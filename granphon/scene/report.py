@@ -21,19 +21,29 @@ from granphon.base.errors import GranphonError, InputError, one_line
 from granphon.base.scales import prefixed, write_error, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
 from granphon.base.tables import Table
-from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spell
+from granphon.base.text import (
+    join_alike,
+    read_bytes,
+    read_text,
+    read_yaml,
+    require_path,
+    spell,
+)
 from granphon.figures.style import pick_evenly
-from granphon.observables.catalogue import CATALOGUE
+from granphon.observables.catalogue import CATALOGUE, SUMMARY_KEYS
 from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
-from granphon.scene.outputs import OUTPUTS, Export, list_told, read_summary, require_folder
+from granphon.scene.outputs import (
+    OUTPUTS,
+    Export,
+    list_told,
+    read_summary,
+    require_folder,
+)
 
 #: endings of the files of figures that a page can hold
-_PICTURES = (".png", ".svg")
+_PICTURE_ENDINGS = (".png", ".svg")
 #: keys of summary.yaml that are no numbers of the result, or that other parts of the report show
-_NO_NUMBERS = {
-    "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
-    "units", "validity", "ok", "medium", "peaks", "errors_from", "design",
-}  # fmt: skip
+_KEYS_WITHOUT_NUMBER = SUMMARY_KEYS - {"states", "matters_most", "local_field"}
 #: greatest number of rows of the table of states, and of that of the variables of a design: about a
 #: page
 MOST_STATES = 40
@@ -42,7 +52,7 @@ _OTHER_COLUMNS = ("exponent", "contact_fraction", "valid")
 #: headings of columns of that table, where they are shorter than the names of the numbers
 _SHORT_NAMES = {"exponent": "local exponent"}
 #: keys of fit.yaml that are no numbers of the fit, and words for those that are
-_NO_FIT_NUMBERS = ("schema", "class", "digest")
+_FIT_KEYS_WITHOUT_NUMBER = ("schema", "class", "digest")
 _FIT_NAMES = {
     "stderr": "standard error of the width",
     "std": "standard deviation of the diameters",
@@ -52,7 +62,7 @@ _FIT_NAMES = {
     "dof": "degrees of freedom",
 }
 #: significant digits of standard errors in lists and tensors
-_DIGITS = 2
+_ERROR_DIGITS = 2
 #: components of a tensor below this part of the largest are rounding
 _ROUNDING = 1e-12
 #: the paper whose model granphon computes, as it is cited
@@ -87,8 +97,10 @@ def read_report(folder: str | os.PathLike[str]) -> tuple[str, list[Section]]:
     Raises
     ------
     MissingFileError : there is no such folder.
-    InputError : the folder holds no results, or damaged ones, or a run writes into it meanwhile.
+    InputError : ``folder`` is no path; the folder holds no results, or damaged ones, or a run
+        writes into it meanwhile.
     """
+    require_path(folder)
     source = Path(folder)
     require_folder(source)
     if not any((source / name).is_file() for name in ("summary.yaml", "fit.yaml")):
@@ -142,6 +154,7 @@ def _read_numbers(source: Path) -> list[Block]:
     that is not finite, are left out.
     """
     summary = read_summary(source)
+    is_of_sweep = "sizes" in summary
     units = summary.get("units", {})
     media = summary.get("medium", ())  # a word for one state, a list for a sweep
     rows = [
@@ -150,9 +163,13 @@ def _read_numbers(source: Path) -> list[Block]:
     ]
     for name, value in summary.items():
         is_error = name.endswith("_error") and name.removesuffix("_error") in summary
-        if name in _NO_NUMBERS or is_error:
+        if name in _KEYS_WITHOUT_NUMBER or is_error:
             continue
-        text = _write_value(value, units.get(name, ""), summary.get(f"{name}_error"))
+        if name == "direction":
+            text = _write_directions(value)
+        else:
+            error = summary.get(f"{name}_error")
+            text = _write_value(value, units.get(name, ""), error, is_range=is_of_sweep)
         entry = CATALOGUE.get(name)
         if entry is not None and entry.zero and not np.any(value):
             text = entry.zero
@@ -169,13 +186,18 @@ def _name_number(name: str) -> str:
     return spell(name) if entry is None else entry.words
 
 
-def _write_value(value: Any, unit: str, error: Any = None) -> str:
+def _write_directions(value: list[Any]) -> str:
+    """Return the text of a direction of sound (p,), "1, 0", or of many (n, p), "1, 0; 0, 1"."""
+    return _write_rows(np.atleast_2d(np.array(value, float)), 5)
+
+
+def _write_value(value: Any, unit: str, error: Any = None, *, is_range: bool = False) -> str:
     """Return the text of a value of a summary in the SI ``unit``; empty for a number that is not
     finite, and for a value of another type.
 
     The value is a word, a number, a mapping of numbers without units, or a list as
-    :func:`_write_list` takes it. The standard ``error`` has the shape of the value, and is None if
-    there is none; that of a single number is written if it is above zero.
+    :func:`_write_list` takes it together with ``is_range``. The standard ``error`` has the shape of
+    the value, and is None if there is none; that of a single number is written if it is above zero.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -190,15 +212,16 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
     if isinstance(value, Mapping):
         entries = [f"{spell(str(key))} {_write_value(entry, '')}" for key, entry in value.items()]
         return ", ".join(entries)
-    return _write_list(value, unit, error) if isinstance(value, list) else ""
+    return _write_list(value, unit, error, is_range=is_range) if isinstance(value, list) else ""
 
 
-def _write_list(values: list[Any], unit: str, error: Any) -> str:
+def _write_list(values: list[Any], unit: str, error: Any, *, is_range: bool) -> str:
     """Return the text of a list in the SI ``unit``, with its standard ``error``, a list of the same
     shape, if that is not None; "none" for an empty list.
 
-    The ``values`` are numbers, of which two in ascending order are the least and the greatest, or
-    lists: a tensor (n, n) for n above two, or else intervals (n, 2).
+    The ``values`` are the least and the greatest number of a sweep if ``is_range``. Otherwise they
+    are numbers, such as those of branches or of directions; or lists: a tensor (n, n) for n above
+    two, or else intervals (n, 2).
     """
     if not values:
         return "none"
@@ -207,8 +230,6 @@ def _write_list(values: list[Any], unit: str, error: Any) -> str:
         if is_tensor:
             return _write_tensor(np.array(values, float), unit, error)
         return _write_intervals(values, unit, error)
-    # two numbers of branches, such as curvatures, may be in no order
-    is_range = len(values) == 2 and values[0] <= values[1]
     if is_range:
         range_text = _write_range(values, unit)
         if not isinstance(error, list):
@@ -219,7 +240,7 @@ def _write_list(values: list[Any], unit: str, error: Any) -> str:
         return f"{range_text} +/- {' to '.join(errors)}"
     list_text = _list_numbers(values, unit)
     if isinstance(error, list):
-        list_text += f" +/- {_list_numbers(error, unit, _DIGITS)}"
+        list_text += f" +/- {_list_numbers(error, unit, _ERROR_DIGITS)}"
     return list_text
 
 
@@ -260,7 +281,7 @@ def _write_tensor(components: Array, unit: str, error: Any = None) -> str:
     written = np.where(np.abs(components) > _ROUNDING * largest, components / size, 0.0)
     tensor_text = _write_rows(written, 5)
     if error:
-        tensor_text += f" +/- {_write_rows(np.array(error, float) / size, _DIGITS)}"
+        tensor_text += f" +/- {_write_rows(np.array(error, float) / size, _ERROR_DIGITS)}"
     return f"{tensor_text}{write_unit(prefixed_unit)}"
 
 
@@ -270,8 +291,8 @@ def _write_rows(numbers: Array, digits: int) -> str:
 
 
 def _list_numbers(values: list[Any], unit: str, digits: int = 5) -> str:
-    """Return the text of several ``values`` with ``digits`` significant digits, and behind the last
-    the SI ``unit``, without a prefix.
+    """Return the text of the ``values``, one or more, with ``digits`` significant digits, and
+    behind the last the SI ``unit``, without a prefix.
     """
     return f"{', '.join(f'{value:.{digits}g}' for value in values)}{write_unit(unit)}"
 
@@ -317,8 +338,9 @@ def _read_limits(source: Path) -> list[Block]:
     for check in read_summary(source).get("validity", ()):
         holds = "yes" if check["ok"] else "no"
         limit = f"{check['limit']:.4g}"
-        # whether the limit is kept tells on which side it lies, unless the value is the limit
-        if check["value"] != check["limit"]:
+        # whether the limit is kept tells on which side it lies, unless the value is the limit or
+        # is not known
+        if check["value"] != check["limit"] and not math.isnan(check["value"]):
             is_lower = (check["value"] > check["limit"]) == bool(check["ok"])
             limit = f"{'at least' if is_lower else 'at most'} {limit}"
         rows.append((check["meaning"], f"{check['value']:.4g}", limit, holds))
@@ -377,8 +399,8 @@ def _write_column(dataset: Any, name: str, state_numbers: Any) -> tuple[str, lis
     heading = _SHORT_NAMES.get(name, _name_number(name))
     size = 1.0
     if unit not in ("", "1"):
-        finite = values[np.isfinite(values)]
-        size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
+        finite_values = values[np.isfinite(values)]
+        size, prefixed_unit = prefixed(float(np.max(np.abs(finite_values), initial=0.0)), unit)
         heading += f" ({prefixed_unit})"
     cells = zip(values[state_numbers].tolist(), errors[state_numbers].tolist(), strict=True)
     return heading, [_write_cell(value, error, size) for value, error in cells]
@@ -407,7 +429,7 @@ def _read_fit(source: Path) -> list[Block]:
     units = fit.get("units", {})
     rows = []
     for name, value in fit.items():
-        is_plain = isinstance(value, str | int | float) and name not in _NO_FIT_NUMBERS
+        is_plain = isinstance(value, str | int | float) and name not in _FIT_KEYS_WITHOUT_NUMBER
         unit = units.get(name, "") if isinstance(units, Mapping) else ""
         text = _write_value(value, unit) if is_plain else ""
         if text:
@@ -438,7 +460,7 @@ def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
     names = [
         name
         for name in sorted(read_written_files(source))
-        if name.endswith(_PICTURES) and (source / name).is_file()
+        if name.endswith(_PICTURE_ENDINGS) and (source / name).is_file()
     ]
     figures = [(name, row_of_stem.get(Path(name).stem)) for name in names]
     order = [*row_of_stem.values(), None]
@@ -446,7 +468,7 @@ def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
 
 
 def _read_scene(source: Path) -> list[Block]:
-    """Return the scene as it was run."""
+    """Return the text of the scene as it was run, from scene.yaml in the folder ``source``."""
     return [Code(read_text(source / "scene.yaml"))]
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import Axis
 from granphon.base.errors import GranphonError, InputError, brief
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
@@ -108,8 +108,9 @@ class Scene(SceneValues):
         have them whether asked or not, as :attr:`granphon.ContactState.finite_overlap` says. Of a
         packing of another program the files say it (``prestress``), whatever is given here.
     observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
-        "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute;
-        spectrum, pulse and the density of states of the array itself, of a simulation.
+        "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute, and
+        names of registered observables and outputs. A spectrum and a pulse are those of a simulated
+        array, or of a packing of another program; these also have a density of states of their own.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
         such directions; None for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on
@@ -145,8 +146,11 @@ class Scene(SceneValues):
 
         ``values`` stand in place of those in the file: texts, as in the file, by the keys that lead
         to them, as {"load.force": "18.4 +- 0.2 N"}. If there is no file, the error is a
-        :class:`~granphon.base.errors.MissingFileError` too.
+        :class:`~granphon.base.errors.MissingFileError` too. InputError for ``values`` that are no
+        mapping of texts, that are no YAML, or whose keys lead to nothing.
         """
+        if values is not None:
+            _require_texts(values)
         return cls._read(SceneSource.of_file(path, values))
 
     @classmethod
@@ -185,16 +189,14 @@ class Scene(SceneValues):
             balls = f"{structure.name} lattice of balls of {write_quantity(packing.diameter, 'm')}"
             if packing.width:
                 balls += f" that differ by {write_quantity(packing.width, 'm')}"
-        swept = [
+        swept_texts = [
             counted(len(values), f"value of {name}", f"values of {name}")
             for name, values in self.parameters
         ]
         media = [choice.label for choice in self.media]
         name = "" if self.source is None else f" {self.source.name}"
-        return (
-            f"Scene{name}: {balls}\n  {'; '.join([self._write_load(), ', '.join(media), *swept])}\n"
-            f"  observes {', '.join(self.observe)}"
-        )
+        conditions = "; ".join([self._write_load(), ", ".join(media), *swept_texts])
+        return f"Scene{name}: {balls}\n  {conditions}\n  observes {', '.join(self.observe)}"
 
     def _write_load(self) -> str:
         """Return the load in words: its kind, its least and greatest value, and of several loads
@@ -243,17 +245,20 @@ class Scene(SceneValues):
 
         Raises
         ------
-        InputError : a ``folder``, ``progress`` or ``executor`` of another kind, a flag that is no
-            truth value, or more memory than there is.
+        InputError : a ``folder``, ``progress`` or ``executor`` of another kind, or a flag that is
+            no truth value; a registered observable whose name summary.yaml has for something else;
+            a scene that takes more memory or time than :meth:`cost` allows, or that
+            no file can hold (:meth:`to_yaml`).
         FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part
             of another scene or version would be discarded; or a file may not be replaced at all.
-            Raised before anything is computed.
+            Raised before anything is computed, but for a file that is put there meanwhile.
         OutputError : the folder cannot be written, or another run is writing into it.
         GranphonError : the computation fails; then no result has been written. If a path of loads
             with friction ends early, the loads before it are in sweep_incomplete.nc and
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
         require_executor(executor)
+        require_progress(progress)
         require_path(folder)
         for name, flag in (("force", force), ("figures", figures), ("resume", resume)):
             require(name, truth, flag)
@@ -262,61 +267,68 @@ class Scene(SceneValues):
         target = Path(folder)
         names = list_files(rows, figures=figures)
         if resume and not force and is_complete(self, target):
-            files = tuple(target / name for name in names if (target / name).exists())
-            result = RunResult(target, self, files=files)
-            _ = result.dataset  # an error of its file is raised now
-            return result
+            return self._read_result(target, names)
         self.to_yaml()  # raises now if the scene cannot be written
-        work_file = target / WORK_FILE
-        # A state that is found at once has no tasks to keep. If the folder has finished tasks of
-        # another run, they are opened nevertheless, so that they are refused or removed.
-        has_store = self.has_tasks or os.path.lexists(work_file)
-        opened_store = open_store(work_file, force=force) if has_store else nullcontext()
         result_files = ResultFiles(
             target, names, force, earlier=every_file(), inputs=self.origin.inputs
         )
+        opened_store = self._open_store(target / WORK_FILE, force=force)
         with result_files.open() as locked, opened_store as store:
+            means = Means(executor, progress, store)
             with self.plan.place_errors():
-                try:
-                    result = self._compute(target, rows, executor, progress, store)
-                except GranphonError as error:
-                    # a path of loads that has ended early leaves the loads that it has reached
-                    if error.reached is None or store is None:
-                        raise
-                    name = str(OUTPUTS["states"].source)
-                    raise keep_incomplete(error, locked, name, store) from None
-            return _write_result(result, locked, rows, figures, progress)
+                with _keeping_reached_loads(locked, store):
+                    dataset = self._find_states(means)
+                result = self._find_outputs(dataset, target, rows, means)
+            return _write_result(result, locked, figures)
 
-    def _compute(
-        self,
-        target: Path,
-        rows: Sequence[Export],
-        executor: Executor | None,
-        progress: Progress,
-        store: Store | None,
-    ) -> RunResult:
-        """Return the result of the scene, with the values of the outputs among the ``rows`` that
-        have files, and with standard errors if parameters have them. Nothing is written into the
-        folder ``target`` but finished tasks, which the ``store`` keeps there; None keeps none.
+    def _read_result(self, folder: Path, names: Sequence[str]) -> RunResult:
+        """Return the complete result in a ``folder``, with the paths of those of its files,
+        ``names``, that exist: figures may be missing. Raises InputError if its data set cannot be
+        read.
+        """
+        files = tuple(folder / name for name in names if (folder / name).exists())
+        result = RunResult(folder, self, files=files)
+        _ = result.dataset  # an error of its file is raised now
+        return result
+
+    def _open_store(self, path: Path, *, force: bool) -> AbstractContextManager[Store | None]:
+        """Return a context that opens the store of finished tasks in the file ``path``, as
+        :func:`~granphon.runs.finished_tasks.open_store` does, and gives None for a scene without
+        tasks. If there is a file of another run, it is opened also by such a scene, so that it is
+        refused, or with ``force`` removed.
+        """
+        if self.has_tasks or os.path.lexists(path):
+            return open_store(path, force=force)
+        return nullcontext()
+
+    def _find_states(self, means: Means) -> Dataset:
+        """Return the data set of all states, without the standard errors that parameters cause.
+        Tasks are done by the ``means``.
         """
         # the state of a design is found at once: its store is for the starts of the search
-        has_design = "design" in self.observe
-        dataset = self.plan.sweep(progress, executor, store=None if has_design else store)
-        means = Means(executor, progress, store)
+        store = None if "design" in self.observe else means.store
+        return self.plan.sweep(means.progress, means.executor, store=store)
+
+    def _find_outputs(
+        self, dataset: Dataset, target: Path, rows: Sequence[Export], means: Means
+    ) -> RunResult:
+        """Return the result of the scene, whose states are in the ``dataset``. It has the values of
+        the outputs among the ``rows`` that have files, and standard errors if parameters have them.
+        Tasks are done by the ``means``. The result names the folder ``target`` as its own, into
+        which only the store of the ``means`` writes.
+        """
         result = RunResult(target, self, tuple(rows), values={"states": dataset}, means=means)
         with self.origin.where_it_buckles():
             for row in rows:
                 # an output without files is found when it is asked for
                 if row.find is not None and row.files:
-                    with progress.step(row.label):
+                    with means.progress.step(row.label):
                         result.values[row.name] = row.find_value(result)
         if self.errors:
-            self._propagate_errors(result, executor, progress)
+            self._propagate_errors(result)
         return result
 
-    def _propagate_errors(
-        self, result: RunResult, executor: Executor | None, progress: Progress
-    ) -> None:
+    def _propagate_errors(self, result: RunResult) -> None:
         """Add to the values of a ``result``, in place, the standard errors that follow from those
         of the parameters. They go to the data set of its states, with a warning that names what has
         no error; to the output "errors" of a single state; and to the columns of its tables
@@ -324,8 +336,8 @@ class Scene(SceneValues):
         """
         from granphon.scene.uncertainty import warn_of_lacking
 
-        pairs = self._compute_shifted(result, executor, progress)
-        dataset, propagations = self._propagate_to_states(result, pairs, executor)
+        pairs = self._compute_shifted(result)
+        dataset, propagations = self._propagate_to_states(result, pairs)
         if OUTPUTS["errors"] in result.rows:
             propagations.append(self._propagate_to_summary(result, dataset, pairs))
         for row in result.rows:
@@ -333,29 +345,27 @@ class Scene(SceneValues):
                 propagations.append(self._propagate_to_table(row, result, pairs))
         result.values["states"] = warn_of_lacking(dataset, propagations)
 
-    def _compute_shifted(
-        self, result: RunResult, executor: Executor | None, progress: Progress
-    ) -> list[tuple[RunResult, RunResult]]:
+    def _compute_shifted(self, result: RunResult) -> list[tuple[RunResult, RunResult]]:
         """Return for each parameter with a standard error the results of its two :attr:`shifted`
         scenes, with those outputs alone that have standard errors. The results name the folder of
-        ``result`` as theirs, but nothing is written into the folder.
+        ``result`` as theirs, but nothing is written into the folder, and no finished task is kept.
         """
+        means = Means(result.means.executor)
+
+        def compute(scene: Scene) -> RunResult:
+            """Return the result of a shifted ``scene``."""
+            dataset = scene._find_states(means)
+            return scene._find_outputs(dataset, result.folder, _list_uncertain(scene), means)
+
         pairs = []
-        with progress.step("standard errors", len(self.errors)) as step:
-            for scenes in self.shifted:
-                lower, upper = (
-                    scene._compute(result.folder, _list_uncertain(scene), executor, silent, None)
-                    for scene in scenes
-                )
-                pairs.append((lower, upper))
+        with result.means.progress.step("standard errors", len(self.errors)) as step:
+            for lower, upper in self.shifted:
+                pairs.append((compute(lower), compute(upper)))
                 step.advance()
         return pairs
 
     def _propagate_to_states(
-        self,
-        result: RunResult,
-        pairs: Sequence[tuple[RunResult, RunResult]],
-        executor: Executor | None,
+        self, result: RunResult, pairs: Sequence[tuple[RunResult, RunResult]]
     ) -> tuple[Dataset, list[ErrorPropagation]]:
         """Return the data set of the ``result`` with standard errors, and the propagations that
         found them: one from the results of the shifted scenes, ``pairs``, and, if the data set has
@@ -373,8 +383,9 @@ class Scene(SceneValues):
         )
         names_by_small_changes = list(filter(is_by_small_change, names))
         if names_by_small_changes:
+            executor = result.means.executor
             slight_pairs = [
-                (lower.plan.sweep(silent, executor), upper.plan.sweep(silent, executor))
+                (lower.plan.sweep(executor=executor), upper.plan.sweep(executor=executor))
                 for lower, upper in self._slightly_shifted
             ]
             by_small_changes = ErrorPropagation.of_small_changes(self, slight_pairs)
@@ -429,7 +440,8 @@ class Scene(SceneValues):
     def shifted(self) -> list[tuple[Self, Self]]:
         """For each parameter with a standard error, in the order of ``errors``, two scenes: the
         parameter is smaller by its error in the first, and larger in the second. Raises
-        :class:`~granphon.base.errors.Refused` if one of the scenes is not valid.
+        :class:`~granphon.base.errors.Refused` if one of the scenes is not valid, or if the sweep
+        replaces a parameter.
         """
         from granphon.scene.uncertainty import shift_scene
 
@@ -514,20 +526,23 @@ class Scene(SceneValues):
         """Return the state of the contacts under the load.
 
         :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
-        scene is a sweep.
+        scene is a sweep; :class:`~granphon.base.errors.ConvergenceError` if a computation does not
+        reach the load.
         """
         return self.plan.state()
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, one after the
-        other.
+        """Return an iterator over every medium at every combination of parameters, which gives its
+        label and its state.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
         and effective media of long lists are left out.
-        :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
+        :class:`~granphon.base.errors.InputError` for a ``quick`` that is no truth value, and at the
+        first medium that cannot carry the loads;
+        :class:`~granphon.base.errors.ConvergenceError` at one that does not reach them.
         """
-        return self.plan.states(quick)
+        return self.plan.states(require("quick", truth, quick))
 
     def sweep(
         self,
@@ -587,6 +602,16 @@ class Scene(SceneValues):
         return self.plan.add_costs(self._list_parts(rows))
 
 
+def _require_texts(values: Any) -> None:
+    """Raise InputError unless ``values`` are a mapping of texts by texts."""
+    if isinstance(values, Mapping) and all(
+        isinstance(entry, str) for pair in values.items() for entry in pair
+    ):
+        return
+    mend = 'Give a mapping of texts, as {"load.force": "18.4 N"}'
+    raise InputError(f"the values of a scene are {brief(values)}", mend=mend)
+
+
 def _list_uncertain(scene: Scene) -> list[Export]:
     """Return the rows of those outputs of a ``scene`` that have numbers for the summary or tables,
     whose standard errors are found.
@@ -610,39 +635,46 @@ def _list_columns(row: Export, result: RunResult) -> dict[str, Any]:
     return {} if result[row.name] is None else row.columns(result)
 
 
-def _write_result(
-    result: RunResult,
-    locked: ResultFiles,
-    rows: Sequence[Export],
-    figures: bool,
-    progress: Progress,
-) -> RunResult:
-    """Write the files of the outputs ``rows`` of a ``result`` into its ``locked`` folder, those of
-    figures only if ``figures``, and summary.yaml last.
+@contextmanager
+def _keeping_reached_loads(files: ResultFiles, store: Store | None) -> Iterator[None]:
+    """Run a block that finds all states, and that may raise the error of a path of loads that ends
+    early. The loads before are then written into the locked folder of ``files``, and the error
+    names the new files, as :func:`~granphon.runs.plan.keep_incomplete` says. Without a ``store``
+    there is no such path, as a path is a task.
+    """
+    try:
+        yield
+    except GranphonError as error:
+        if error.reached is None or store is None:
+            raise
+        name = str(OUTPUTS["states"].source)
+        raise keep_incomplete(error, files, name, store) from None
+
+
+def _write_result(result: RunResult, locked: ResultFiles, figures: bool) -> RunResult:
+    """Write the files of the outputs of a ``result`` into its ``locked`` folder, those of figures
+    only if ``figures``, and summary.yaml last.
 
     Return the result with the paths of the files written, the reasons for which figures could not
     be drawn, and the remarks of the figures. An output whose value is None has no files.
     """
     written_rows = [
-        row for row in rows if row.files and (row.find is None or result[row.name] is not None)
+        row
+        for row in result.rows
+        if row.files and (row.find is None or result[row.name] is not None)
     ]
     names = list_files(written_rows, figures=figures)
-    figure_files = [row.figure for row in written_rows if figures and row.figure]
     # all files are staged first, and come into the folder together
     with (
         locked.staging(locked.names) as stage,
-        progress.step("writing", len(names)) as step,
+        result.means.progress.step("writing", len(names)) as step,
     ):
         for row in written_rows:
             row.write_numbers(result, stage)
             step.advance(len(row.numbers))
-        failures: dict[str, str] = {}
-        remarks: list[str] = []
-        if figure_files:
-            from granphon.figures.style import draw
-
-            failures = draw(partial(result.figure, tell=remarks.append), figure_files, stage)
-            step.advance(len(figure_files))
+        figure_files = [row.figure for row in written_rows if figures and row.figure]
+        failures, remarks = _draw_figures(result, figure_files, stage)
+        step.advance(len(figure_files))
         files = tuple(result.folder / name for name in names if name not in failures)
         written_result = replace(
             result, files=files, failures=tuple(failures.values()), remarks=tuple(remarks)
@@ -652,6 +684,22 @@ def _write_result(
             _write_summary(written_result, result.package_versions), encoding="utf-8"
         )
     return written_result
+
+
+def _draw_figures(
+    result: RunResult, files: Sequence[str], folder: Path
+) -> tuple[dict[str, str], list[str]]:
+    """Draw the figures of a ``result`` that are called ``files`` into a ``folder``. Return one
+    sentence with the reason for each figure that cannot be drawn, by its name, and the remarks of
+    the figures, each behind the name of its figure.
+    """
+    if not files:
+        return {}, []
+    from granphon.figures.style import draw  # a run without figures does not need matplotlib
+
+    remarks: list[str] = []
+    failures = draw(partial(result.figure, tell=remarks.append), files, folder)
+    return failures, remarks
 
 
 @dataclass(frozen=True, eq=False)
@@ -709,37 +757,44 @@ class RunResult(Results):
 
     @property
     def bands(self) -> Bands | None:
-        """Of a single state, frequencies along the path, Hz; None if they were not asked for."""
+        """Of a single state, frequencies along the path, Hz; None for a sweep, and if they were not
+        asked for.
+        """
         return self["bands"]  # type: ignore[no-any-return]
 
     @property
     def dos(self) -> DensityOfStates | None:
-        """Of a single state, the density of states, 1/Hz; None if it was not asked for."""
+        """Of a single state, the density of states, 1/Hz, of a simulation that of its mean lattice;
+        None for a sweep, for a packing of another program, and if it was not asked for. That of an
+        array or packing itself is ``result["sample_dos"]``.
+        """
         return self["dos"]  # type: ignore[no-any-return]
 
     @property
     def gaps(self) -> Any:
-        """Of a single state, intervals without a branch, (n, 2) Hz; None if they were not asked
-        for.
+        """Of a single state, also of a sweep of one value, intervals without a branch, (n, 2) Hz;
+        None for several states, and if they were not asked for.
         """
         return self["gaps"]
 
     @property
     def design(self) -> Design | None:
-        """Of a single state, the best network that was met; None if it was not asked for."""
+        """Of a single state, the best network that was met; None if it was not asked for. A sweep
+        has no design.
+        """
         return self["design"]  # type: ignore[no-any-return]
 
     @property
     def surface(self) -> SurfaceSpectrum | None:
-        """Of a single state, the spectrum of the outer layer at the edge, with its waves; None if
-        it was not asked for.
+        """Of a single state, the spectrum of the outer layer at the edge, with its waves; None for
+        a sweep, and if it was not asked for.
         """
         return self["surface"]  # type: ignore[no-any-return]
 
     @cached_property
     def phonons(self) -> Phonons | None:
-        """Of a single state, the source of ``bands``, ``dos`` and ``gaps``; None if none of these
-        was asked for.
+        """The source of ``bands``, ``dos`` and ``gaps`` of the only state; None if the result has
+        none of these. InputError if the scene is a sweep that observes gaps.
         """
         if not any(OUTPUTS[name].is_of(self.scene) for name in ("bands", "dos", "gaps")):
             return None
@@ -751,50 +806,55 @@ class RunResult(Results):
 
     @property
     def state(self) -> ContactState:
-        """The only state; :class:`~granphon.base.errors.InputError` if there are several."""
+        """The only state; :class:`~granphon.base.errors.InputError` if the scene is a sweep, also
+        one of a single value.
+        """
         return self.analysis.state
 
     @property
     def validity(self) -> Validity:
-        """The conditions under which the model holds, of the only state; InputError if there are
-        several.
+        """The conditions under which the model holds, of the only state; InputError if the scene is
+        a sweep.
         """
         return self.analysis.validity
 
     @cached_property
     def analysis(self) -> Analysis:
         """The analysis of the only state, which is solved again after reading the result from its
-        folder; InputError if there are several states.
+        folder; InputError if the scene is a sweep.
         """
         return self.scene.plan.analysis
 
     @property
     def records(self) -> list[Mapping[str, Any]]:
         """What is kept of the waves of the only state, arrays by name: a mapping for each sample,
-        or one for the network of a state without samples. InputError if there are several states.
+        or one for the network of a state without samples. Empty if the scene observes no waves of
+        samples and networks. InputError if the scene is a sweep.
         """
-        return self.scene.plan.records
+        plan = self.scene.plan
+        _ = plan.case  # raises for a sweep
+        return [] if self.scene.waves is None else plan.records
 
     @property
     def velocities(self) -> SoundVelocities | None:
-        """Sound velocities of the only state, m/s; None if they were not asked for. InputError if
-        there are several states.
+        """Sound velocities of the only state, m/s; None if they were not asked for. Otherwise
+        InputError if the scene is a sweep.
         """
         return self.analysis.velocities if "velocities" in self.scene.observe else None
 
     @property
     def moduli(self) -> Moduli | None:
         """Elastic constants of the only state, Pa; None if the scene does not observe velocities,
-        or the state has none. InputError if there are several states.
+        or the state has none. InputError if the scene is a sweep that observes velocities.
         """
         return self.analysis.moduli if "velocities" in self.scene.observe else None
 
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None for another medium, and for equal balls.
-        InputError if there are several states of balls that differ.
+        InputError if the scene is a sweep of balls that differ, or over how they differ.
         """
-        if not self.scene.packing.width:
+        if not self.scene.balls_differ:
             return None
         return self.scene.serving.medium.of(self.scene.packing).local_field
 
@@ -812,17 +872,20 @@ class RunResult(Results):
         return tuple(dict.fromkeys((*sentences, *self.failures)))
 
     def entry(self, name: str) -> Observable | None:
-        """Return the entry of the catalogue for a number of the summary; None if it has none."""
+        """Return the entry of the catalogue for the number ``name`` of the summary, with the unit
+        that it has for the balls of the scene; None if the catalogue has no such name.
+        """
         return entry_of(name, self.scene.packing) if name in CATALOGUE else None
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of all outputs of the scene in SI units, by name as the attributes of
-        the library are named: those of a single state are numbers, words, lists and arrays.
+        the library are named: those of a single state are numbers, words, lists, arrays and
+        mappings.
 
-        For several states they are whether the overlap is finite, the sizes of the dimensions, the
-        number of states, the media, the least and the greatest of each number that is known, and
-        whether all states are valid; also the direction of sound, if it was given or if velocities
-        depend on it.
+        For a sweep they are whether the overlap is finite, the sizes of the dimensions, the number
+        of states, the media, the least and the greatest of each number that is known, and whether
+        all states are valid; also the direction of sound, if it was given or if velocities depend
+        on it.
         """
         numbers: dict[str, Any] = {}
         for row in self.rows or list_outputs(self.scene):
@@ -849,10 +912,12 @@ class RunResult(Results):
     def figure(self, name: str, tell: Callable[[str], object] | None = None) -> Any:
         """Return the matplotlib figure that the file ``name`` of a run shows, such as "bands.png";
         InputError for a name that no figure has, and if there is nothing to draw. ``tell`` is
-        called with a sentence, behind the name, that says which panels the figure has chosen.
+        called with a sentence, behind the name, that says which panels the figure has chosen, if it
+        chooses any.
         """
         rows = {row.figure: row for _name, row in OUTPUTS.items() if row.figure}
-        if name not in rows:
+        given_name: Any = name
+        if not isinstance(given_name, str) or name not in rows:
             raise InputError(f"no figure is called {brief(name)}", mend=suggest(str(name), rows))
         if tell is None:
             return rows[name].make_figure(self)
@@ -860,12 +925,14 @@ class RunResult(Results):
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds the result of a run of an equal ``scene``, made with the versions of
-    packages that are installed now: every file but the figures. False if the folder or its summary
-    is not there or cannot be read.
+    """Whether ``folder`` holds the result of a run of an equal ``scene``: every file but the
+    figures, made with the installed versions of those packages that determine the numbers. False if
+    the folder, its summary or its scene is not there or cannot be read. InputError for what is no
+    path.
 
     A file that was changed after the run counts as missing.
     """
+    require_path(folder)
     target = Path(folder)
     try:
         run_versions = read_yaml(target / "summary.yaml")["versions"]

@@ -33,6 +33,7 @@ from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_
 from granphon.base.settings import space_evenly
 from granphon.base.text import Document, list_names, show
 from granphon.base.validation import real_number
+from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.tasks import to_json
 from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.file_keys import Context
@@ -43,44 +44,44 @@ if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
 #: pattern of a quantity as text: a number and its unit, which may be empty
-_VALUE = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
+_QUANTITY = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 #: ending of the name of the standard error of a number
-_ERROR = "_error"
+_ERROR_ENDING = "_error"
 #: relative change of a number that is put down to rounding
 _ROUNDING = 1e-12
-#: relative change that is put down to rounding of the numbers that are less precise, by name:
-#: derivatives by parameters are differences
+#: the same of numbers that are less precise, by name: derivatives by parameters are differences
 _ROUNDINGS = {"sensitivity": 1e-8}
 #: second difference of a frequency for a small change, over the frequency, above which another peak
 #: or wave has taken the place at one end; for the same peak or wave it is about the square of the
 #: change, 1e-8
-_JUMP = 1e-3
+_GREATEST_SECOND_DIFFERENCE = 1e-3
 #: dimension along which a density of states has its own frequencies in each state, and the variable
-#: that holds these frequencies, at equal values of which densities are compared
-_NODE = "node"
-_OF_NODES = "dos_frequency"
+#: of these frequencies; densities of two states are compared at equal frequencies
+_NODE_DIMENSION = "node"
+_NODE_FREQUENCIES = "dos_frequency"
 #: the last dimension of variables whose numbers stand by rank, and the variable with the frequency
 #: of each rank: peaks of a response, and waves of an edge
-_RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
-#: the observables whose numbers have the derivatives of small changes, and how the names of these
-#: begin
-_BY_SMALL_CHANGES = {
-    "surface": ("surface_",),
-    "gaps": ("gap_",),
-    "response": (
-        "peaks_",
-        *(f"peak_{word}" for word in ("frequency", *RESPONSES.values(), "quality")),
-    ),
+_FREQUENCIES_OF_RANKS = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
+#: the observables some of whose numbers have the derivatives of small changes, and the names of
+#: these numbers in data sets and summaries: those of waves of an edge, of gaps, and of peaks
+_NUMBERS_OF_OBSERVABLES = {
+    "surface": [name for name, entry in CATALOGUE.items() if entry.cost == "surface"],
+    "gaps": ["gaps", "gap_lower", "gap_upper"],
+    "response": [
+        f"{peak}_{name}"
+        for peak in ("peak", "peaks")
+        for name in ("frequency", *RESPONSES.values(), "quality")
+    ],
 }
-#: the beginnings of all these names
-_BEGINNINGS = tuple(chain.from_iterable(_BY_SMALL_CHANGES.values()))
+#: all these names
+_NUMBERS_BY_SMALL_CHANGES = frozenset(chain.from_iterable(_NUMBERS_OF_OBSERVABLES.values()))
 #: small change of a parameter, over its value: frequencies of waves change by far more than the
 #: 1e-10 to which they are known, and by so little that no other wave comes between
-_SMALL = 1e-4
+_SMALL_CHANGE = 1e-4
 #: small change of a parameter that is zero, over its error
-_PART = 1e-2
+_SMALL_PART = 1e-2
 #: relative change of a number by a small change of a parameter that is put down to rounding
-_ROUNDING_OF_SMALL = 1e-10
+_ROUNDING_OF_SMALL_CHANGES = 1e-10
 
 
 def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
@@ -88,11 +89,11 @@ def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
     The scene may have an error as a text of a number and a unit, such as "1 %".
 
     Raises :class:`~granphon.base.errors.Refused` for an error that is no finite number above zero,
-    is as large as its value or larger, or has a unit of another kind; and for the error of a
-    parameter that is a whole number, or is not a single quantity.
+    or has a unit of another kind; for an error as large as its value or larger, unless the value is
+    zero; and for the error of a parameter that is a whole number, or is not a single quantity.
     """
     blocks = _write(scene)
-    settled = []
+    settled_errors = []
     for keys, error in scene.errors:
         number, unit = _split_plain(_look_up(blocks, keys), keys)
         size = _read_error(error, number, unit, keys)
@@ -104,27 +105,27 @@ def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
                 "one below the value, as errors are of first order",
                 path=keys,
             )
-        settled.append((keys, size))
-    return tuple(settled)
+        settled_errors.append((keys, size))
+    return tuple(settled_errors)
 
 
 def _read_error(error: Any, number: float, unit: str, keys: Keys) -> float:
     """Return the size, in the SI ``unit`` of a ``number``, of its standard ``error``: a number in
     this unit, or a text of a number and a unit, "1 %". Refused, at the path ``keys`` of the number,
-    for any other error.
+    for any other error, such as a nan. An infinite size, or one below zero, is returned.
     """
     if isinstance(error, str):
-        match = _VALUE.fullmatch(error)
+        match = _QUANTITY.fullmatch(error)
         if match is not None:
             size, unit_of_error = match.groups()
-            return float(size) * _find_size(unit_of_error, number, unit, keys)
+            return float(size) * _find_factor(unit_of_error, number, unit, keys)
     size_in_unit = real_number(error)
     if np.isnan(size_in_unit):
         raise Refused(f"a standard error {show(error)}", "a number, or a text as '1 %'", path=keys)
     return size_in_unit
 
 
-def _find_size(unit_of_error: str, number: float, unit: str, keys: Keys) -> float:
+def _find_factor(unit_of_error: str, number: float, unit: str, keys: Keys) -> float:
     """Return the factor from the unit of a standard error, ``unit_of_error``, to the SI ``unit`` of
     the ``number`` that has the error: for "%" a hundredth of the magnitude of the ``number``.
     Refused, at the path ``keys`` of the number, if the two units are of different kinds.
@@ -148,15 +149,15 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
     correlations whose matrix is not positive semidefinite, which no errors have.
     """
     names = [name_keys(keys) for keys, _ in scene.errors]
-    settled: dict[frozenset[str], tuple[str, str, float]] = {}
+    correlation_of_pair: dict[frozenset[str], tuple[str, str, float]] = {}
     for first, second, value in scene.correlations:
         path = ("correlations", f"{first}, {second}")
         pair = [_find_name(name, names, path) for name in (first, second)]
-        if len(set(pair)) < 2 or frozenset(pair) in settled:
+        if len(set(pair)) < 2 or frozenset(pair) in correlation_of_pair:
             twice = "a pair twice" if len(set(pair)) > 1 else f"{pair[0]} twice"
             raise Refused(twice, "each pair of two parameters once", path=path)
-        settled[frozenset(pair)] = (*pair, value)
-    correlations = tuple(settled.values())
+        correlation_of_pair[frozenset(pair)] = (*pair, value)
+    correlations = tuple(correlation_of_pair.values())
     smallest_eigenvalue = float(
         np.linalg.eigvalsh(make_matrix(names, correlations)).min(initial=0.0)
     )
@@ -209,8 +210,8 @@ def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
 def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return the standard errors of ``numbers`` of the states of a scene as
     :meth:`ErrorPropagation.summarise` does. The ``numbers`` are by name, as
-    :meth:`granphon.runs.plan.Plan.collect` returns them; the same numbers are computed for the two
-    shifted scenes of each parameter.
+    :meth:`granphon.runs.plan.Plan.collect` returns them. The same numbers are computed for the two
+    shifted scenes of each parameter; Refused if one of these scenes is not valid.
     """
     names = [*numbers]
     pairs = [
@@ -234,8 +235,8 @@ def shift_scene(scene: Any, keys: Keys, change: float, observed: Sequence[str] =
     ``change``, SI, or smaller if ``change`` is below zero. The returned scene has no standard
     errors, and observes the names in ``observed``, or without names what the ``scene`` observes.
 
-    Refused, at this path, if the scene is not valid with the changed value, or if its sweep
-    replaces the parameter.
+    Refused, at this path, if the scene is not valid with the changed value, if its sweep replaces
+    the parameter, or if there is no single quantity.
     """
     blocks = _write(scene)
     if observed:
@@ -261,24 +262,26 @@ def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float)
     values of the parameter, so that no state has its standard ``error``, SI: the states of the
     ``shifted_scene``, in which the parameter is changed, are then those of the ``scene``.
     """
-    grids = scene.plan.grid, shifted_scene.plan.grid
-    axes = grids[0].axes
-    if not axes or _are_same(*(grid.change({}) for grid in grids)):
-        return  # the parameter has no effect without a sweep either
-    pairs_of_cases = zip(*(grid.cases for grid in grids), strict=True)
-    if not all(
-        case.load == shifted_case.load
-        and _are_same((case.packing, case.request), (shifted_case.packing, shifted_case.request))
-        for case, shifted_case in pairs_of_cases
-    ):
+    grid = scene.plan.grid
+    shifted_grid = shifted_scene.plan.grid
+    if not grid.axes or _are_same(grid.change({}), shifted_grid.change({})):
+        # no axis replaces what is neither of the balls nor of their waves, such as the load
         return
-    # the axes that alone undo the change; it may take several of them
-    replacing = [
+    for case, shifted_case in zip(grid.cases, shifted_grid.cases, strict=True):
+        balls_and_request = (case.packing, case.request)
+        if case.load != shifted_case.load or not _are_same(
+            balls_and_request, (shifted_case.packing, shifted_case.request)
+        ):
+            return  # this state has the error
+    names_of_axes = [axis.name for axis in grid.axes]
+    both_grids = (grid, shifted_grid)
+    # the axes each of which alone undoes the change; it may take several of them
+    names_of_undoing_axes = [
         axis.name
-        for axis in axes
-        if _are_same(*(grid.change({axis.name: axis.values[0]}) for grid in grids))
+        for axis in grid.axes
+        if _are_same(*(either.change({axis.name: axis.values[0]}) for either in both_grids))
     ]
-    names = replacing or [axis.name for axis in axes]
+    names = names_of_undoing_axes or names_of_axes
     raise Refused(
         f"a standard error of {error:g}, which no state has",
         "standard errors of what the sweep leaves",
@@ -291,7 +294,8 @@ def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float)
 def _are_same(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
     """Return whether the ``first`` and the ``second`` pair, each of balls and of the request of
     their states, describe the same states. The pairs are those of two scenes that differ in one
-    number, so that only what has numbers is compared.
+    number, so that of the requests only what a sweep may change is compared: the settings of waves,
+    of an edge and of bands.
     """
     (balls, request), (other_balls, other_request) = first, second
     settings = (request.waves, request.surface, request.bands)
@@ -305,7 +309,7 @@ def is_by_small_change(name: str) -> bool:
     """Return whether the standard error of the number called ``name``, of a summary or a data set,
     is found by a small change of each parameter: that of a wave of an edge, a gap or a peak.
     """
-    return name == "gaps" or name.startswith(_BEGINNINGS)
+    return name in _NUMBERS_BY_SMALL_CHANGES
 
 
 def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
@@ -314,7 +318,7 @@ def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
     observe the waves of an edge, gaps and responses alone. Empty if the ``scene`` observes none of
     these. Raises :class:`~granphon.base.errors.Refused` as :func:`shift_scene` does.
     """
-    observed = [word for word in scene.observe if word in _BY_SMALL_CHANGES]
+    observed = [word for word in scene.observe if word in _NUMBERS_OF_OBSERVABLES]
     if not observed:
         return []
     return [
@@ -335,10 +339,10 @@ def list_errors_by_small_changes(dataset: Dataset, numbers: Mapping[str, Any]) -
         if name == "gaps":
             error, variable = _list_gap_errors(dataset)
         else:
-            variable = dataset.get(f"{name}{_ERROR}")
+            variable = dataset.get(f"{name}{_ERROR_ENDING}")
             error = None if variable is None else variable.values.item()
         if variable is not None:
-            errors[f"{name}{_ERROR}"] = error
+            errors[f"{name}{_ERROR_ENDING}"] = error
             sources[name] = variable.attrs["mostly_from"]
     return errors | {"errors_from": sources}
 
@@ -348,17 +352,17 @@ def _list_gap_errors(dataset: Dataset) -> tuple[list[list[float]], Any]:
     in a ``dataset``, and the variable of the errors of the upper edges, or of the lower edges if no
     parameter acts on the upper; no errors and None if no parameter acts on any edge.
     """
-    variables = [dataset.get(f"{edge}{_ERROR}") for edge in ("gap_lower", "gap_upper")]
-    known = [variable for variable in variables if variable is not None]
-    if not known:
+    variables = [dataset.get(f"{edge}{_ERROR_ENDING}") for edge in ("gap_lower", "gap_upper")]
+    known_variables = [variable for variable in variables if variable is not None]
+    if not known_variables:
         return [], None
     # edges on which no parameter acts, as the lower one at zero, have no variable
     errors = [
-        np.zeros(known[0].size) if variable is None else variable.values.ravel()
+        np.zeros(known_variables[0].size) if variable is None else variable.values.ravel()
         for variable in variables
     ]
     is_gap = np.isfinite(dataset["gap_lower"].values.ravel())
-    return np.transpose(errors)[is_gap].tolist(), known[-1]
+    return np.transpose(errors)[is_gap].tolist(), known_variables[-1]
 
 
 def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
@@ -367,7 +371,7 @@ def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
     """
     changes = []
     for _, value, error, _ in list_parameters(scene):
-        part = min(1.0, _SMALL * abs(value) / error) if value else _PART
+        part = min(1.0, _SMALL_CHANGE * abs(value) / error) if value else _SMALL_PART
         changes.append((part, part * error))
     return changes
 
@@ -395,9 +399,7 @@ class ErrorPropagation:
         parts: Sequence[float] = (),
         rounding: float = _ROUNDING,
     ) -> None:
-        """Prepare a propagation, to which no result is known to lack its error; the arguments are
-        the attributes.
-        """
+        """Keep the arguments, which are the attributes. No name is in ``lacking`` yet."""
         self.names = names
         self.pairs = pairs
         self.correlations = correlations
@@ -421,7 +423,9 @@ class ErrorPropagation:
         """
         names = [name_keys(keys) for keys, _ in scene.errors]
         parts = [part for part, _ in _list_small_changes(scene)]
-        return cls(names, pairs, make_matrix(names, scene.correlations), parts, _ROUNDING_OF_SMALL)
+        return cls(
+            names, pairs, make_matrix(names, scene.correlations), parts, _ROUNDING_OF_SMALL_CHANGES
+        )
 
     def find(
         self, name: str, value: Any, sampling: Any = None, unit: str = ""
@@ -465,8 +469,8 @@ class ErrorPropagation:
     def find_along(self, columns: Mapping[str, Any], along: str) -> dict[str, Array]:
         """Return the standard errors, by name, of those of the ``columns`` of a table, arrays (n,)
         by name, that the parameters change. Where rows lie ``along`` one of the columns, such as a
-        time, the other columns are compared at its values, and it has no errors itself; ``along``
-        is empty otherwise.
+        time, the other columns are compared at its values, and it has no errors itself; n is then
+        at least 1. Otherwise ``along`` is empty.
         """
         propagation = self
         if along:
@@ -483,25 +487,25 @@ class ErrorPropagation:
         """Return the same propagation with ``change(results)`` in place of the results of each
         shifted scene. Both add to the same ``lacking`` names.
         """
-        changed = copy(self)
-        changed.pairs = [(change(lower), change(upper)) for lower, upper in self.pairs]
-        return changed
+        propagation = copy(self)
+        propagation.pairs = [(change(lower), change(upper)) for lower, upper in self.pairs]
+        return propagation
 
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
         for each name the parameter that gives most of its error. An entry NAME_error among the
-        ``numbers`` is the error of sampling of NAME. Numbers on which no parameter acts are left
-        out.
+        ``numbers`` is the error of sampling of NAME. Numbers without an error that
+        :meth:`find` knows are left out.
         """
         errors: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for name, value in numbers.items():
-            if name.endswith(_ERROR):
+            if name.endswith(_ERROR_ENDING):
                 continue
-            errors_and_parameter = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
+            errors_and_parameter = self.find(name, value, numbers.get(f"{name}{_ERROR_ENDING}"))
             if errors_and_parameter is not None:
                 errors_of_value, parameter = errors_and_parameter
-                errors[f"{name}{_ERROR}"] = errors_of_value.tolist()
+                errors[f"{name}{_ERROR_ENDING}"] = errors_of_value.tolist()
                 sources[name] = parameter
         return errors | {"errors_from": sources}
 
@@ -513,17 +517,17 @@ class ErrorPropagation:
         Densities of states have errors at the frequencies of the ``dataset``. Errors of peaks of a
         response, and of waves of an edge, are nan as :meth:`_leave_out_changed` says.
         """
-        added = {}
+        error_variables = {}
         propagation = self
-        if _OF_NODES in dataset:
+        if _NODE_FREQUENCIES in dataset:
             propagation = self._change_results(
                 lambda results: _resample_densities(results, dataset)
             )
         for name, variable in dataset.data_vars.items():
             is_asked = names is None or name in names
-            if not is_asked or str(name).endswith(_ERROR) or name == _OF_NODES:
+            if not is_asked or str(name).endswith(_ERROR_ENDING) or name == _NODE_FREQUENCIES:
                 continue
-            sampling = dataset.get(f"{name}{_ERROR}")
+            sampling = dataset.get(f"{name}{_ERROR_ENDING}")
             sampling_errors = None if sampling is None else sampling.values
             unit = str(variable.attrs.get("units", ""))
             errors_and_parameter = propagation.find(
@@ -534,8 +538,8 @@ class ErrorPropagation:
                 attributes = {"units": unit} if unit else {}
                 attributes["mostly_from"] = parameter
                 errors = self._leave_out_changed(errors, dataset, str(name))
-                added[f"{name}{_ERROR}"] = (variable.dims, errors, attributes)
-        return dataset.assign(added)
+                error_variables[f"{name}{_ERROR_ENDING}"] = (variable.dims, errors, attributes)
+        return dataset.assign(error_variables)
 
     def _leave_out_changed(self, errors: Array, dataset: Dataset, name: str) -> Array:
         """Return the ``errors`` of the variable ``name`` of the ``dataset``. Those of peaks and of
@@ -544,7 +548,9 @@ class ErrorPropagation:
         other variables are returned unchanged.
         """
         variable = dataset[name]
-        name_of_frequencies = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
+        name_of_frequencies = (
+            _FREQUENCIES_OF_RANKS.get(str(variable.dims[-1])) if variable.dims else None
+        )
         if name_of_frequencies is None:
             return errors
         known_errors = np.where(self._find_same(dataset, name_of_frequencies), errors, np.nan)
@@ -571,7 +577,7 @@ class ErrorPropagation:
             lower, upper = (_pad_ranks(results[name].values, base.shape[-1]) for results in pair)
             second_difference = np.abs(upper + lower - 2.0 * base)
             # nan of ranks without a peak or wave is no jump
-            is_same &= ~(second_difference > _JUMP * np.abs(base))
+            is_same &= ~(second_difference > _GREATEST_SECOND_DIFFERENCE * np.abs(base))
         return is_same
 
 
@@ -624,22 +630,24 @@ def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
     frequencies of ``base``, the data set of the scene itself; nan beyond the frequencies of the
     shifted scene. A data set without densities is returned as it is.
     """
-    if _OF_NODES not in results:
+    if _NODE_FREQUENCIES not in results:
         return results
-    base_frequencies = base[_OF_NODES].values  # (..., n)
-    frequencies = results[_OF_NODES].values  # (..., m)
-    changed = {}
+    base_frequencies = base[_NODE_FREQUENCIES].values  # (..., n)
+    frequencies = results[_NODE_FREQUENCIES].values  # (..., m)
+    resampled_variables = {}
     for name, variable in results.data_vars.items():
-        if _NODE in variable.dims and name != _OF_NODES:
+        if _NODE_DIMENSION in variable.dims and name != _NODE_FREQUENCIES:
             values = variable.values
             densities = np.full(base_frequencies.shape, np.nan)
             for state in np.ndindex(base_frequencies.shape[:-1]):
-                columns = {_OF_NODES: frequencies[state], str(name): values[state]}
-                resampled = _resample(columns, _OF_NODES, base_frequencies[state])
+                columns = {_NODE_FREQUENCIES: frequencies[state], str(name): values[state]}
+                resampled = _resample(columns, _NODE_FREQUENCIES, base_frequencies[state])
                 densities[state] = resampled[str(name)]
-            changed[name] = (base[_OF_NODES].dims, densities, variable.attrs)
+            resampled_variables[name] = (base[_NODE_FREQUENCIES].dims, densities, variable.attrs)
     return (
-        results.drop_vars([_OF_NODES, *changed]).drop_dims(_NODE, errors="ignore").assign(changed)
+        results.drop_vars([_NODE_FREQUENCIES, *resampled_variables])
+        .drop_dims(_NODE_DIMENSION, errors="ignore")
+        .assign(resampled_variables)
     )
 
 
@@ -654,7 +662,7 @@ def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:
     """
     numbers = _as_numbers(value)
     dims = getattr(value, "dims", ())
-    if numbers is None or not dims or dims[-1] not in _RANKED:
+    if numbers is None or not dims or dims[-1] not in _FREQUENCIES_OF_RANKS:
         return numbers
     return _pad_ranks(numbers, shape[-1])
 
@@ -663,8 +671,8 @@ def _pad_ranks(numbers: Array, length: int) -> Array:
     """Return ``numbers`` with a last dimension of this ``length``: it is cut there, or goes on with
     nan.
     """
-    missing = max(0, length - numbers.shape[-1])
-    widths = [(0, 0)] * (numbers.ndim - 1) + [(0, missing)]
+    n_missing = max(0, length - numbers.shape[-1])
+    widths = [(0, 0)] * (numbers.ndim - 1) + [(0, n_missing)]
     return np.pad(numbers, widths, constant_values=np.nan)[..., :length]
 
 
@@ -684,17 +692,17 @@ def _write(scene: Any) -> dict[str, Any]:
 
     Masses and moments of inertia are left out where they follow from the density and the diameter
     of a solid ball: where a density or diameter is shifted, the mass and the inertia are to follow.
-    Values are lists where the path of a standard error leads into a list.
+    Values are lists where the path of a standard error leads into a list, see :func:`_write_lists`.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))
     blocks.pop("correlations", None)
     kinds = scene.packing.kinds if scene.packing.kind_names else ()
-    uncertain = dict(scene.errors)
+    error_of_path = dict(scene.errors)
     for kind, ball in kinds:
         solid = Ball(ball.material, ball.diameter)
         for name in ("mass", "inertia"):
             path = ("balls", kind, name)
-            if getattr(ball, name) == getattr(solid, name) and path not in uncertain:
+            if getattr(ball, name) == getattr(solid, name) and path not in error_of_path:
                 blocks["balls"][kind].pop(name, None)
     _write_lists(scene, blocks)
     return blocks
@@ -704,6 +712,7 @@ def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
     """Replace in ``blocks``, in place, each value that has an error at an index in the file by a
     list, so that the path of the error leads into the list. :func:`write_blocks` writes a list of
     one value as the value itself, values that are evenly spaced as a range, and vectors as tuples.
+    Other entries, to which no path of an error leads, are left.
     """
     for (*path_of_list, key), _ in scene.errors:
         if not isinstance(key, int):
@@ -712,7 +721,7 @@ def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
             entry = _look_up(blocks, path_of_list[:depth])
             if isinstance(entry, tuple):
                 _replace(blocks, path_of_list[:depth], list(entry))
-            elif isinstance(entry, Mapping) and depth == len(path_of_list):
+            elif isinstance(entry, Mapping) and "points" in entry and depth == len(path_of_list):
                 _replace(blocks, path_of_list, _list_range(entry))
             elif isinstance(entry, str | float) and depth == len(path_of_list):
                 _replace(blocks, path_of_list, [entry])
@@ -735,6 +744,8 @@ def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:
     """
     entry = blocks
     for key in keys:
+        if isinstance(entry, str):
+            return None  # a text is not a list of letters
         try:
             entry = entry[key]
         except (KeyError, IndexError, TypeError):
@@ -743,7 +754,9 @@ def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:
 
 
 def _replace(blocks: Any, keys: Sequence[str | int], entry: Any) -> None:
-    """Put an ``entry`` into ``blocks`` at the path ``keys``, in place."""
+    """Put an ``entry`` into ``blocks`` at the path ``keys``, in place. The path must lead to an
+    entry, and the last mapping or list on it must not be a tuple.
+    """
     _look_up(blocks, keys[:-1])[keys[-1]] = entry
 
 
@@ -752,7 +765,7 @@ def _split_plain(plain: Any, keys: Keys) -> tuple[float, str]:
     without unit. Refused, at its path ``keys``, for a whole number and for anything else.
     """
     is_whole = isinstance(plain, int) and not isinstance(plain, bool)
-    match = _VALUE.fullmatch(str(plain)) if isinstance(plain, str | float) else None
+    match = _QUANTITY.fullmatch(str(plain)) if isinstance(plain, str | float) else None
     if match is None:
         found = "a standard error of a whole number" if is_whole else "a standard error"
         raise Refused(found, "those of quantities that are written alone", path=keys)

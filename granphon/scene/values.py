@@ -19,7 +19,7 @@ from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings, read_block
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, show, spell
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, require_path, show, spell
 from granphon.base.validation import read_inside, require, text
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.medium import CRYSTAL
@@ -56,9 +56,9 @@ if TYPE_CHECKING:
     from granphon.media.network_file import NetworkFiles
 
 #: settings of a spectrum whose values are all defaults
-_SPECTRUM = SpectrumSettings()
+_DEFAULT_SPECTRUM = SpectrumSettings()
 #: the keys in a file by whose rules attributes of a scene are checked
-_CHECKED = {
+_KEYS_OF_RULES = {
     "media": file_keys.MEDIUM,
     "finite_overlap": file_keys.PACKING["finite_overlap"],
     "observe": file_keys.OBSERVE,
@@ -66,12 +66,12 @@ _CHECKED = {
     "direction": file_keys.DIRECTION,
     "correlations": file_keys.CORRELATIONS,
 }
-#: those of these attributes that may be None
-_MAY_BE_NONE = frozenset({"direction", "dim"})
-#: words for the losses and walls that a sweep may vary
-_ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
+#: those of these attributes that may be None, which no rule reads
+_ATTRIBUTES_WITHOUT_VALUE = frozenset({"direction", "dim"})
+#: words for the losses and walls that a sweep may vary, in the refusal of others
+_WORDS_FOR_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
-_MOST_DESCRIBED = 4
+_MOST_DIRECTIONS = 4
 #: limit of the number of cells along each period up to which the smallest supercell is sought
 _MOST_CELLS = 100
 
@@ -115,7 +115,7 @@ class SceneValues:
     mesh: tuple[int, ...] = ()  # the default of the lattice
     dim: tuple[int, ...] | None = None
     surface: SurfaceSettings | None = None
-    spectrum: SpectrumSettings = _SPECTRUM
+    spectrum: SpectrumSettings = _DEFAULT_SPECTRUM
     pulse: PulseSettings | None = None
     response: ResponseSettings | None = None
     motion: MotionSettings | None = None
@@ -138,6 +138,7 @@ class SceneValues:
         that is not allowed.
         """
         self._settle_balls_and_load()
+        self._settle_source()
         lattice = self._settle_parameters()
         context = Context(lattice, written=False)
         self._settle_single_values(context)
@@ -167,17 +168,27 @@ class SceneValues:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
 
+    def _settle_source(self) -> None:
+        """Set the path of the file of the scene, if one is given; InputError for what is no
+        path.
+        """
+        if self.source is not None:
+            require_path(self.source)
+            self._assign("source", Path(self.source))
+
     def _settle_parameters(self) -> Lattice:
         """Set the swept parameters, and return the lattice to which other values refer. If the
         swept lattices have another number of periods than the lattice of the packing, or lie in
         another dimension, the packing is set on the first of the swept ones. InputError for a name
-        or a value that no parameter has.
+        or a value that no parameter has, and for a name that is given twice.
         """
-        parameters = dict(_read_pairs("parameters", self.parameters))
-        for name in parameters:
-            require("the name of a parameter", text, name)
-        axes = tuple(Axis.of(name, values) for name, values in parameters.items())
-        self._assign("parameters", tuple((axis.name, axis.values) for axis in axes))
+        axes: dict[str, Axis] = {}
+        for given_name, values in _read_pairs("parameters", self.parameters):
+            name = require("the name of a parameter", text, given_name)
+            if name in axes:
+                raise InputError(f"{name} is swept twice", mend="Give all its values in one list")
+            axes[name] = Axis.of(name, values)
+        self._assign("parameters", tuple((axis.name, axis.values) for axis in axes.values()))
         lattices = dict(self.parameters).get("lattice", ())
         lattice = file_keys.choose_lattice(self.packing.structure, lattices)
         if lattice != self.packing.structure:
@@ -192,28 +203,39 @@ class SceneValues:
             self._assign("mesh", MESHES[context.lattice.periods - 1])
         if _is_left_out(self.media):
             self._assign("media", default_medium(self.packing, self.balls_differ))
-        for name, declared in _CHECKED.items():
+        for name, declared in _KEYS_OF_RULES.items():
             value = getattr(self, name)
-            if value is not None or name not in _MAY_BE_NONE:
+            if value is not None or name not in _ATTRIBUTES_WITHOUT_VALUE:
                 self._assign(name, require(name, declared.kind.rule(context), value))
 
     def _settle_path(self, lattice: Lattice) -> None:
-        """Set the default path of the bands if none is given.
+        """Set the default path of the bands if none is given; InputError for a given one that is no
+        :class:`~granphon.BandPath`.
 
         A scene that observes no bands and no spectrum has the path of a ``lattice`` in the plane
         alone. On a chain and in space ``band`` stays None: ASE, which knows the paths in space, is
         asked only if a path is needed.
         """
-        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
-        if self.band is None and has_path:
+        band: Any = self.band
+        if band is not None:
+            if not isinstance(band, BandPath):
+                mend = "Give a granphon.BandPath, as BandPath.parse returns"
+                raise InputError(f"band is {brief(band)}", mend=mend)
+            return
+        needs_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
+        if needs_path:
             is_of_waves = self.packing.is_network and "bands" not in self.observe
             path = _find_wave_path(self.packing) if is_of_waves else BandPath.default(lattice)
             self._assign("band", path)
 
     def _settle_blocks(self, context: Context) -> None:
-        """Set the settings of each block, from settings or from mappings. Modes are observed with
-        default settings if none are given. Refused for a wall of a kind that there is not.
+        """Set the settings of each block, from settings or from mappings. Modes that are observed,
+        and a spectrum, have default settings if none are given. Refused or InputError for settings
+        that the block cannot have, such as a wall of a kind that there is not.
         """
+        spectrum: Any = self.spectrum
+        if spectrum is None:
+            self._assign("spectrum", _DEFAULT_SPECTRUM)
         if self.modes is None and "modes" in self.observe:
             self._assign("modes", ModesSettings())
         for block, settings in SETTINGS.items():
@@ -221,7 +243,7 @@ class SceneValues:
             if value is not None:
                 rule = partial(read_block, settings, context=context)
                 self._assign(block, require(block, rule, value))
-            self.observed_settings(block)  # which refuses such a wall
+            self.observed_settings(block)  # refuses such a wall
 
     def _settle_errors(self) -> None:
         """Set the standard errors, SI, and their correlations. Refused or InputError for errors
@@ -252,8 +274,8 @@ class SceneValues:
 
     @property
     def balls_differ(self) -> bool:
-        """Whether the diameters of the balls differ, or differ in a sweep over "width" or
-        "spread".
+        """Whether the diameters of the balls differ, or a sweep over "width" or "spread" says how
+        they do.
         """
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
@@ -328,8 +350,9 @@ class SceneValues:
         return document
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of the settings of the scene, of many directions the
-        first and the number of the others; no state is computed.
+        """Return names, values and SI units of the settings of the scene, of more than four
+        directions of sound the first four and the number of the others; no state is computed. The
+        components of a stress or strain are multiples of the load, in the unit "of that".
         """
         # imported here: a run does not need words for figures
         from granphon.figures.words import describe_medium
@@ -364,12 +387,14 @@ class SceneValues:
         return [(name, value, unit) for name, value, unit in rows if value is not None]
 
     def _describe_directions(self) -> list[tuple[str, Any, str]]:
-        """Return rows (name, value, unit) of the directions of sound, of many the first and the
-        number of the others; directions have no unit.
+        """Return rows (name, value, unit) of the directions of sound, of more than
+        ``_MOST_DIRECTIONS`` the first and the number of the others; directions have no unit.
         """
-        described = self.directions[:_MOST_DESCRIBED]
-        rows: list[tuple[str, Any, str]] = [("direction", direction, "") for direction in described]
-        n_others = len(self.directions) - len(described)
+        first_directions = self.directions[:_MOST_DIRECTIONS]
+        rows: list[tuple[str, Any, str]] = [
+            ("direction", direction, "") for direction in first_directions
+        ]
+        n_others = len(self.directions) - len(first_directions)
         if n_others:
             rows.append(("further directions", n_others, ""))
         return rows
@@ -416,7 +441,7 @@ class SceneValues:
         """Return every reason for which long waves, or their sensitivities, cannot be observed,
         whether or not it holds in this scene.
         """
-        held = Conflict(
+        velocities_of_held = Conflict(
             "velocities",
             self.packing.is_held or not HOLDING_PARAMETERS.isdisjoint(dict(self.parameters)),
             "of balls that are held",
@@ -425,9 +450,9 @@ class SceneValues:
             " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
         has_frequencies = not file_keys.DIFFERENTIATED_OBSERVABLES.isdisjoint(self.observe)
-        sensitivities_of_held = held._replace(
+        sensitivities_of_held = velocities_of_held._replace(
             name="sensitivities",
-            holds=held.holds and not has_frequencies,
+            holds=velocities_of_held.holds and not has_frequencies,
             allowed="cutoffs beside sensitivities of these",
             mend="Derivatives are those of long waves, which these lack, and of what is observed"
             " beside them: write observe: [sensitivities, cutoffs].",
@@ -440,14 +465,14 @@ class SceneValues:
             "Files have no parameters to change: gp.Phonons(network).sensitivities has"
             " derivatives by each contact and ball.",
         )
-        return [held, sensitivities_of_held, sensitivities_of_files]
+        return [velocities_of_held, sensitivities_of_held, sensitivities_of_files]
 
     def _list_conflicts(self) -> list[Conflict]:
         """Return every reason for which an observable cannot be observed, whether or not it holds
         in this scene.
         """
         first_block = next(iter(NETWORK_BLOCKS))
-        without_period = [
+        conflicts_without_period = [
             Conflict(
                 name,
                 not self.packing.repeats,
@@ -475,7 +500,7 @@ class SceneValues:
         return [
             *self._list_conflicts_of_sound(),
             onsets,
-            *without_period,
+            *conflicts_without_period,
             *self._list_conflicts_of_surface(),
             pulse,
             *self._list_conflicts_of_networks(),
@@ -516,7 +541,7 @@ class SceneValues:
         """Return the reasons for which what the blocks of networks ask for, such as a response, a
         motion or modes, cannot be observed, whether or not they hold in this scene.
         """
-        without_settings = [
+        conflicts_without_settings = [
             Conflict(
                 name,
                 getattr(self, name) is None,
@@ -526,7 +551,7 @@ class SceneValues:
             )
             for name in NETWORK_BLOCKS
         ]
-        of_mixed_media = [
+        conflicts_of_mixed_media = [
             Conflict(
                 name,
                 len({choice.simulates for choice in self.media}) > 1,
@@ -536,7 +561,7 @@ class SceneValues:
             )
             for name in NETWORK_BLOCKS
         ]
-        return without_settings + of_mixed_media
+        return conflicts_without_settings + conflicts_of_mixed_media
 
     def _list_conflicts_of_bands(self) -> list[Conflict]:
         """Return the reasons for which bands cannot be observed, whether or not they hold in this
@@ -562,7 +587,8 @@ class SceneValues:
 
     def _require_arrays(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the scene observes waves that only
-        simulated arrays have, and a medium makes no array, or spectra do not fit into one array.
+        simulated arrays have, and a medium makes no array, or the spectra of the arrays of all
+        states do not fit into one table.
         """
         names = [
             name for name in WAVES if name in self.observe and is_of_arrays_alone(name, self.swept)
@@ -572,8 +598,8 @@ class SceneValues:
             names = [name for name in names if name == "dos"]
         if not names:
             return
-        kinds = "one state, or of arrays" if names == ["dos"] else "arrays"
-        allowed = f"{', '.join(names)} of {kinds} that a medium: simulation makes"
+        owners = "one state, or of arrays" if names == ["dos"] else "arrays"
+        allowed = f"{', '.join(names)} of {owners} that a medium: simulation makes"
         with file_keys.refusing(names[0], allowed, "observe"):
             require_arrays(self.media, self.packing.structure, dict(self.parameters), names)
 
@@ -621,11 +647,11 @@ class SceneValues:
         if not isinstance(self.packing, Arrangement):
             return settings
         kinds = find_kinds(self.packing)
-        unknown = sorted(settings.kinds_of_walls - set(kinds))
-        if unknown:
+        unknown_kinds = sorted(settings.kinds_of_walls - set(kinds))
+        if unknown_kinds:
             path = (settings.block, settings.key_of_edges)
             allowed = f"a wall of a material, or of that of a kind of balls: {', '.join(kinds)}"
-            raise Refused(repr(unknown[0]), allowed, path=path)
+            raise Refused(repr(unknown_kinds[0]), allowed, path=path)
         names_in_crystal = self.packing.kind_names
         return settings.with_materials(
             {name: ball for name, ball in kinds.items() if name not in names_in_crystal}
@@ -641,21 +667,8 @@ class SceneValues:
         self._require_media()
         self._require_arrays()
         self._require_swept()
-        for conflict in self._list_conflicts():
-            if conflict.name in self.observe and conflict.holds:
-                found = f"{conflict.name!r} {conflict.problem}"
-                raise Refused(found, conflict.allowed, conflict.mend, ("observe",))
-        if "design" in self.observe:
-            require_variables(self)
-        surface = self.observed_settings("surface")
-        if surface is not None:
-            allowed = "an axis across which the balls repeat"
-            with file_keys.refusing(surface.axis, allowed, "surface", "axis"):
-                Layers.across(surface.axis, structure.vectors)
-        if self.response is not None:
-            _require_planes(self.response)
-        if self.motion is not None:
-            _require_limits(self.motion, dict(self.parameters))
+        self._require_observable()
+        self._require_settings()
         if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if given_path is not None:
@@ -665,6 +678,31 @@ class SceneValues:
         if self.load.kind == "side_force" and structure != TRIANGULAR:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
+
+    def _require_observable(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` for the first reason for which an observable
+        of the scene cannot be observed.
+        """
+        for conflict in self._list_conflicts():
+            if conflict.name in self.observe and conflict.holds:
+                found = f"{conflict.name!r} {conflict.problem}"
+                raise Refused(found, conflict.allowed, conflict.mend, ("observe",))
+
+    def _require_settings(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` for settings of a block that these balls
+        cannot have, or that exclude each other.
+        """
+        if "design" in self.observe:
+            require_variables(self)
+        surface = self.observed_settings("surface")
+        if surface is not None:
+            allowed = "an axis across which the balls repeat"
+            with file_keys.refusing(surface.axis, allowed, "surface", "axis"):
+                Layers.across(surface.axis, self.packing.structure.vectors)
+        if self.response is not None:
+            _require_planes(self.response)
+        if self.motion is not None:
+            _require_limits(self.motion, dict(self.parameters))
 
     def _require_media(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` for a medium that these balls cannot have,
@@ -685,11 +723,11 @@ class SceneValues:
             return
         from granphon.media.arrangement import find_kinds  # other scenes have no kinds
 
-        observed = [self.observed_settings(block) for block in WAVE_BLOCKS]
+        settings_of_blocks = [self.observed_settings(block) for block in WAVE_BLOCKS]
         for name, _ in self.parameters:
-            with file_keys.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
-                require_losses([name], observed)
-                require_walls([name], observed, find_kinds(self.packing))
+            with file_keys.refusing(name, _WORDS_FOR_SWEEP, "sweep"):
+                require_losses([name], settings_of_blocks)
+                require_walls([name], settings_of_blocks, find_kinds(self.packing))
 
     def _require_supercell(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the supercell is so small that two of its
@@ -701,8 +739,8 @@ class SceneValues:
         if self.dim is None or touch_once(self.dim):
             return
         supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
-        smallest = next(supercell for supercell in supercells if touch_once(supercell))
-        allowed = f"{file_keys.write_grid(smallest)} or more"
+        smallest_supercell = next(supercell for supercell in supercells if touch_once(supercell))
+        allowed = f"{file_keys.write_grid(smallest_supercell)} or more"
         raise Refused(file_keys.write_grid(self.dim), allowed, path=("phonopy", "dim"))
 
 
@@ -711,8 +749,8 @@ def _require_planes(settings: ResponseSettings) -> None:
     ``settings`` give and that has no use (:func:`~granphon.waves.sensors.find_unused`): a distance
     where no plane is heard, a direction or polarisation where no plane is driven or heard.
     """
-    given = {name: getattr(settings, name) for name in KEYS_OF_PLANES}
-    name = find_unused(settings.source, settings.receiver, given)
+    given_values = {name: getattr(settings, name) for name in KEYS_OF_PLANES}
+    name = find_unused(settings.source, settings.receiver, given_values)
     if not name:
         return
     path = ("response", name)
@@ -782,14 +820,23 @@ def _read_pairs(name: str, value: Any) -> tuple[tuple[Any, Any], ...]:
 
 
 def _require_paths(errors: Sequence[tuple[Any, Any]]) -> None:
-    """Raise InputError unless the first of each pair in ``errors`` is a path in a scene file: keys,
-    and indices in lists.
+    """Raise InputError unless the first of each pair in ``errors`` is a path in a scene file, keys
+    and indices in lists from zero, and each path is given once.
     """
+    paths = set()
     for path, _ in errors:
-        is_path = isinstance(path, tuple) and all(isinstance(key, str | int) for key in path)
-        if not is_path or not path:
+        if not isinstance(path, tuple) or not path or not all(map(_is_key, path)):
             mend = 'Give the keys that lead to the quantity, as ("material", "young_modulus")'
             raise InputError(f"errors has the path {brief(path)}", mend=mend)
+        if path in paths:
+            raise InputError(f"errors has the path {brief(path)} twice", mend="Give each one once")
+        paths.add(path)
+
+
+def _is_key(key: object) -> bool:
+    """Whether ``key`` is a key of a mapping in a scene file, or an index of a list, from zero."""
+    is_index = isinstance(key, int) and not isinstance(key, bool) and key >= 0
+    return is_index or isinstance(key, str)
 
 
 def _find_wave_path(packing: Any) -> BandPath:

@@ -18,7 +18,7 @@ from granphon.base.validation import finite_array, whole_number
 from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.lowest_modes import size_block
 from granphon.waves.lowest import find_lowest
-from granphon.waves.modes import DENSE, ZERO, find_allowed_fall
+from granphon.waves.modes import MOST_DENSE_MOTIONS, ZERO, find_allowed_fall
 from granphon.waves.operator import WaveOperator, explain_instability
 
 
@@ -29,8 +29,8 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     Raises what :func:`read_count` and :func:`read_wavevectors` raise;
     :class:`~granphon.base.errors.InstabilityError` at the first wave vector at which a squared
     frequency is below zero; and :class:`~granphon.base.errors.ConvergenceError` if the branches of
-    a large network are not found. Networks with static tangential forces have no such instability
-    (:func:`_require_stable`): their squared frequencies below zero are returned as zero.
+    a large network are not found. In networks with static tangential forces no square raises an
+    error (:func:`_require_stable`): squares below zero are returned as frequencies of zero.
     """
     count = read_count(operator, count)
     wavevectors = read_wavevectors(operator, q)
@@ -38,7 +38,7 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     squares = np.empty((len(wavevectors), count))
     for row, wavevector in zip(squares, wavevectors, strict=True):
         matrix = operator.at_wavevector(wavevector)
-        if size <= DENSE:
+        if size <= MOST_DENSE_MOTIONS:
             row[:] = np.linalg.eigvalsh(matrix.toarray())[:count]
         else:
             row[:] = find_lowest(operator, matrix, count, q=wavevector).values
@@ -51,14 +51,14 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
 def read_count(operator: WaveOperator, count: int) -> int:
     """Return the number of branches that ``count`` gives.
 
-    Raises :class:`~granphon.base.errors.InputError` for a number that is not whole or below 1, for
-    more branches than there are, and for more than the block of vectors of a large network can
-    find, about a third.
+    Raises :class:`~granphon.base.errors.InputError` for what is no whole number, 1 or more; for
+    more branches than there are; and for more than the block of vectors of a large network can
+    find, about a third of all.
     """
     count = whole_number("count", count, 1)
     size = operator.size
     # an iteration of the block has a space of three blocks: vectors, residuals and last changes
-    exceeds_space = size > DENSE and 3 * size_block(count) > size
+    exceeds_space = size > MOST_DENSE_MOTIONS and 3 * size_block(count) > size
     if count > size or exceeds_space:
         fault = f"{counted(count, 'branch is', 'branches are')} asked for, of {size:,}"
         raise InputError(fault, "Only the lowest ones are found", "Ask for fewer")
@@ -67,7 +67,8 @@ def read_count(operator: WaveOperator, count: int) -> int:
 
 def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
     """Return the wave vectors (n_q, p), in fractions of the reciprocal cell, that ``q`` (n_q, p) or
-    (p,) gives; p is the number of axes along which the network repeats.
+    (p,) gives; p is the number of axes along which the network repeats. If p is 1, a number is one
+    wave vector.
 
     Raises :class:`~granphon.base.errors.InputError` for ``q`` of another shape, without a wave
     vector or not finite, and for a network that does not repeat; and

@@ -19,6 +19,7 @@ deviation in theta is pi / 2M with M moments.
 
 from __future__ import annotations
 
+import decimal
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -48,6 +49,8 @@ _ROUNDING = 1e-12
 #: most bytes of vectors that a result keeps, so that more moments go on from these vectors; a
 #: result whose vectors would take more keeps none, and for more moments begins the recursion again
 _MOST_KEPT_BYTES = 2**28
+#: digits of a resolution in a message
+_N_DIGITS = 3
 #: share by which rounding may raise a moment above that of order zero, and the norm of T_n x above
 #: that of x; greater ones have a squared frequency below zero
 GROWTH = 1e-6
@@ -88,20 +91,18 @@ class Kernel:
         # the resolution of M moments is pi top / 2M
         least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if least_count > _MOST_MOMENTS:
-            fault = (
-                f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
-                f" go up to {top:g} Hz"
-            )
+            finest_resolution = _round(cls(top, _MOST_MOMENTS).resolution, decimal.ROUND_CEILING)
             raise InputError(
-                fault, mend=f"Give {math.pi * top / (2.0 * _MOST_MOMENTS):.3g} Hz or more"
+                f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
+                f" go up to {top:g} Hz",
+                mend=f"Give {finest_resolution:g} Hz or more",
             )
         if least_count < _LEAST_MOMENTS:
-            fault = (
-                f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
-                f" {top:g} Hz"
-            )
+            coarsest_resolution = _round(cls(top, _LEAST_MOMENTS).resolution, decimal.ROUND_FLOOR)
             raise InputError(
-                fault, mend=f"Give {math.pi * top / (2.0 * _LEAST_MOMENTS):.3g} Hz or less"
+                f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
+                f" {top:g} Hz",
+                mend=f"Give {coarsest_resolution:g} Hz or less",
             )
         # a whole number that rounding lifted a little is not rounded up to the next one
         return cls(top, math.ceil(least_count * (1.0 - _ROUNDING)))
@@ -193,12 +194,20 @@ class Kernel:
             raise InputError(fault, mend="Compute the spectrum again")
 
 
+def _round(resolution: float, rounding: str) -> float:
+    """Return a ``resolution`` to :data:`_N_DIGITS` significant digits, by a ``rounding`` of
+    :mod:`decimal`.
+    """
+    context = decimal.Context(_N_DIGITS, rounding)
+    return float(context.create_decimal_from_float(resolution))
+
+
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is ``start``, a vector
     (size,) or m vectors (size, m).
 
-    Each array that is yielded holds its numbers until the next array has been computed from it, and
-    is then overwritten: a caller that needs the numbers for longer copies them.
+    Each array that is yielded holds its numbers until the next array has been yielded, and may then
+    be overwritten: a caller that needs the numbers for longer copies them.
     """
     previous = np.array(start, float)
     yield previous
@@ -230,17 +239,21 @@ class Moments:
     ----------
     operator : D.
     starts : functions that make the vectors x, (size,) each.
-    keep : whether to keep the last two vectors T_n x of each recursion, so that a request for more
-        moments goes on from these vectors. Without them the recursion begins again; the moments are
-        the same to the last bit.
+    is_kept : whether the last two vectors T_n x of each recursion are kept, so that a request for
+        more moments goes on from these vectors. Without them the recursion begins again; the
+        moments are the same to the last bit.
     """
 
     def __init__(
-        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], *, keep: bool = False
+        self,
+        operator: WaveOperator,
+        starts: Sequence[Callable[[], Array]],
+        *,
+        is_kept: bool = False,
     ) -> None:
         block_size = operator.vectors_at_once
         self._recursions = [
-            _Recursion(operator, starts[first : first + block_size], keep)
+            _Recursion(operator, starts[first : first + block_size], is_kept)
             for first in range(0, len(starts), block_size)
         ]
 
@@ -260,11 +273,11 @@ class _Recursion:
     """
 
     def __init__(
-        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], keep: bool
+        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], is_kept: bool
     ) -> None:
         self._operator = operator
         self._starts = starts
-        self._keep = keep
+        self._is_kept = is_kept
         self._moments: list[Array] = []  # of each order, those of all vectors, (m,)
         self._vectors: Iterator[Array] | None = None  # yields T_n x; None before it has begun
         self._last: Array | None = None  # the T_n x that was yielded last
@@ -287,7 +300,7 @@ class _Recursion:
         while len(moments) < count:
             self._add_two()
             step.advance(len(self._starts))
-        if not self._keep:
+        if not self._is_kept:
             self._vectors = None
             self._last = None
         return np.array(moments[:count]).T
@@ -392,7 +405,10 @@ class Refinable(Result):
         return self._require_finder()(Kernel.of(self.top, moments=moments).moments)
 
     def with_resolution(self, resolution: float) -> Self:
-        """Return the result whose resolution is at least as fine as ``resolution``, Hz, above zero;
-        what :meth:`with_moments` says of moments and of errors is true here too.
+        """Return the result whose resolution is at least as fine as ``resolution``, Hz, with the
+        fewest moments; see :meth:`with_moments`.
+
+        Raises :class:`~granphon.base.errors.InputError` if this result was read from data, and for
+        a resolution that is not above zero, or takes too many moments or fewer than four.
         """
         return self._require_finder()(Kernel.of(self.top, resolution).moments)

@@ -32,7 +32,7 @@ _LOCAL_BYTES = 40.0
 MOST_MOMENTS = 2**26
 #: distance from frequency zero, in resolutions, from which the broadened line of modes without
 #: energy is no longer seen
-_BEYOND_ZERO = 4.0
+_ZERO_WIDTH = 4.0
 #: most modes times moments that are computed together
 _BLOCK = 2**22
 
@@ -192,13 +192,13 @@ class SpectralDensity(Refinable):
         """The frequency, Hz, of the greatest :attr:`reduced` density, where modes exceed those of
         sound most.
 
-        Only frequencies above four times the resolution count, as modes without energy make a line
-        of this width at zero. The peak is nan if the reduced density is greatest at the first of
-        these frequencies, or if there are no such frequencies.
+        Only frequencies from four times the resolution on count, as modes without energy make a
+        line of this width at zero. The peak is nan if the reduced density is greatest at the first
+        of these frequencies, or if there are no such frequencies.
         """
-        start = int(np.searchsorted(self.frequencies, _BEYOND_ZERO * self.resolution))
-        reduced = self.reduced[start:]
-        peak = int(np.argmax(reduced)) if reduced.size else 0
+        start = int(np.searchsorted(self.frequencies, _ZERO_WIDTH * self.resolution))
+        reduced_densities = self.reduced[start:]
+        peak = int(np.argmax(reduced_densities)) if reduced_densities.size else 0
         # a maximum at the first frequency is no peak: it may be the flank of the line at zero
         return float(self.frequencies[start + peak]) if peak else math.nan
 
@@ -245,8 +245,8 @@ class DensityRequest(NamedTuple):
         """Return the request with these arguments of ``Waves.dos`` for the network of the
         ``operator``.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than
-        :data:`MOST_MOMENTS` moments of all random vectors.
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, for more than
+        :data:`MOST_MOMENTS` moments of all random vectors, and as :meth:`Kernel.of` does.
         """
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // kernel.moments)
@@ -329,15 +329,16 @@ class RandomVectors:
         # of each part of a vector, whether the part has the rotations or the translations
         self._has_rotations = (False, True) if operator.motions.rotate else (False,)
         n_parts = len(self._has_rotations)
-        self._keep = keeps_vectors(operator, vectors * n_parts)
+        self._is_kept = keeps_vectors(operator, vectors * n_parts)
         # most random vectors in a group, whose parts share products with D
         self._group_size = max(operator.vectors_at_once // n_parts, 1)
         # of each group, the number of its random vectors, and their moments
         self._groups: list[tuple[int, Moments]] = []
 
-    def _draw(self, number: int, rotations: bool) -> Array:
+    def _draw(self, number: int, has_rotations: bool) -> Array:
         """Return one part (size,) of the random vector with this ``number``: +1 or -1 by chance in
-        its ``rotations``, or else in its translations, and zero in all other motions.
+        all rotations if it ``has_rotations``, else in all translations, and zero in all other
+        motions.
         """
         operator = self._operator
         # each vector has a seed of its own, so that it does not depend on how many others are
@@ -345,7 +346,7 @@ class RandomVectors:
         seed = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
         shape = (operator.balls.size, operator.motions.count)
         signs = np.sign(uniform_numbers(shape, seed) - 0.5)
-        is_in_other_part = operator.motions.is_rotation != rotations
+        is_in_other_part = operator.motions.is_rotation != has_rotations
         signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
@@ -362,11 +363,11 @@ class RandomVectors:
             is_new = number == len(self._groups)
             if is_new or self._groups[number][0] != size:
                 draws = [
-                    partial(self._draw, vector, rotations)
+                    partial(self._draw, vector, has_rotations)
                     for vector in range(first, first + size)
-                    for rotations in self._has_rotations
+                    for has_rotations in self._has_rotations
                 ]
-                group = size, Moments(self._operator, draws, keep=self._keep)
+                group = size, Moments(self._operator, draws, is_kept=self._is_kept)
                 self._groups[number : number + 1] = [group]  # appends, or replaces
             _, group_moments = self._groups[number]
             groups.append(group_moments)

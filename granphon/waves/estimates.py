@@ -30,7 +30,7 @@ from granphon.waves.branches import read_count, read_wavevectors
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import DensityRequest
 from granphon.waves.lowest import estimate_lowest
-from granphon.waves.modes import DENSE, estimate_modes, require_countable
+from granphon.waves.modes import MOST_DENSE_MOTIONS, estimate_modes, require_countable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import PulseSource, count_products, find_frames_memory
 from granphon.waves.response import TOLERANCE, Places, ResponseOptions, ResponseWork
@@ -77,8 +77,12 @@ class WaveEstimate:
 
     def bind(self, name: str, *arguments: Any, **options: Any) -> Callable[[], Cost]:
         """Return the function that finds the cost of the result ``name``, one of :data:`FINDERS`,
-        with the ``arguments`` and ``options`` of its method. The function raises
-        :class:`~granphon.base.errors.InputError` for values that the method refuses.
+        with the ``arguments`` and ``options`` of its method.
+
+        The function raises :class:`~granphon.base.errors.InputError` for values that the method
+        refuses; :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much;
+        and :class:`~granphon.base.errors.InstabilityError` for an array that does not hold between
+        the free ends of a pulse.
 
         Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
         TypeError for arguments that the method does not have, and if some are missing.
@@ -154,7 +158,7 @@ class WaveEstimate:
         """Return the cost of a density of states; arguments are those of ``Waves.dos``."""
         operator = self.operator
         request = DensityRequest.read(operator, resolution, vectors, seed, moments)
-        if operator.size <= DENSE:
+        if operator.size <= MOST_DENSE_MOTIONS:
             return self._cost_dense("density of states")
         n_moments = request.kernel.moments
         n_starts = request.vectors * (2 if operator.motions.rotate else 1)
@@ -207,7 +211,7 @@ class WaveEstimate:
         words = (
             f"{counted(count, 'branch', 'branches')} at {counted(len(wavevectors), 'wave vector')}"
         )
-        if operator.size <= DENSE:
+        if operator.size <= MOST_DENSE_MOTIONS:
             return self._cost_dense(words, float(len(wavevectors)))
         block_size = size_block(count)
         products, memory = estimate_lowest(operator, block_size)

@@ -64,7 +64,7 @@ from granphon.waves.lowest import RESIDUAL, estimate_lowest, find_lowest
 from granphon.waves.operator import WaveOperator, explain_instability
 
 #: most motions of a network all of whose modes are found at once, by a dense matrix
-DENSE = 600
+MOST_DENSE_MOTIONS = 600
 #: frequency over the top frequency at or below which a mode counts as a zero mode, one that costs
 #: no energy
 ZERO = 1e-6
@@ -76,7 +76,7 @@ _VECTORS = 4
 #: Chebyshev moments of that density
 _MOMENTS = 512
 #: half width of a line in that density, over the standard deviation of the kernel
-_RESOLVED = 4.0
+_LINE_HALF_WIDTH = 4.0
 #: numbers of filters of a window that are tried; many filters pay where nearly all of a window has
 #: no modes
 _FILTER_COUNTS = (32, 48, 64, 96, 128, 192, 256, 384)
@@ -95,7 +95,7 @@ _WIDENING = 1.1
 #: modes that the middle of a window holds by the density of states, over those that are requested
 _HELD_PER_REQUESTED = 2
 #: fewest fresh random vectors
-_FRESH = 4
+_LEAST_FRESH_VECTORS = 4
 #: number of random vectors so far over that of the fresh ones that are filtered next
 _GROWTH = 3
 #: time of a product with D and of the sums of its vector into filters, over the time of the product
@@ -140,9 +140,9 @@ _KRYLOV_PRODUCTS = 400
 _RITZ_ERROR = 1e-5
 #: greatest rate of growth of a fall, over the top frequency, that forces left on balls at rest
 #: excuse; a network that grows faster is unstable
-_BALANCED = 1e-4
+_LARGEST_FALL = 1e-4
 #: vectors of a Krylov space beyond those that are requested
-_SPARE = 8
+_EXTRA_VECTORS = 8
 #: shifts, over top^2, that are tried where a matrix is exactly singular, as its shift is an
 #: eigenvalue
 _NUDGES = (0.0, 1e-9, -1e-7)
@@ -176,13 +176,13 @@ class Eigenpairs(NamedTuple):
 
 
 class Problem:
-    """The eigenvalue problem of D on the motions that some spring or static force acts on.
+    """The eigenvalue problem of D on its live motions: those that some spring or static force acts
+    on (:meth:`of`), or all.
 
     Attributes
     ----------
     operator : D on all motions.
-    live : (n_live,) indices of the motions that some spring or static force acts on. In shapes,
-        "live" is their number.
+    live : (n_live,) indices of the live motions, ascending. In shapes, "live" is their number.
     top : bound of all angular frequencies, rad/s.
     n_loose : number of the other motions, which nothing acts on.
     """
@@ -365,13 +365,13 @@ def find_allowed_fall(operator: WaveOperator) -> float:
     torque_squares = torque / network.inertias[balls]
     largest_square = float(np.max(force_squares + torque_squares))
     # a faster fall is no imbalance that a program leaves, but an instability
-    limit = (_BALANCED * operator.top) ** 2
+    limit = (_LARGEST_FALL * operator.top) ** 2
     return rounding + min(largest_square, limit)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
-    """Return angular frequencies (m,), rad/s, from their ``squares`` (m,), (rad/s)^2, ascending;
-    squares below zero count as zero.
+    """Return angular frequencies (m,), rad/s, from their ``squares`` (m,), (rad/s)^2, one or more,
+    ascending; squares below zero count as zero.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a square is below zero by more than
     :func:`find_allowed_fall`. With static tangential forces no square raises the error: D lacks the
@@ -385,7 +385,7 @@ def find_roots(operator: WaveOperator, squares: Array) -> Array:
 
 def require_motions(count: int, available: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a request of more modes, ``count``, than
-    the number of motions that are ``available``.
+    the number ``available`` of motions that some spring or static force acts on.
     """
     request = counted(count, "mode is", "modes are")
     if not available:
@@ -395,7 +395,7 @@ def require_motions(count: int, available: int) -> None:
             "Repeat the network, or give it balls that move",
         )
     if count > available:
-        fault = f"{request} asked for, and the network has {counted(available, 'motion')}"
+        fault = f"{request} asked for, and forces act on {counted(available, 'motion')} alone"
         raise InputError(fault, mend="Ask for fewer")
 
 
@@ -485,7 +485,7 @@ class _Window:
         progress of the ``operator`` is told of each product.
         """
         size, m = starts.shape
-        filtered = np.zeros((size, self.n_filters, m))
+        filtered_vectors = np.zeros((size, self.n_filters, m))
         recursion = polynomials(operator, starts)  # yields T_n x, of one order n after the other
         kept_polynomials = np.empty((_KEPT_POLYNOMIALS, size, m))
         with operator.progress.step("modes of a window", self.order + 1) as step:
@@ -499,9 +499,9 @@ class _Window:
                     block = slice(row, row + _ROWS)
                     polynomials_of_block = kept_polynomials[:count, block].reshape(count, -1)
                     sums = coefficients @ polynomials_of_block  # (filters, rows x m)
-                    filtered[block] += sums.reshape(self.n_filters, -1, m).swapaxes(0, 1)
+                    filtered_vectors[block] += sums.reshape(self.n_filters, -1, m).swapaxes(0, 1)
                 step.advance(count)
-        return filtered.reshape(size, -1)
+        return filtered_vectors.reshape(size, -1)
 
 
 class _Density:
@@ -529,7 +529,7 @@ class _Density:
         the width of a line.
         """
         # the window about pi counts each mode twice, with its image
-        return 0.5 * self.count_within(math.pi, _RESOLVED * math.pi / _MOMENTS)
+        return 0.5 * self.count_within(math.pi, _LINE_HALF_WIDTH * math.pi / _MOMENTS)
 
     def without_zeros(self) -> _Density:
         """Return a copy of the density from which the line of :attr:`zero_count` modes at phi = pi
@@ -836,12 +836,12 @@ def _is_dense(problem: Problem, count: int) -> bool:
     few, or the ``count`` requested modes are many of them.
     """
     size = problem.live.size
-    return size <= DENSE or count * _ALL_OVER_FOUND > size
+    return size <= MOST_DENSE_MOTIONS or count * _ALL_OVER_FOUND > size
 
 
 def _count_fresh(n_starts: int) -> int:
     """Return the number of fresh random vectors after ``n_starts`` random vectors."""
-    return max(_FRESH, n_starts // _GROWTH)
+    return max(_LEAST_FRESH_VECTORS, n_starts // _GROWTH)
 
 
 def _count_bytes(window: _Window, size: int, n_starts: int) -> int:
@@ -1042,8 +1042,8 @@ class NetworkModes(Result):
         """
         network = self.network
         groups = number_equal(self.frequencies)  # modes of one frequency have one number
-        moving = np.flatnonzero(network.moving)
-        square_motions = self.vectors[:, moving] ** 2
+        moving_balls = np.flatnonzero(network.moving)
+        square_motions = self.vectors[:, moving_balls] ** 2
 
         def average(values: Array) -> Array:
             """Return values (m, ...) of modes, each replaced by the mean over the modes of the same
@@ -1054,15 +1054,15 @@ class NetworkModes(Result):
         square_deformations = {
             kind: average(squares.T) for kind, squares in self._square_deformations().items()
         }
-        shares_frequency = np.bincount(groups)[groups] > 1
+        is_shared = np.bincount(groups)[groups] > 1
         energies = ModeEnergies(
             2.0 * math.pi * self.frequencies,
-            shares_frequency,
+            is_shared,
             square_deformations,
             average(square_motions),
         )
         si_units = Units(1.0, 1.0, 1.0)
-        place = Place(network, si_units, moving, np.arange(network.n_contacts))
+        place = Place(network, si_units, moving_balls, np.arange(network.n_contacts))
         return find_frequency_sensitivities(energies, place, self.warnings)
 
     @cached_property
@@ -1145,9 +1145,9 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         pairs = _find_factored(problem, count, target)
     else:
         pairs = _find_large(problem, count, target)
-    # the sign of a mode is free: the largest number is above zero
-    largest = np.argmax(np.abs(pairs.vectors), axis=0)
-    signs = np.sign(pairs.vectors[largest, np.arange(count)])
+    # the sign of a mode is free: the number that is largest in size is above zero
+    largest_motion = np.argmax(np.abs(pairs.vectors), axis=0)
+    signs = np.sign(pairs.vectors[largest_motion, np.arange(count)])
     return NetworkModes(
         frequencies=pairs.omega / (2.0 * math.pi),
         vectors=_list_by_balls(operator, signs * pairs.vectors),
@@ -1173,9 +1173,10 @@ def read_request(operator: WaveOperator, count: int, nearest: float | None) -> t
     """Return the number of modes, and the angular frequency, rad/s, of a request for ``count``
     modes, the lowest or those nearest to the frequency ``nearest``, Hz.
 
-    Raises :class:`~granphon.base.errors.InputError` for a number that is not whole or below 1, for
-    more modes than the network of the ``operator`` has live motions, and for a frequency below zero
-    or above the bound of all its frequencies.
+    Raises :class:`~granphon.base.errors.InputError` for a ``count`` that is no whole number, 1 or
+    more; for more modes than there are motions that some spring or static force acts on; and for a
+    frequency that is no finite number, zero or above, or is above the bound of all frequencies of
+    the ``operator``.
     """
     count = whole_number("count", count, 1)
     target = _read_target(nearest)
@@ -1191,7 +1192,8 @@ def read_request(operator: WaveOperator, count: int, nearest: float | None) -> t
 
 def _read_target(nearest: float | None) -> float:
     """Return the angular frequency, rad/s, of the frequency ``nearest``, Hz; zero for None.
-    InputError for a frequency below zero or not finite.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is no finite number, zero or above.
     """
     return 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
 
@@ -1213,22 +1215,22 @@ def find_damped(
         # by real parts: strong losses turn the highest modes into creep, of real part zero
         order = np.argsort(omega)
         vectors = modes.vectors[order].astype(complex)
-        highest = float(modes.frequencies[-1])
+        highest_frequency = float(modes.frequencies[-1])
         return DampedModes(
             frequencies=omega[order] / (2.0 * math.pi),
             vectors=vectors,
-            warnings=losses.find_warnings(highest),
+            warnings=losses.find_warnings(highest_frequency),
         )
     count, target = read_request(operator, count, nearest)
     omega, shapes = _find_unevenly_damped(operator, losses, count, target)
     # warnings need the highest frequency without losses: Rayleigh's quotient of each shape
     forces = np.asarray(operator.matrix @ shapes)
     squares = np.sum(shapes.conj() * forces, axis=0).real
-    highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
+    highest_frequency = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
     return DampedModes(
         frequencies=omega / (2.0 * math.pi),
         vectors=_list_by_balls(operator, shapes),
-        warnings=losses.find_warnings(highest),
+        warnings=losses.find_warnings(highest_frequency),
     )
 
 
@@ -1260,9 +1262,9 @@ def _find_unevenly_damped(
     is_coupled = bool(np.ptp(drags) > 0.0)
     # the matrix of first order has twice the size of D; its eigenvalues are rates, two of each mode
     n_rates = 2 * live.size
-    is_small = n_rates <= DENSE
-    takes_most_rates = _ALL_OVER_FOUND * (2 * count + _SPARE) > n_rates
-    is_dense = is_small or (takes_most_rates and live.size <= DENSE)
+    is_small = n_rates <= MOST_DENSE_MOTIONS
+    takes_most_rates = _ALL_OVER_FOUND * (2 * count + _EXTRA_VECTORS) > n_rates
+    is_dense = is_small or (takes_most_rates and live.size <= MOST_DENSE_MOTIONS)
     find_damped_modes = _find_damped_dense if is_dense else _find_damped_near
     omega_over_top, vectors = find_damped_modes(
         problem, stiffness, viscous, count, target / top, is_coupled
@@ -1281,7 +1283,8 @@ def _find_damped_dense(
     All frequencies are in units of the top frequency. ``stiffness`` and ``viscous`` (live, live)
     are the matrices of x and of x' in x'' + viscous x' + stiffness x = 0; ``is_coupled`` says
     whether the viscous matrix couples motions that cost no energy to the others. Raises
-    :class:`~granphon.base.errors.InputError` if fewer modes cost energy.
+    :class:`~granphon.base.errors.InputError` if fewer modes cost energy, and what
+    :func:`_diagonalise`, :func:`find_roots` and :func:`damp_unevenly` raise.
     """
     squares, shapes = _diagonalise(problem, count)
     costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
@@ -1321,7 +1324,7 @@ def _find_damped_near(
     n_elastic = problem.live.size - zero_motions.shape[1]
     if n_elastic < count:
         raise explain_too_few(n_elastic, count)
-    n_rates = 2 * count + _SPARE  # each mode has two rates, though both need not be near
+    n_rates = 2 * count + _EXTRA_VECTORS  # each mode has two rates, though both need not be near
     if is_coupled:
         n_rates += zero_motions.shape[1]  # rates of zero, which are left out later
         zero_motions = zero_motions[:, :0]
@@ -1361,18 +1364,18 @@ def _find_zero_motions(problem: Problem, count: int) -> Array:
     if not n_zeros:
         return np.zeros((problem.live.size, 0))
     shift = -_SHIFT * problem.top**2
-    n_searched = n_zeros + _SPARE
+    n_searched = n_zeros + _EXTRA_VECTORS
     solve = problem.factorise_shifted(shift).solve
     while n_searched * _ALL_OVER_FOUND <= problem.live.size:
         _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve)
         omega, modes, _ = problem.refine(vectors)
-        costs_nothing = omega <= ZERO * problem.top
-        if np.count_nonzero(costs_nothing) == n_zeros:
-            return modes[problem.live][:, costs_nothing]
+        is_zero = omega <= ZERO * problem.top
+        if np.count_nonzero(is_zero) == n_zeros:
+            return modes[problem.live][:, is_zero]
         n_searched *= 2
     squares, vectors = _diagonalise(problem, count)
-    costs_nothing = find_roots(problem.operator, squares) <= ZERO * problem.top
-    return np.asarray(vectors[:, costs_nothing])
+    is_zero = find_roots(problem.operator, squares) <= ZERO * problem.top
+    return np.asarray(vectors[:, is_zero])
 
 
 @single_products()
@@ -1487,7 +1490,7 @@ def _diagonalise_whole(
     that Arnoldi's method would have to find a third of all, and for a matrix that is too large.
     """
     size = matrix.shape[0]
-    if size <= DENSE:
+    if size <= MOST_DENSE_MOTIONS:
         squares, vectors = np.linalg.eig(matrix.toarray())
         chosen_modes = _choose_whole(operator, squares, count, target)
         if chosen_modes.size < count:
@@ -1500,7 +1503,7 @@ def _diagonalise_whole(
             "Ask for modes() of its symmetric part, or take fewer balls",
         )
     shift = -_SHIFT if target <= ZERO else target**2
-    n_searched = count + _SPARE
+    n_searched = count + _EXTRA_VECTORS
     while n_searched * _ALL_OVER_FOUND <= size:
         squares, vectors = _find_nearest_whole(matrix, n_searched, shift)
         chosen_modes = _choose_whole(operator, squares, count, target)
@@ -1635,7 +1638,8 @@ def _find_lowest_of_whole(
 
 def _search_lowest(operator: WaveOperator) -> float:
     """Return the lowest Ritz value, (rad/s)^2, of D in the Krylov space of a random vector, by
-    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion. It is not below the lowest eigenvalue.
+    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion. It is not below the lowest eigenvalue but
+    for rounding.
     """
     from scipy.linalg import eigvalsh_tridiagonal
 
@@ -1710,8 +1714,8 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     :func:`_prove_complete` finds no mode missing. If more than a third of all modes would be
     sought, :func:`_find_dense` finds all instead. In packings most zero modes are of single balls,
     which turn about the line through their two contacts. These modes are known, and Lanczos's
-    vectors are kept free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes
-    cost energy.
+    vectors are kept free of them. Raises what :func:`_find_dense` and
+    :meth:`Problem.factorise_shifted` raise.
     """
     size = problem.live.size
     top = problem.top
@@ -1728,7 +1732,7 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
         solution = factors.solve(right)
         return np.asarray(solution - free_motions @ (free_motions.T @ solution))
 
-    n_searched = count + _SPARE
+    n_searched = count + _EXTRA_VECTORS
     while n_searched * _ALL_OVER_FOUND <= size:
         _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve, start)
         omega, modes, residuals = problem.refine(vectors)
@@ -1739,7 +1743,7 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
             if count > size - n_zeros:
                 raise explain_too_few(size - n_zeros, count)
             # zero modes are nearest to the shift: the next search has to find them all
-            n_searched = max(n_searched, count + n_zeros - free_motions.shape[1] + _SPARE)
+            n_searched = max(n_searched, count + n_zeros - free_motions.shape[1] + _EXTRA_VECTORS)
         elif np.max(residuals[chosen_modes]) <= RESIDUAL:
             n_live_zeros = _prove_complete(problem, omega, chosen_modes, target)
             if n_live_zeros is not None:
@@ -1852,8 +1856,8 @@ def require_countable(operator: WaveOperator) -> None:
 
 
 def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
-    """Return the number of modes below each of the ``frequencies`` (n_f,), Hz, (n_f,), in a network
-    that is stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
+    """Return the numbers (n_f,) of modes below the ``frequencies`` (n_f,), Hz, in a network that is
+    stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
 
     Zero modes count, also those of motions that nothing acts on. Raises what
     :func:`require_countable` raises.
@@ -1862,11 +1866,13 @@ def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
     problem = Problem.of(operator)
     size = problem.live.size
     # modes up to this frequency cost no energy, and are below every frequency
-    omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
-    counts = np.full(omega.size, size)  # all modes are below the top frequency
-    with operator.progress.step("modes below frequencies", omega.size) as step:
-        for row, square in enumerate((omega**2).tolist()):
-            if square <= problem.top**2:
-                counts[row] = problem.count_below(square)
+    # modes up to this frequency cost no energy, and are below every frequency
+    least_frequency = ZERO * problem.top / (2.0 * math.pi)
+    top_frequency = problem.top / (2.0 * math.pi)
+    counts = np.full(frequencies.size, size)  # all modes are below the top frequency
+    with operator.progress.step("modes below frequencies", frequencies.size) as step:
+        for row, frequency in enumerate(np.maximum(frequencies, least_frequency).tolist()):
+            if frequency <= top_frequency:
+                counts[row] = problem.count_below((2.0 * math.pi * frequency) ** 2)
             step.advance()
     return problem.n_loose + counts

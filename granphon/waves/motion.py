@@ -7,9 +7,12 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, Self
 
@@ -18,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import one_direction
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, OutputError, brief
+from granphon.base.errors import InputError, OutputError, StoppedEarlyWarning, brief
 from granphon.base.records import RecordFile, lock_file, read_records
 from granphon.base.results import Result, held, plain, restore, result_class
 from granphon.base.staging import explaining, put_beside
@@ -45,8 +48,8 @@ _LEAST_CHANGE = 1e-3
 #: change of a force, over the greatest force in the first frame, below which the change may be
 #: rounding
 _ROUNDING = 1e-10
-#: change of a force, N, that counts as none
-_NO_CHANGE = 1e-300
+#: change of a force, N, up to which the change counts as none
+_LEAST_FORCE = 1e-300
 #: correlation of distances and times up to which they make no straight line
 _LEAST_CORRELATION = 0.9
 #: greatest change of the slope of a parabola fitted to times over distances, from the middle to an
@@ -126,8 +129,9 @@ class Motion(Result):
         read, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is of
-        another kind or schema, or that is damaged, and for ``frames`` of which the file has none,
-        or that run backwards.
+        another kind or schema, or that is damaged; for what is no path and no open binary file; and
+        for ``frames`` that are no slice of whole numbers, that run backwards, or of which the file
+        has none.
         """
         if not isinstance(path, str | os.PathLike) and not hasattr(path, "read"):
             raise InputError(
@@ -158,20 +162,33 @@ class Motion(Result):
         return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the motion into a netCDF file at ``path``, or into an open binary file that can
-        seek, for :meth:`read`. The file of an earlier motion at the path is replaced; the folder
-        of the path is made if need be.
+        """Write the motion into a netCDF file at ``path``, or into an open binary file that is
+        empty and can seek, for :meth:`read`. The file of an earlier motion at the path is replaced;
+        the folder of the path is made if need be.
 
-        Raises :class:`~granphon.base.errors.InputError` if ``path`` is no path, and
-        :class:`~granphon.base.errors.OutputError` if another kind of file is there, or the file
-        cannot be written.
+        Raises :class:`~granphon.base.errors.InputError` if ``path`` is neither a path nor such a
+        file, and :class:`~granphon.base.errors.OutputError` if the file at the path is no motion,
+        or is being written by a run, or if the file cannot be written.
         """
-        if not hasattr(path, "write"):
-            _require_writable(path)
-            with put_beside(Path(path)) as beside, open(beside, "wb") as stream:
-                self.write(stream)
+        if hasattr(path, "write"):
+            stream: Any = path
+            try:
+                _require_stream(stream)
+                self._write_frames(stream)
+            except OSError as error:
+                raise OutputError(
+                    f"{brief(path)} cannot be written: {error.strerror or error}",
+                    "It may hold a part of the motion",
+                    "Give another",
+                ) from None
             return
-        file = _begin_file(path, self.network, self.step, self.met, self._take_frame(0))
+        _require_writable(path)
+        with put_beside(Path(path)) as beside, open(beside, "wb") as file:
+            self._write_frames(file)
+
+    def _write_frames(self, stream: BinaryIO) -> None:
+        """Write the motion into a ``stream``, an open binary file that is empty and can seek."""
+        file = _begin_file(stream, self.network, self.step, self.met, self._take_frame(0))
         for frame in range(len(self.times)):
             file.append(self._take_frame(frame))
 
@@ -195,17 +212,15 @@ class Motion(Result):
     @property
     def middles(self) -> Array:
         """(n_c + n_m, 3) positions of the contacts, m, with balls at their places at rest: first
-        of the contacts of the network, then of those in :attr:`met`. A contact of two balls that
-        came about is halfway between their centres; that of a ball and a flat wall j is at the foot
-        of the perpendicular from the ball.
+        of the contacts of the network, then of those in :attr:`met`. A contact that came about
+        between two balls is halfway between the centres of their nearest images; that of a ball and
+        a flat wall is at the foot of the perpendicular from the ball.
         """
         network = self.network
         i, j = self.met.T
         centres = network.positions[i]
         periods = network.cell[list(network.pbc)]
-        vectors = network.positions[j] - centres
-        cells = np.rint(vectors @ np.linalg.pinv(periods))
-        to_nearest_image = vectors - cells @ periods
+        to_nearest_image = _shorten(network.positions[j] - centres, periods)
         met_positions = centres + 0.5 * to_nearest_image
         for wall, (point, normal) in network.walls.items():
             is_at_wall = j == wall
@@ -219,17 +234,19 @@ class Motion(Result):
         Parameters
         ----------
         receiver : where the sensor is. The index of a ball: half of the sum of the normal forces of
-            its contacts is read, each times the cosine between its normal at rest and the
-            ``direction``; in a chain this is the mean of both contacts. The index of a body that is
-            held, or "floor", the one flat wall: the whole of this sum is read. The balls (i, j) of
-            a contact: its normal force is read.
-        direction : (3,) axis of the sensor. The default is the first axis along which the network
-            does not repeat, or x if there is none; of a flat wall it is the normal.
+            its contacts is read, each times the size of the cosine between its normal at rest and
+            the ``direction``; in a chain this is the mean of both contacts. The index of a body
+            that is held, or "floor", the one flat wall: the whole of this sum is read. A tuple
+            (i, j) of the balls of a contact: its normal force is read.
+        direction : (3,) axis of a sensor in a ball or body that is given by its index; of other
+            sensors it is not used. The default is the first axis along which the network does not
+            repeat, or x if there is none; of a flat wall it is the normal.
 
         Forces are those of springs: what dashpots add is not in :attr:`forces`. Raises
-        :class:`~granphon.base.errors.InputError` for a body that is not there, for two balls
-        without a contact or with several, for a ball without a contact along the direction, and for
-        "floor" unless the network has exactly one flat wall.
+        :class:`~granphon.base.errors.InputError` for a ``receiver`` of another kind, a body that is
+        not there, two balls without a contact or with several, a body without a contact along the
+        direction, a ``direction`` that is not three finite numbers, or zero, and for "floor" unless
+        the network has exactly one flat wall.
         """
         places = self._sensor_places
         if is_contact(receiver):
@@ -304,7 +321,7 @@ class Motion(Result):
         greatest change, so that a later echo does not count. If there is no such maximum, it is the
         greatest change. Times between frames are interpolated linearly; the time is infinite where
         a force does not change. Raises :class:`~granphon.base.errors.InputError` for a ``share``
-        below 1e-9 or above 1.
+        that is no number from 1e-9 to 1.
         """
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
@@ -337,7 +354,8 @@ class Motion(Result):
         are too few to tell when the pulse passes.
 
         Raises :class:`~granphon.base.errors.InputError` for another word than "peak" and "front",
-        and for a ``share`` of a front below 1e-9 or above 1; for a peak the share is not used.
+        and for a ``share`` of a front that is no number from 1e-9 to 1; for a peak the share is not
+        used.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
@@ -354,7 +372,7 @@ class Motion(Result):
         least_change = max(
             _LEAST_CHANGE * float(change.max(initial=0.0)),
             _ROUNDING * float(self.forces[0].max(initial=0.0)),
-            _NO_CHANGE,
+            _LEAST_FORCE,
         )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
         maximum = _find_first_maxima(height)  # a frame of each contact; 0 without a maximum
@@ -387,12 +405,13 @@ class Motion(Result):
         default from the first contact to the last. The front is where the force has changed by the
         part ``share`` of its first great change, by default half.
 
-        Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, and an index
-        that no contact has; for a contact that the pulse does not pass within the run; for fewer
-        than three frames within the width of the pulse at half of its height; if distances over
-        times are no straight line that rises; if the first and the last contact are at one place
-        and no ``direction`` is given; for a ``direction`` that is not three numbers, or zero; for
-        what :meth:`passages` refuses; and for a ``share`` together with a peak.
+        Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, an index that
+        no contact has, and one that is given twice; for a contact that the pulse does not pass
+        within the run; for fewer than three frames within the width of the pulse at half of its
+        height; if distances over times are no straight line that rises; if the first and the last
+        contact are at one place and no ``direction`` is given; for a ``direction`` that is not
+        three numbers, or zero; for what :meth:`passages` refuses; and for a ``share`` together with
+        a peak.
         """
         indices = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if indices.size < 2:
@@ -455,7 +474,7 @@ class Motion(Result):
         The mean displacement is left out. A Hann window keeps frequencies apart. A steady motion at
         one of the frequencies has its amplitude there to 1 %, from the second frequency above zero
         to the third from the end. Raises :class:`~granphon.base.errors.InputError` for fewer than
-        four frames.
+        four frames, and for a ``ball`` or an ``axis`` that is not there.
         """
         ball = whole_number("ball", ball, 0, self.network.n_balls - 1)
         axis = whole_number("axis", axis, 0, 2)
@@ -468,11 +487,11 @@ class Motion(Result):
             )
         window = np.hanning(n_frames)
         mean = np.average(displacements, weights=window)
-        windowed = window * (displacements - mean)
+        windowed_displacements = window * (displacements - mean)
         interval = float(self.times[1] - self.times[0])
         frequencies = np.asarray(np.fft.rfftfreq(n_frames, interval), float)
         # half of the amplitude is at the negative frequency
-        amplitudes = 2.0 / np.sum(window) * np.abs(np.fft.rfft(windowed))
+        amplitudes = 2.0 / np.sum(window) * np.abs(np.fft.rfft(windowed_displacements))
         return frequencies, amplitudes
 
     def harmonics(
@@ -484,7 +503,8 @@ class Motion(Result):
         The sum Re sum_k a_k exp(-2 pi i k f t) and a mean are fitted, by least squares, to
         displacements along an ``axis``, 0 to 2, in the last ``periods`` of the run. Raises
         :class:`~granphon.base.errors.InputError` if the run has fewer periods, or if a period of
-        the highest multiple has fewer than 2.5 frames.
+        the highest multiple has fewer than 2.5 frames; and for a frequency that is not above zero,
+        a ``count`` or ``periods`` that are no whole number of 1 or more, and another axis.
         """
         f = positive("frequency", frequency, "Hz")
         n_multiples = whole_number("count", count, 1, _MOST_MULTIPLES)
@@ -523,6 +543,19 @@ class Motion(Result):
             raise InputError(fault, why, mend)
 
 
+def _shorten(vectors: Array, periods: Array) -> Array:
+    """Return the shortest vectors (m, 3) that differ from ``vectors`` (m, 3) by whole ``periods``
+    (p, 3), m.
+    """
+    vectors = vectors - np.rint(vectors @ np.linalg.pinv(periods)) @ periods
+    # in a tilted cell the shortest vector may be one period beside the one that rounding finds;
+    # that one comes first, so that it stays where others are as short
+    steps = np.array(list(product((0.0, 1.0, -1.0), repeat=len(periods))))
+    candidates = vectors[:, None] + steps @ periods  # (m, 3^p, 3)
+    shortest = np.argmin(np.linalg.norm(candidates, axis=2), axis=1)
+    return np.asarray(candidates[np.arange(len(vectors)), shortest])
+
+
 def _find_first_maxima(heights: Array) -> Index:
     """Return for each contact the frame (n_c,) of the first maximum of its ``heights`` (n_f, n_c)
     that is at least half as high as its greatest height; 0 if there is no such maximum.
@@ -542,9 +575,9 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     (n,), s, and an empty text; n is 2 or more.
 
     If the points are on no straight line that rises, the slope is nan, and the text is the reason:
-    times do not grow with the distance; they scatter about the line, with a correlation of
-    :data:`_LEAST_CORRELATION` or less; or they lie on a line that bends, as those of a signal that
-    diffuses do.
+    times do not grow with the distance, or one is nan; they scatter about the line, with a
+    correlation of :data:`_LEAST_CORRELATION` or less; or they lie on a line that bends, as those of
+    a signal that diffuses do.
     """
     # each condition is negated, so that nan does not pass as a straight line
     covariances = np.cov(times, distances)
@@ -555,23 +588,28 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
         return math.nan, "it comes no later to contacts that are farther away"
     if not covariance > _LEAST_CORRELATION * math.sqrt(time_variance * distance_variance):
         return math.nan, "times scatter about a straight line"
-    farthest = float(np.max(np.abs(distances)))
-    n_distances = len(np.unique(np.round(distances / farthest, 9)))
+    greatest_distance = float(np.max(np.abs(distances)))
+    n_distances = len(np.unique(np.round(distances / greatest_distance, 9)))
     if n_distances > 3:  # a parabola goes through three points, whatever their scatter
         # times = curvature s^2 + slope s + constant, where s are relative distances
-        relative = (distances - np.mean(distances)) / farthest
-        curvature, slope, _ = np.polyfit(relative, times, 2)
-        if not abs(curvature) * np.ptp(distances) / farthest <= _MOST_BENDING * abs(slope):
+        relative_distances = (distances - np.mean(distances)) / greatest_distance
+        curvature, slope, _ = np.polyfit(relative_distances, times, 2)
+        if not abs(curvature) * np.ptp(distances) / greatest_distance <= _MOST_BENDING * abs(slope):
             return math.nan, "distances over times are no straight line"
     return float(covariance / time_variance), ""
 
 
 def _require_forward(frames: Any) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless ``frames`` is a slice that does not
-    run backwards.
+    """Raise :class:`~granphon.base.errors.InputError` unless ``frames`` is a slice of whole numbers
+    that does not run backwards.
     """
-    is_slice = isinstance(frames, slice)
-    if not is_slice or (isinstance(frames.step, int) and frames.step < 0):
+    is_forward = False
+    if isinstance(frames, slice):
+        # a slice of what are no whole numbers has no indices, nor has one with the step zero
+        with suppress(TypeError, ValueError):
+            _, _, step = frames.indices(0)
+            is_forward = step > 0
+    if not is_forward:
         raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
 
 
@@ -730,18 +768,39 @@ class Frames:
         return Motion(**arrays, network=self._network, met=self._balls_of_columns, step=self.step)
 
 
+def _require_stream(stream: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless ``stream`` is an open binary file that
+    is empty and can seek to where it has been written. A stream that can seek is set to its end.
+    """
+    is_usable = False
+    # text files, closed ones, those that are read alone, and pipes raise one of these errors
+    with suppress(AttributeError, TypeError, ValueError):
+        stream.write(b"")
+        # what is written to a file that appends goes to its end, wherever the file has been set
+        is_appended = "a" in str(getattr(stream, "mode", ""))
+        is_usable = stream.seek(0, os.SEEK_END) == 0 and not is_appended
+    if not is_usable:
+        raise InputError(
+            f"the file of a motion is {brief(stream)}",
+            mend="Give a path, or an open binary file that is empty and can seek",
+        )
+
+
 def _require_writable(path: Any) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if ``path`` is no path, and
     :class:`~granphon.base.errors.OutputError` if the file there is no motion, or if another run is
     writing it. A path without a file, and the file of a motion that no run is writing, may be
-    written to.
+    written to; the file may also have been cut off, if a whole frame is left of it.
     """
     is_path = isinstance(path, str | os.PathLike)
     if not is_path or not os.fspath(path) or "\0" in str(path):
         raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path")
     if os.path.exists(path):
         try:
-            read_records(path, _ABOUT)
+            with warnings.catch_warnings():
+                # that the file was cut off is of no interest, as it is replaced
+                warnings.simplefilter("ignore", StoppedEarlyWarning)
+                read_records(path, _ABOUT)
         except InputError:
             raise OutputError(
                 f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another"
@@ -792,7 +851,7 @@ def _pad(values: Any, shape: tuple[int, ...]) -> Array:
     """
     if np.shape(values) == shape:
         return np.asarray(values, float)
-    padded = np.zeros(shape)
+    padded_array = np.zeros(shape)
     region = tuple(slice(size) for size in np.shape(values))
-    padded[region] = values
-    return padded
+    padded_array[region] = values
+    return padded_array

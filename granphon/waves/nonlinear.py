@@ -117,19 +117,19 @@ _BALL = "ball"
 _SKIN = 0.2
 #: iteration of an implicit step: relative change at which it is solved, relative change that counts
 #: as rounding if it no longer falls, and most iterations
-_SOLVED = 1e-14
-_ROUNDED = 1e-9
+_CHANGE_OF_SOLUTION = 1e-14
+_CHANGE_BY_ROUNDING = 1e-9
 _MOST_ITERATIONS = 50
 #: relative difference up to which the coefficients of contacts, over the roots of their radii, are
 #: those of one material
-_SAME_MATERIAL = 1e-2
-#: share of a step to which the instant of a jump is found: contacts that join or part within such a
-#: share do so at once, and no larger share of the energy of the jump is lost by that
+_MATERIAL_SPREAD = 1e-2
+#: share of a step to which the instant of a jump is found. Contacts that join or part within one
+#: such share do so together, which loses no larger share of the energy of the jump
 _SWITCH_SHARE = 1e-6
 #: displacement of a ball since pairs were listed, over the margin of the list, above which they are
 #: listed anew. At a half, two balls that are not listed may touch; the difference is for what balls
 #: move until the next check
-_RELISTED = 0.45
+_LISTED_SHARE = 0.45
 #: most times that a contact may join or part within one step
 _MOST_SWITCHES = 20
 
@@ -141,7 +141,7 @@ class Drive:
 
     Parameters
     ----------
-    balls : index of a ball or body, or several indices.
+    balls : index of a ball or body, or several indices, each once.
     direction : (3,), or as many numbers as the network has dimensions; its length does not matter.
     displacement : function of the time, s, that returns the displacement of the balls, m, zero at
         the time zero. The balls move so whatever acts on them; bodies that are held may be moved.
@@ -193,12 +193,13 @@ class NonlinearWaves:
 
     Raises
     ------
-    InputError : if there is no network; for contacts without force, whose overlap is not known; for
-        what is no contact law, and a law that needs the balls of a crystal; for another word than
-        those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network with ``prestress``
-        and the geometry "lattice", in which its static forces act sideways; for one with
-        ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity of
-        another shape, or along an axis along which no ball moves; for a coefficient of friction
+    InputError : if there is no network; for contacts that are not pressed, whose overlap does not
+        follow by a power; for what is no contact law, a law that needs the balls of a crystal, a
+        crystal that does not have the kinds of balls of the network, and any law beside a crystal;
+        for another word than those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network
+        with ``prestress`` and the geometry "lattice", in which its static forces act sideways; for
+        one with ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity
+        of another shape, or along an axis along which no ball moves; for a coefficient of friction
         above zero where no contact resists slip, and ``coulomb="total"`` without a coefficient.
     """
 
@@ -221,21 +222,7 @@ class NonlinearWaves:
         self.network: ContactNetwork = given_network(state)
         self.geometry = one_of("geometry", geometry, GEOMETRIES)
         network = self.network
-        if network.prestress and geometry == "lattice":
-            why = "Contacts keep their directions in this motion, and static forces would turn them"
-            raise InputError(
-                "static forces act sideways in this network", why, 'Give geometry="exact"'
-            )
-        if network.prestress and network.slip_levers == "yade":
-            why = (
-                "YADE counts slip (R_i + R_j)/r times, by the present distance r of the centres;"
-                " motions of any amplitude have slip by levers alone, arms or radii"
-            )
-            mend = (
-                'Read it with slip_levers="radii", whose small motions differ by parts of the order'
-                " of overlap/diameter, or take the small motions of gp.Waves"
-            )
-            raise InputError('the network has slip_levers="yade"', why, mend)
+        _require_geometry(network, self.geometry)
         crystal_state = state if isinstance(state, CrystalState) else None
         self._laws = self._find_laws(law, crystal_state, is_unloaded=isinstance(x, Crystal))
         self.normal = self._laws.normal
@@ -244,8 +231,8 @@ class NonlinearWaves:
         self.mu = (
             mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
         )
-        given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
-        self.losses = Losses.of(network, given)
+        given_losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
+        self.losses = Losses.of(network, given_losses)
         require_slip(self.mu, has_slip=resists_slip(network))
         if coulomb == "total" and self.mu == math.inf:
             why = "Without a friction_coefficient contacts do not slide"
@@ -285,7 +272,7 @@ class NonlinearWaves:
         if isinstance(law, Crystal) and not is_unloaded:
             return self._make_crystal_laws(law, is_unloaded)
         if is_unloaded or isinstance(law, DMT | JKR):
-            why = "Its contacts are those of balls of known materials, or of no load"
+            why = "The contacts of a crystal, and of balls that adhere, have the law of the crystal"
             raise InputError(
                 f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here"
             )
@@ -363,7 +350,7 @@ class NonlinearWaves:
         """Return laws that are powers of the overlap: their exponent is that of a ``law``, by
         default Hertz's, and their coefficients follow from forces and stiffnesses at rest.
 
-        Raises :class:`~granphon.base.errors.InputError` for contacts without force.
+        Raises :class:`~granphon.base.errors.InputError` for contacts that are not pressed.
         """
         network = self.network
         force = network.normal_force
@@ -372,7 +359,7 @@ class NonlinearWaves:
         eta = network.shear_stiffness / stiffness
         if not np.all(force > 0.0):
             raise InputError(
-                f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force",
+                f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts are not pressed",
                 "Their overlap is not known",
                 "Press the network, leave them out, or give a Crystal",
             )
@@ -389,22 +376,21 @@ class NonlinearWaves:
             over the contacts of a ``pair`` of kinds, and 1 in place of E*.
 
             Raises :class:`~granphon.base.errors.InputError` if the coefficients over the root
-            differ by more than :data:`_SAME_MATERIAL` times their mean.
+            differ by more than :data:`_MATERIAL_SPREAD` times their mean.
             """
             contacts = pairs.get(pair, slice(None))
             coefficients = coefficient_per_root[contacts]
             mean_coefficient = np.mean(coefficients)
-            if np.ptp(coefficients) > _SAME_MATERIAL * mean_coefficient:
-                raise InputError(
-                    f"contacts of {pair} have no law that is known", mend="Give a Crystal"
-                )
+            if np.ptp(coefficients) > _MATERIAL_SPREAD * mean_coefficient:
+                kinds = " and ".join(pair)
+                raise InputError(f"the contacts of {kinds} have no one law", mend="Give a Crystal")
             return mean_coefficient, np.mean(eta[contacts]), 1.0
 
         return _Laws(powers, powers, stiffness, find_mean_law, sizes)
 
     def _find_punch(self, laws: ContactLaws) -> Array:
-        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under their forces at rest; if
-        the ``laws`` know no radii a of contacts, their normal stiffnesses.
+        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under the forces of the
+        network; if the ``laws`` know no radii a of contacts, their normal stiffnesses.
         """
         network = self.network
         if laws.has_radii:
@@ -418,9 +404,9 @@ class NonlinearWaves:
         ``j`` (n_p,) of balls that may meet; kappa/(2 E* a) (n_p,) of these pairs; and the pairs
         without a law.
 
-        Pairs at the overlap zero do not push. Pairs without a law never push. They are returned in
-        groups: the indices of their contacts, and the message of the error that is to end the run
-        when they meet.
+        The overlap of pairs is zero at the elongation zero, where they do not push. Pairs without a
+        law never push. They are returned in groups: the indices of their contacts, behind those of
+        the network, and the message of the error that is to end the run when they meet.
         """
         laws = self._laws.springs
         n = self.network.n_contacts
@@ -447,8 +433,8 @@ class NonlinearWaves:
         return Powers(laws.exponent, coefficient, overlap), ratio, unknown_groups
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
-        """Return for each pair of kinds of balls, by their names, the indices of the contacts
-        between balls ``i`` and ``j`` (n,) of these kinds.
+        """Return for each pair of kinds of balls, by their names in alphabetical order, the indices
+        of those contacts between balls ``i`` and ``j`` (k,) that join these kinds.
         """
         is_plane = np.isinf(self.network.radii)
         kinds = self.network.kinds or np.where(is_plane, RIGID_PLANE.name, _BALL)
@@ -482,12 +468,15 @@ class NonlinearWaves:
 
         Parameters
         ----------
-        positions : positions of the balls at the start, (n, 3) or (n, d), m; by default those of
-            the network. Or give ``displacements`` from there, m, which keep digits that positions
-            lose.
-        velocities, rotations, spins : those of the balls at the start, (n, 3) or (n, d), m/s, rad
-            and rad/s; zero by default. Contacts have come from rest to the start without sliding,
-            but for Coulomb's limit.
+        positions : positions of the balls at the start, (n, 3), m; by default those of the network.
+            Or give ``displacements`` from there, m, which keep digits that positions lose. Where
+            balls move along no axis beyond the d dimensions of the network, (n, d) serves too, and
+            so for velocities.
+        velocities, rotations, spins : those of the balls at the start, (n, 3), m/s, rad and rad/s;
+            zero by default. (n, d) serves for rotations and spins where balls turn about no axis
+            beyond the first d: balls in a plane turn about z, and need (n, 3). Contacts come from
+            rest to the start in one step, in which they slide only as far as Coulomb's limit makes
+            them.
         drive : a :class:`Drive`, or several.
         frames : number of times at which the motion is kept; the first is the start, the last the
             end.
@@ -497,9 +486,9 @@ class NonlinearWaves:
             drive presses balls that only touch, the default is halved and the run begins anew. A
             step is cut where a contact whose force jumps closes or opens.
         scheme : "verlet" is explicit and symplectic; its sum of energies differs from a constant by
-            the square of the step, and wanders where contacts open. "midpoint" is implicit and
-            takes four to six times the work; its sum of energies is constant to rounding, with
-            losses.
+            the square of the step, and wanders where contacts open. "midpoint" is implicit: it
+            finds the forces some five times in a step, and takes seven to fourteen times as long.
+            Its sum of energies is constant to rounding, with losses.
         file : path to which frames are written as they come, for :meth:`Motion.read`; the file of
             an earlier motion is replaced. The file can be read at any time, also after the program
             was killed.
@@ -508,8 +497,9 @@ class NonlinearWaves:
         A run ends early in these cases, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns the motion so far:
 
-        - Ctrl-C stops it.
-        - A ball leaves its place by half of its diameter, with geometry "lattice".
+        - Ctrl-C stops it after the first frame; before, KeyboardInterrupt is raised.
+        - In a frame, a ball has left its place along x, y or z by half of the mean diameter, with
+          geometry "lattice".
         - Balls without a known law meet, with geometry "exact".
         - A drive is not a finite number at a time after the start.
         - The ``step``, as given or after ten halvings, is too long: contacts have become too stiff,
@@ -518,15 +508,24 @@ class NonlinearWaves:
 
         A :class:`~granphon.base.errors.LimitWarning` says that contacts became wider than the law
         allows (:func:`~granphon.validity`), or that contacts are more viscous than stiff at all
-        frequencies of the run, of which the inverse of the duration is the lowest.
+        frequencies of the run, of which the inverse of the duration is the lowest. Another warning
+        says that loops are not compiled, and why.
 
-        Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not
-        allowed, more frames than memory holds, a drive of nothing or along which balls do not move,
-        a displacement that does not begin at zero, a force on a body that is held, two drives of a
-        ball of which one is a displacement, a start that moves a body that is held or that a drive
-        displaces, a ``step`` too long for the stiffest contact, more than ten million steps, and
-        balls too fast, or contacts too stiff, for double precision; and
-        :class:`~granphon.base.errors.OutputError` if ``file`` is no motion, or cannot be written.
+        Raises
+        ------
+        InputError : for numbers, shapes and words that are not allowed; for positions and
+            displacements together; for more frames than memory holds; for a start that moves a body
+            that is held or that a drive displaces, or moves balls along an axis along which they do
+            not move; for what is no :class:`Drive`, or one of no ball, of a ball that is not there
+            or is named twice, along which balls do not move, or whose function is not finite at the
+            time zero; for a displacement that does not begin at zero, a force on a body that is
+            held, two drives of a ball of which one is a displacement, and drives that displace all
+            balls; if no contact resists a motion of the balls and no step is given; for a
+            ``step`` too long for the stiffest contact, more than ten million steps, and steps too
+            short, balls too fast or contacts too stiff for double precision; and for a ``file``
+            that is no path.
+        OutputError : if the ``file`` is no motion, another run is writing it, or it cannot be
+            written.
         """
         duration = positive("duration", duration, "s")
         n_frames = whole_number("frames", frames, 2, _MOST_STEPS)
@@ -539,47 +538,21 @@ class NonlinearWaves:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
             displacements = self._find_displacements(positions)
-        drives = list(drive) if isinstance(drive, list | tuple) else [drive]
-        system = _System(self, [] if drive is None else drives)
+        system = _System(self, _list_drives(drive))
         x = system.read("displacements", displacements) + system.read("rotations", rotations)
         v = system.read("velocities", velocities) + system.read("spins", spins)
-        chosen_step, top = self._choose_step(system, x, v, step)
-        require_steps(duration / chosen_step)  # also if the quotient is infinite
-        trial_step = min(chosen_step, duration / (n_frames - 1))
-        least_step = trial_step * 2.0**-_MOST_HALVINGS
-        least_per_period = _LEAST_CHOSEN_STEPS if step is None else _LEAST_STABLE_STEPS
+        first_step, top = self._choose_step(system, x, v, step)
+        require_steps(duration / first_step)  # also if the quotient is infinite
         # no motion of the run is slower than the run is long, or faster than contacts are
         for sentence in self.losses.find_warnings(min(1.0 / duration, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
-        while True:
-            steps_per_frame = _count_steps(duration, trial_step, n_frames)
-            schedule = _Schedule(steps_per_frame, n_frames, least_per_period)
-            recorder = Frames(self.network, duration / (n_frames - 1) / steps_per_frame, file)
-            # numbers that leave the floating range end the run later, by _require_short
-            floating = np.errstate(over="ignore", invalid="ignore")
-            with (
-                recorder,
-                single_products(),
-                floating,
-                progress.step("motion", n_frames - 1) as frame_progress,
-            ):
-                stop_reason = _record(system, x, v, schedule, scheme, recorder, frame_progress)
-            is_unstable = stop_reason in (_TOO_LONG, _UNSOLVED, _RATTLED)
-            is_finished = not (is_unstable and step is None and trial_step > least_step)
-            if is_finished:
-                break
-            trial_step *= 0.5
-        width_warning = check_limit("contact_radius", system.widest).warning
-        if width_warning is not None:
-            sentence = f"in the motion {width_warning[0].lower()}{width_warning[1:].rstrip('.')}"
-            warnings.warn(sentence, LimitWarning, stacklevel=2)
+        request = _Request(
+            duration, n_frames, scheme, file, progress, is_step_given=step is not None
+        )
+        recorder, stop_reason = _run_to_end(system, x, v, first_step, request)
+        _warn_of_width(system.widest)
         if stop_reason:
-            stop_warning = StoppedEarlyWarning(
-                f"the motion ends after {recorder.last_time:.4g} s of {duration:.4g} s:"
-                f" {stop_reason}"
-            )
-            stop_warning.interrupted = stop_reason == _CTRL_C
-            warnings.warn(stop_warning, stacklevel=2)
+            _warn_of_early_end(stop_reason, recorder.last_time, duration)
         return recorder.join()
 
     def _choose_step(
@@ -589,31 +562,34 @@ class NonlinearWaves:
         velocities v (size,), and a bound of the frequencies of contacts, rad/s.
 
         The step is the ``step`` of the user, s, or the default. Raises
-        :class:`~granphon.base.errors.InputError` if the user's step is too long, and in all cases
-        what :meth:`_System.find_pressed_stiffness` and :meth:`_System.choose_step` raise.
+        :class:`~granphon.base.errors.InputError` if the user's step is no time, or too long, and
+        what :meth:`_System.find_pressed_stiffness`, :meth:`_System.choose_step` and
+        :meth:`_System.find_rate` raise.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
             largest_energy = 0.5 * float(np.max(squares, initial=0.0))  # of a ball, J
             stiffness = system.find_pressed_stiffness(x, largest_energy)
-            default_step = system.choose_step(stiffness)
             top = system.bound.find(stiffness)
-        chosen_step = default_step if step is None else positive("step", step, "s")
-        if chosen_step * _LEAST_STABLE_STEPS > _STEPS_PER_PERIOD * default_step:
+            if step is None:
+                return system.choose_step(stiffness), top
+            rate = system.find_rate(stiffness)
+        given_step = positive("step", step, "s")
+        if given_step * rate * _LEAST_STABLE_STEPS > 2.0 * math.pi:
             raise InputError(
-                f"the step of {chosen_step:.3g} s is too long for the stiffest contact, or its"
+                f"the step of {given_step:.3g} s is too long for the stiffest contact, or its"
                 f" damping",
                 "It would not be stable",
                 "Leave step out",
             )
-        return chosen_step, top
+        return given_step, top
 
     def find_step(self, speed: float = 0.0, force: float = 0.0, displacement: float = 0.0) -> float:
         """Return an estimate of the time step, s, of a :meth:`run` that is given none.
 
         Parameters
         ----------
-        speed : greatest speed of a ball at the start, m/s, here that of the heaviest ball.
+        speed : greatest speed of a ball at the start, m/s; the heaviest ball is taken to have it.
         force, displacement : greatest force, N, and displacement, m, of drives.
 
         With the speed alone this is the step with which :meth:`run` begins, before the step is
@@ -621,8 +597,9 @@ class NonlinearWaves:
         force or displacement its drives reach: it halves its step later, where contacts become much
         stiffer.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers below zero, if they press no
-        contact, and for balls too fast, or contacts too stiff, for double precision.
+        Raises :class:`~granphon.base.errors.InputError` for what is no finite number, zero or
+        above; if no contact resists a motion of the balls; and for balls too fast, or contacts too
+        stiff, for double precision.
         """
         speed = not_negative("speed", speed, "m/s")
         force = not_negative("force", force, "N")
@@ -646,8 +623,7 @@ class NonlinearWaves:
         require_memory(frames, memory, "Give fewer frames")
 
     def _find_displacements(self, positions: ArrayLike) -> Array:
-        """Return the displacements, (n, 3) or (n, d), m, of balls at ``positions`` of this shape,
-        m.
+        """Return the displacements of balls at ``positions``, m, both (n, 3) or (n, d).
 
         Raises what :meth:`_require_shape` raises.
         """
@@ -676,6 +652,28 @@ def require_steps(count: float) -> None:
         mend = "Give a shorter duration, fewer frames, a longer step, or less damping"
         raise InputError(
             f"the run takes {count:.3g} steps", f"More than {_MOST_STEPS:.0e} are not made", mend
+        )
+
+
+def _require_geometry(network: ContactNetwork, geometry: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if motions with a ``geometry`` cannot follow
+    the static forces of a ``network`` with prestress, or its ``slip_levers``.
+    """
+    if not network.prestress:
+        return
+    if geometry == "lattice":
+        raise InputError(
+            "static forces act sideways in this network",
+            "Contacts keep their directions in this motion, and static forces would turn them",
+            'Give geometry="exact"',
+        )
+    if network.slip_levers == "yade":
+        raise InputError(
+            'the network has slip_levers="yade"',
+            "YADE counts slip (R_i + R_j)/r times, by the present distance r of the centres;"
+            " motions of any amplitude have slip by levers alone, arms or radii",
+            'Read it with slip_levers="radii", whose small motions differ by parts of the order'
+            " of overlap/diameter, or take the small motions of gp.Waves",
         )
 
 
@@ -738,8 +736,29 @@ def _count_steps(duration: float, step: float, n_frames: int) -> int:
     return steps_per_frame
 
 
+class _Request(NamedTuple):
+    """What :meth:`NonlinearWaves.run` is asked for, beside the start and the drives.
+
+    Attributes
+    ----------
+    duration : length of the run, s.
+    n_frames : number of frames, the start among them.
+    scheme : "verlet" or "midpoint".
+    file : path of the file of the frames; None to keep them in memory.
+    progress : is told how many frames are done.
+    is_step_given : whether the user gave the time step, which is then not halved.
+    """
+
+    duration: float
+    n_frames: int
+    scheme: str
+    file: Any
+    progress: Progress
+    is_step_given: bool
+
+
 class _Schedule(NamedTuple):
-    """The numbers of a run.
+    """The steps and frames of a run with one time step.
 
     Attributes
     ----------
@@ -754,32 +773,76 @@ class _Schedule(NamedTuple):
     least_per_period: float
 
 
+def _run_to_end(
+    system: _System, x: Array, v: Array, first_step: float, request: _Request
+) -> tuple[Frames, str]:
+    """Run the ``system`` from mass-weighted motions x with velocities v (size,), and return its
+    frames and the reason why the run ended early; an empty text if it did not.
+
+    A step is at most ``first_step``, s. If steps turn out to be too long, and the user gave none,
+    the step is halved and the run begins anew, up to :data:`_MOST_HALVINGS` times. Raises
+    :class:`~granphon.base.errors.InputError` for too many steps, and what :func:`_record` raises.
+    """
+    interval = request.duration / (request.n_frames - 1)
+    step = min(first_step, interval)
+    n_halvings = 0 if request.is_step_given else _MOST_HALVINGS
+    least_per_period = _LEAST_STABLE_STEPS if request.is_step_given else _LEAST_CHOSEN_STEPS
+    while True:
+        steps_per_frame = _count_steps(request.duration, step, request.n_frames)
+        schedule = _Schedule(steps_per_frame, request.n_frames, least_per_period)
+        recorder = Frames(system.waves.network, interval / steps_per_frame, request.file)
+        stop_reason = _record(system, x, v, schedule, request, recorder)
+        if n_halvings == 0 or stop_reason not in (_LONG_STEP, _NO_SOLUTION, _RATTLE):
+            return recorder, stop_reason
+        step *= 0.5
+        n_halvings -= 1
+
+
+def _warn_of_width(widest: float) -> None:
+    """Issue a :class:`~granphon.base.errors.LimitWarning` if contacts became wider than the law
+    allows: ``widest`` is the greatest radius of a contact over that of its smaller ball.
+    """
+    warning = check_limit("contact_radius", widest).warning
+    if warning is not None:
+        sentence = f"in the motion {warning[0].lower()}{warning[1:].rstrip('.')}"
+        warnings.warn(sentence, LimitWarning, stacklevel=3)  # at the call of NonlinearWaves.run
+
+
+def _warn_of_early_end(reason: str, end: float, duration: float) -> None:
+    """Issue the :class:`~granphon.base.errors.StoppedEarlyWarning` of a run of a ``duration``, s,
+    that ended after the time ``end``, s, for a ``reason``; it says whether Ctrl-C was the reason.
+    """
+    warning = StoppedEarlyWarning(
+        f"the motion ends after {end:.4g} s of {duration:.4g} s: {reason}"
+    )
+    warning.interrupted = reason == _CTRL_C
+    warnings.warn(warning, stacklevel=3)  # at the call of NonlinearWaves.run
+
+
 def _record(
-    system: _System,
-    x: Array,
-    v: Array,
-    schedule: _Schedule,
-    scheme: str,
-    recorder: Frames,
-    frame_progress: Any,
+    system: _System, x: Array, v: Array, schedule: _Schedule, request: _Request, recorder: Frames
 ) -> str:
     """Run the ``system`` from mass-weighted motions x with velocities v (size,), let the
     ``recorder`` take its frames, and return the reason why the run ended early; an empty text if it
-    did not.
+    did not. The recorder is closed.
 
-    ``frame_progress`` is told of each frame after the start. A KeyboardInterrupt before the first
-    frame is raised.
+    The progress of the ``request`` is told of each frame after the start. A KeyboardInterrupt
+    before the first frame is raised, and what :meth:`_System.integrate` raises but :class:`_Stop`.
     """
-    try:
-        for is_after_start in system.integrate(x, v, schedule, scheme, recorder):
-            if is_after_start:
-                frame_progress.advance()
-    except KeyboardInterrupt:
-        if not len(recorder):  # Ctrl-C came while loops were compiled, or a file was begun
-            raise
-        return _CTRL_C
-    except _Stop as stop:
-        return str(stop)
+    # numbers that leave the floating range end the run later, by _require_short
+    floating_errors = np.errstate(over="ignore", invalid="ignore")
+    motion_progress = request.progress.step("motion", schedule.n_frames - 1)
+    with recorder, single_products(), floating_errors, motion_progress as frame_progress:
+        try:
+            for is_after_start in system.integrate(x, v, schedule, request.scheme, recorder):
+                if is_after_start:
+                    frame_progress.advance()
+        except KeyboardInterrupt:
+            if not len(recorder):  # Ctrl-C came while loops were compiled, or a file was begun
+                raise
+            return _CTRL_C
+        except _Stop as stop:
+            return str(stop)
     return ""
 
 
@@ -788,12 +851,12 @@ class _Stop(Exception):
 
 
 #: displacements or forces of no drives
-_NOTHING = np.zeros(0)
+_NO_NUMBERS = np.zeros(0)
 #: reasons why a run ends early
 _CTRL_C = "Ctrl-C"
-_TOO_LONG = "the step is too long for contacts that have become stiffer"
-_UNSOLVED = "an implicit step has no solution: scheme: verlet makes it"
-_RATTLED = "a contact whose force jumps opens and closes many times in a step"
+_LONG_STEP = "the step is too long for contacts that have become stiffer"
+_NO_SOLUTION = "an implicit step has no solution: scheme: verlet makes it"
+_RATTLE = "a contact whose force jumps opens and closes many times in a step"
 
 
 class _Laws(NamedTuple):
@@ -804,8 +867,9 @@ class _Laws(NamedTuple):
     normal : laws of the contacts, as functions of their elongation since rest.
     springs : the same laws, as groups of contacts with one law; :class:`Powers` if one exponent is
         given for all contacts.
-    punch : (n_c,) stiffnesses 2 E* a of the contacts at rest, N/m; normal stiffnesses if laws know
-        no radii a of contacts.
+    punch : (n_c,) stiffnesses 2 E* a, N/m, of the contacts under the forces of the network; normal
+        stiffnesses if laws know no radii a of contacts. Balls that touch without load have the
+        small forces of :meth:`Crystal.touch` here.
     find_pair_law : function of the names of two kinds of balls. It returns the law of such balls
         that meet, kappa/(2 E* a) and E*, Pa, or raises InputError if the law is not known. If one
         exponent is given for all contacts, it returns the coefficient over the root of the radius
@@ -818,7 +882,7 @@ class _Laws(NamedTuple):
     springs: Powers | ContactLaws
     punch: Array
     find_pair_law: Callable[..., tuple[Any, Any, Any]]
-    sizes: Array = _NOTHING
+    sizes: Array = _NO_NUMBERS
 
 
 def _simplify_laws(springs: ContactLaws, overlap: Array, n_apart: int = 0) -> Powers | PairLaws:
@@ -907,6 +971,15 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     return stiffness
 
 
+def _list_drives(drive: Any) -> list[Any]:
+    """Return the drives of the argument ``drive`` of a run: several in a list or tuple, a single
+    one, or None for no drive.
+    """
+    if drive is None:
+        return []
+    return list(drive) if isinstance(drive, list | tuple) else [drive]
+
+
 def _read_drives(
     drives: Sequence[Any], network: ContactNetwork
 ) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
@@ -919,34 +992,47 @@ def _read_drives(
     moved_bodies = []
     pushed_balls = []
     for drive in drives:
-        if not isinstance(drive, Drive) or (drive.displacement is None) == (drive.force is None):
-            raise InputError(
-                f"drive is {brief(drive)}", mend="Give a Drive with a displacement or a force"
-            )
-        function = drive.force if drive.displacement is None else drive.displacement
-        if not callable(function):
-            raise InputError(
-                f"what a drive does is {brief(function)}",
-                mend="Give a function of the time, s, that returns a number",
-            )
-        balls = index_array("drive", drive.balls, network.n_balls)
-        direction = read_vector("direction", drive.direction, network.dimension)
-        require_moves("drive", direction, network)
+        balls, direction = _read_drive(drive, network)
         if drive.force is None:
             moved_bodies.append((balls, direction))
             continue
         if not np.all(network.moving[balls]):
             raise InputError("a force acts on a body that is held", mend="Give its displacement")
         pushed_balls.append((balls, direction))
-    all_moved = np.concatenate([balls for balls, _ in moved_bodies] or [np.zeros(0, np.intp)])
-    is_moved_twice = len(np.unique(all_moved)) < len(all_moved)
-    if is_moved_twice or any(np.any(np.isin(balls, all_moved)) for balls, _ in pushed_balls):
+    all_moved_bodies = np.concatenate(
+        [balls for balls, _ in moved_bodies] or [np.zeros(0, np.intp)]
+    )
+    is_moved_twice = len(np.unique(all_moved_bodies)) < len(all_moved_bodies)
+    if is_moved_twice or any(np.any(np.isin(balls, all_moved_bodies)) for balls, _ in pushed_balls):
         raise InputError(
             "a ball has two drives, of which one is a displacement",
             "It moves as the displacement says, whatever acts on it",
             "Give it one drive",
         )
     return moved_bodies, pushed_balls
+
+
+def _read_drive(drive: Any, network: ContactNetwork) -> tuple[Index, Array]:
+    """Return the bodies (k,) and the direction (3,), of length one, of a ``drive``.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is no :class:`Drive` with one
+    function, and for bodies and a direction that are not those of the ``network``, or along which
+    its balls do not move.
+    """
+    if not isinstance(drive, Drive) or (drive.displacement is None) == (drive.force is None):
+        raise InputError(
+            f"drive is {brief(drive)}", mend="Give a Drive with a displacement or a force"
+        )
+    function = drive.force if drive.displacement is None else drive.displacement
+    if not callable(function):
+        raise InputError(
+            f"what a drive does is {brief(function)}",
+            mend="Give a function of the time, s, that returns a number",
+        )
+    balls = index_array("drive", drive.balls, network.n_balls)
+    direction = read_vector("direction", drive.direction, network.dimension)
+    require_moves("drive", direction, network)
+    return balls, direction
 
 
 class _RateBound:
@@ -990,9 +1076,9 @@ class _RateBound:
         *_, normal, side, root = losses.dashpots
         rate = np.max(losses.drag)
         # most often there are no dashpots
-        longest = np.max(losses.damping)
-        if longest > 0.0:
-            rate = rate + longest * np.max(self._bound(stiffness, stiffness))
+        longest_time = np.max(losses.damping)
+        if longest_time > 0.0:
+            rate = rate + longest_time * np.max(self._bound(stiffness, stiffness))
         if np.any(normal) or np.any(side) or np.any(root):
             root_dashpots = root * np.sqrt(stiffness)
             viscous = self._bound(normal + root_dashpots, (side + root_dashpots) * self._per_slip)
@@ -1103,9 +1189,9 @@ class _System:
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._drag = operator.drag(waves.losses)
         self._has_drag = bool(np.any(self._drag))
-        moving = self.network.moving
-        self._least_root_mass = math.sqrt(float(np.min(masses[moving], initial=np.inf)))
-        self._mean_radius = float(np.mean(self.network.radii[moving]))
+        is_moving = self.network.moving
+        self._least_root_mass = math.sqrt(float(np.min(masses[is_moving], initial=np.inf)))
+        self._mean_radius = float(np.mean(self.network.radii[is_moving]))
         # margin of the list of pairs that may meet, m
         self._skin = _SKIN * 2.0 * self._mean_radius
 
@@ -1168,8 +1254,9 @@ class _System:
         return float(np.mean(self.waves.overlap[contacts] + gaps)) if len(i) else 0.0
 
     def read(self, name: str, value: ArrayLike | None) -> Array:
-        """Return the ``value`` of an argument, vectors (n, 3) or (n, d) of all balls, as
-        mass-weighted motions (size,); zeros for None.
+        """Return the ``value`` of an argument, vectors (n, 3) of all balls, as mass-weighted
+        motions (size,); zeros for None. Vectors (n, d) serve if balls do not move along, or turn
+        about, an axis beyond the first d.
 
         ``name`` is that of the argument of :meth:`NonlinearWaves.run`, which says whether vectors
         are of translations or of rotations. Raises :class:`~granphon.base.errors.InputError` for
@@ -1182,14 +1269,14 @@ class _System:
             return np.zeros(operator.size)
         values = real_array(name, value)
         self.waves._require_shape(name, values)
-        turns = name in ("rotations", "spins")
-        axes = operator.motions.rotations if turns else operator.motions.translations
+        is_rotation = name in ("rotations", "spins")
+        axes = operator.motions.rotations if is_rotation else operator.motions.translations
         if values.shape[1] <= max(axes, default=0):
             raise InputError(
                 f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)"
             )
         values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
-        require_moves(name, values, network, turns)
+        require_moves(name, values, network, is_rotation)
         is_wrong = np.any(values, axis=1) & ~network.moving
         if np.any(is_wrong):
             raise InputError(
@@ -1198,7 +1285,7 @@ class _System:
                 "Let them be zero",
             )
         motions = np.zeros((network.n_balls, 6))  # displacements and rotations
-        columns = slice(3, 6) if turns else slice(0, 3)
+        columns = slice(3, 6) if is_rotation else slice(0, 3)
         motions[:, columns] = values
         places, scale = operator.flat_indices_and_scale
         return np.asarray(motions.ravel()[places] / scale)
@@ -1207,19 +1294,27 @@ class _System:
         """Return the default time step, s, for contacts with the normal ``stiffness`` (n_c,), N/m:
         :data:`_STEPS_PER_PERIOD` steps make the shortest period.
 
-        Raises :class:`~granphon.base.errors.InputError` for contacts too stiff for double
-        precision, and if all stiffnesses are zero.
+        Raises :class:`~granphon.base.errors.InputError` if nothing resists or slows down a motion,
+        as where a ball touches none but its own images, and what :meth:`find_rate` raises.
         """
-        top = self._bound_rates(stiffness)
-        if not top < math.inf:
+        rate = self.find_rate(stiffness)
+        if not rate > 0.0:
+            raise InputError(
+                "no contact resists a motion of the balls", "There is no time scale", "Give a step"
+            )
+        return 2.0 * math.pi / _STEPS_PER_PERIOD / rate
+
+    def find_rate(self, stiffness: Array) -> float:
+        """Return the rate of :meth:`_bound_rates`, rad/s; raise
+        :class:`~granphon.base.errors.InputError` if contacts with the ``stiffness`` (n_c,), N/m,
+        are too stiff for double precision.
+        """
+        rate = self._bound_rates(stiffness)
+        if not rate < math.inf:
             raise InputError(
                 "contacts become too stiff for double precision", mend="Compare the units"
             )
-        if not top > 0.0:
-            raise InputError(
-                "no contact is pressed, and no ball moves", "There is no time scale", "Give a step"
-            )
-        return 2.0 * math.pi / _STEPS_PER_PERIOD / top
+        return rate
 
     def find_pressed_stiffness(
         self, x: Array, energy: float, force: float = 0.0, displacement: float = 0.0
@@ -1242,12 +1337,23 @@ class _System:
                 "balls are too fast, or too far away, for double precision",
                 mend="Compare the units",
             )
-        # the first of these depths at which the contact has taken up the energy and bears the
-        # force, found for all contacts at once by bisection between the indices low and high
+        depth = np.maximum(self._find_depths(len(e), energy, force), displacement)
+        stiffness = _find_stiffest(normal, np.minimum(-depth, e))
+        if np.any(self.waves.gravity):  # balls that fall close contacts that are open at the start
+            stiffness = np.maximum(stiffness, self.network.normal_stiffness)
+        return stiffness
+
+    def _find_depths(self, n_contacts: int, energy: float, force: float) -> Array:
+        """Return for each of the ``n_contacts`` of the network the depth (n_c,), m, at which it has
+        taken up an ``energy``, J, and bears a ``force``, N: the first such depth of a list that
+        grows by :data:`_DEPTH_RATIO`, or the last depth of the list if there is none.
+        """
+        normal = self.waves.normal
         depths = _LEAST_DEPTH * self._mean_radius * _DEPTH_RATIO ** np.arange(float(_N_DEPTHS))
-        low = np.zeros(len(e), np.int16)
+        # for all contacts at once by bisection between the indices low and high
+        low = np.zeros(n_contacts, np.int16)
         is_pressed = energy > 0.0 or force > 0.0
-        high = np.full(len(e), _N_DEPTHS - 1 if is_pressed else 0, np.int16)
+        high = np.full(n_contacts, _N_DEPTHS - 1 if is_pressed else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
             depth = depths[middle]
@@ -1255,11 +1361,7 @@ class _System:
             is_shallow |= normal.press(-depth)[0] < force
             low = np.where(is_shallow, middle + 1, low)
             high = np.where(is_shallow, high, middle)
-        depth = np.maximum(depths[low], displacement)
-        stiffness = _find_stiffest(normal, np.minimum(-depth, e))
-        if np.any(self.waves.gravity):  # balls that fall close contacts that are open at the start
-            stiffness = np.maximum(stiffness, self.network.normal_stiffness)
-        return stiffness
+        return np.asarray(depths[low])
 
     def _bound_rates(self, stiffness: Array) -> float:
         """Return the rate, rad/s, that bounds the time step for contacts with the normal
@@ -1317,17 +1419,18 @@ class _System:
         stiffness = np.maximum(self.current.k, self.current.punch)
         is_finite = np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.current.e))
         if not (self._bound_rates(stiffness) <= greatest_rate and is_finite):
-            raise _Stop(_TOO_LONG)
+            raise _Stop(_LONG_STEP)
 
     def _require_places(self) -> None:
         """Raise :class:`_Stop` if a ball has left its place by :data:`_MOST_DISPLACEMENT` of the
         mean diameter.
         """
         displacements = self.operator.to_balls(self.x)[:, :3]
-        largest = float(np.max(np.abs(displacements), initial=0.0))
-        if not largest < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
+        largest_displacement = float(np.max(np.abs(displacements), initial=0.0))
+        if not largest_displacement < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
             raise _Stop(
-                f"a ball has left its place by {largest:.3g} m, which needs geometry: exact"
+                f"a ball has left its place by {largest_displacement:.3g} m, which needs geometry:"
+                f" exact"
             )
 
     def _begin(self, x: Array, v: Array, step: float, scheme: str) -> None:
@@ -1403,7 +1506,7 @@ class _System:
         """Return for each drive that is a displacement the force, N, along its direction, with
         which contacts and the load resist it.
         """
-        forces = self.contacts.still - self.contacts.on_balls if self._along else _NOTHING
+        forces = self.contacts.still - self.contacts.on_balls if self._along else _NO_NUMBERS
         resistances = [np.sum(forces[balls, : len(along)] @ along) for balls, along in self._along]
         return np.array(resistances)
 
@@ -1422,11 +1525,11 @@ class _System:
         Raises :class:`_Stop` if a contact joins or parts too many times, and as :meth:`_try_step`
         does.
         """
-        remaining = self.step
+        remaining_time = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
         n_switches: Index = np.zeros(len(self.current.e) if has_jumps else 0, np.intp)
-        while remaining > 0.0:
-            trial = self._try_step(remaining, end)
+        while remaining_time > 0.0:
+            trial = self._try_step(remaining_time, end)
             if has_jumps and self._find_overshoot(trial.end_moment) > 0.0:
                 trial = self._cut_to_switch(trial, end)
             speeds = (trial.strokes - self.strokes) / trial.step
@@ -1443,14 +1546,14 @@ class _System:
             self._spare = last_moment  # its arrays are free for the next step
             self.strokes = trial.strokes
             self.drive_forces = trial.drive_forces
-            remaining -= trial.step
+            remaining_time -= trial.step
             if has_jumps and self._find_overshoot(self.current) > 0.0:
                 self.joined, contacts, loss = self.contacts.switch(self.current, self.joined)
                 self.energies.jumps += loss
                 self._set_accelerations(speeds)
                 n_switches[contacts] += 1
                 if np.max(n_switches) > _MOST_SWITCHES:
-                    raise _Stop(_RATTLED)
+                    raise _Stop(_RATTLE)
 
     def _find_overshoot(self, moment: Moment) -> float:
         """Return the greatest distance, m, by which a contact of the ``moment`` has passed the
@@ -1577,8 +1680,10 @@ class _System:
             last_change = change
             change = float(np.max(np.abs(acceleration - guess)))
             size = max(float(np.max(np.abs(acceleration))), float(np.max(np.abs(self.v))) / step)
-            is_rounding = last_change <= change <= _ROUNDED * size  # small, and no longer falls
-            if change <= _SOLVED * size or is_rounding:
+            is_rounding = (
+                last_change <= change <= _CHANGE_BY_ROUNDING * size
+            )  # small, and no longer falls
+            if change <= _CHANGE_OF_SOLUTION * size or is_rounding:
                 return _Trial(
                     step=step,
                     strokes=strokes,
@@ -1592,7 +1697,7 @@ class _System:
                     resistances=self._find_drive_resistance(),
                 )
             guess = acceleration
-        raise _Stop(_UNSOLVED)
+        raise _Stop(_NO_SOLUTION)
 
     def _slow_down(self, acceleration: Array, v: Array, span: float) -> None:
         """Add drag to an ``acceleration`` (size,), in place: that of the velocity which balls with
@@ -1621,47 +1726,55 @@ class _System:
         Elongations and normal forces must be the present ones, see :meth:`_refresh`.
         """
         moment = self.current
+        normal = self.contacts.law
+        widths = self._width_ratio * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
+        self.widest = max(self.widest, float(np.max(widths, initial=0.0)))
+        displacements, rotations = np.split(self._find_motions(), 2, axis=1)
+        speeds, spins = np.split(self.operator.to_balls(self.v), 2, axis=1)
+        if self._stroke_functions:
+            drive_speeds = self._find_drive_speeds(number)
+            for (balls, direction), speed in zip(self.moved_bodies, drive_speeds, strict=True):
+                speeds[balls] = speed * direction
+        is_closed = normal.is_closed(moment.e, self.joined)
+        frame = {
+            "times": number * self.step,
+            "displacements": displacements,
+            "velocities": speeds,
+            "rotations": rotations,
+            "spins": spins,
+            **self._sum_energies(),
+        }
+        recorder.keep(
+            frame,
+            np.where(is_closed, moment.pull[0] + normal.rest, 0.0),
+            self.contacts.shears(moment),
+            list(self._keys),
+        )
+
+    def _sum_energies(self) -> dict[str, float]:
+        """Return the present energies, J, that a frame keeps, by the names of the fields of
+        :class:`~granphon.waves.motion.Motion`.
+        """
+        moment = self.current
         contacts = self.contacts
-        joined = self.joined
-        normal = contacts.law
-        step = self.step
-        operator = self.operator
+        is_rotation = self.operator.is_rotation
         squares = self.v * self.v
         shear_energy = contacts.shear_energy(moment)
         stored = (
-            float(np.sum(normal.store(moment.e, joined)))
+            float(np.sum(contacts.law.store(moment.e, self.joined)))
             + shear_energy
             - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
         # contacts still store a part of the energy that slip has taken up
         friction_loss = self.energies.friction - (shear_energy - self._shear_energy_at_start)
-        widths = self._width_ratio * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
-        self.widest = max(self.widest, float(np.max(widths, initial=0.0)))
-        time = number * step
-        displacements, rotations = np.split(self._find_motions(), 2, axis=1)
-        speeds, spins = np.split(operator.to_balls(self.v), 2, axis=1)
-        if self._stroke_functions:
-            drive_speeds = self._find_drive_speeds(number)
-            for (balls, direction), speed in zip(self.moved_bodies, drive_speeds, strict=True):
-                speeds[balls] = speed * direction
-        recorder.keep(
-            {
-                "times": time,
-                "displacements": displacements,
-                "velocities": speeds,
-                "rotations": rotations,
-                "spins": spins,
-                "translation": 0.5 * float(np.sum(squares[~operator.is_rotation])),
-                "rotation": 0.5 * float(np.sum(squares[operator.is_rotation])),
-                "stored": stored + contacts.rest_energy(moment),
-                "lost": friction_loss + self.energies.damping + self.energies.jumps,
-                "work": self.energies.work,
-            },
-            np.where(normal.is_closed(moment.e, joined), moment.pull[0] + normal.rest, 0.0),
-            contacts.shears(moment),
-            list(self._keys),
-        )
+        return {
+            "translation": 0.5 * float(np.sum(squares[~is_rotation])),
+            "rotation": 0.5 * float(np.sum(squares[is_rotation])),
+            "stored": stored + contacts.rest_energy(moment),
+            "lost": friction_loss + self.energies.damping + self.energies.jumps,
+            "work": self.energies.work,
+        }
 
     def _find_drive_speeds(self, number: int) -> Array:
         """Return the speed, m/s, of each displacement of a drive after this ``number`` of steps:
@@ -1687,7 +1800,7 @@ class _System:
         :class:`~granphon.base.errors.InputError`.
         """
         if not self.drives:
-            return _NOTHING, _NOTHING
+            return _NO_NUMBERS, _NO_NUMBERS
         strokes = np.array(
             [real_number(displacement(time)) for displacement in self._stroke_functions]
         )
@@ -1709,8 +1822,9 @@ class _System:
         return motions
 
     def _update_pairs(self, strokes: Array) -> None:
-        """List anew the pairs that may meet, if a ball may have moved by :data:`_RELISTED` times
-        the margin since they were listed, before a step that moves driven bodies to ``strokes``, m.
+        """List anew the pairs that may meet, before a step that moves driven bodies to ``strokes``,
+        m, if a ball has moved by more than :data:`_LISTED_SHARE` times the margin since they were
+        listed.
 
         Raises :class:`_Stop` if balls without a law have met.
         """
@@ -1727,7 +1841,7 @@ class _System:
             positions = self.network.positions + self._find_motions()[:, :3]
             displacements = positions - self._listed_positions
             self._travelled = math.sqrt(np.max(np.sum(displacements**2, axis=1)))
-            if self._travelled > _RELISTED * self._skin:
+            if self._travelled > _LISTED_SHARE * self._skin:
                 self._list_pairs()
 
     def _list_pairs(self) -> None:
@@ -1779,9 +1893,18 @@ class _System:
             i = np.append(i, near_balls)
             j = np.append(j, np.full(len(near_balls), wall))
             shift = np.concatenate([shift, np.zeros((len(near_balls), 3), np.intp)])
-        # the contacts of the network are written as pairs are, so that the same ones can be left
-        # out: reversed if pairs begin with the other ball, and without a shift to a flat wall,
-        # which has none
+        pairs = np.column_stack([i, j, shift])[network.moving[i] | network.moving[j]]
+        # a pair that is also a contact of the network has one row, the first of which is a contact
+        contacts = self._list_contacts_as_pairs()
+        table, first_rows = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
+        return np.asarray(table[first_rows >= network.n_contacts])
+
+    def _list_contacts_as_pairs(self) -> Index:
+        """Return the contacts (n_c, 5) of the network as :meth:`_find_pairs` writes pairs, (i, j,
+        shift): reversed if pairs begin with the other ball, and without a shift to a flat wall,
+        which has none.
+        """
+        network = self.network
         is_flat = np.isinf(network.distance)
         contacts = np.column_stack(
             [network.i, network.j, np.where(is_flat[:, None], 0, network.shift)]
@@ -1789,9 +1912,7 @@ class _System:
         is_reversed = ~(select_once(network.i, network.j, network.shift) | is_flat)
         reversed_contacts = np.column_stack([network.j, network.i, -network.shift])
         contacts[is_reversed] = reversed_contacts[is_reversed]
-        pairs = np.column_stack([i, j, shift])[network.moving[i] | network.moving[j]]
-        table, first_rows = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
-        return np.asarray(table[first_rows >= network.n_contacts])
+        return contacts
 
     def _carry_over(self, old_pairs: Index, old_numbers: Index, old_dash: Array) -> None:
         """Give the contacts that :meth:`_set_contacts` has just made the state that they had among

@@ -365,8 +365,8 @@ class WaveOperator(LinearOperator):
         motions of balls j of contacts are multiplied by these factors.
         """
         root = self.full_root if phase is None else self._make_full_root(phase)
-        weighed = root.multiply(self.row_weights(weights)[:, None]).tocsr()
-        product: csr_array[Any] = (root.conj().T.tocsr() @ weighed).tocsr()
+        weighed_root = root.multiply(self.row_weights(weights)[:, None]).tocsr()
+        product: csr_array[Any] = (root.conj().T.tocsr() @ weighed_root).tocsr()
         return product
 
     def drag(self, losses: Losses) -> Array:
@@ -425,10 +425,10 @@ class WaveOperator(LinearOperator):
     def parts(self) -> Parts:
         """D without G as three functions; the rows are those of :attr:`full_root`."""
         root = self.full_root
-        transposed = root.T.tocsr()
+        transposed_root = root.T.tocsr()
         return Parts(
             deform=lambda x: np.asarray(root @ x),
-            pull=lambda tension: np.asarray(transposed @ tension),
+            pull=lambda tension: np.asarray(transposed_root @ tension),
             weigh=self.row_weights,
         )
 
@@ -554,11 +554,9 @@ class WaveOperator(LinearOperator):
                 network.normal,
                 tangential_force,
                 network.distance,
-                network.arm_i,
-                network.arm_j,
+                (network.arm_i, network.arm_j),
                 network.ball_motions,
-                gyration_i,
-                gyration_j,
+                (gyration_i, gyration_j),
                 network.tangential_growth,
                 network.arm_rates,
                 turns=network.turns_with_balls,

@@ -18,15 +18,16 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
+from granphon.base.text import require_path
 from granphon.base.validation import one_of, real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
 from granphon.waves.spectral_functions import PeriodicCell, SpectralFunction, nearest_wavevectors
 from granphon.waves.waves import Waves
 
-#: difference from a wave vector of Gamma, in fractions of the reciprocal cell, up to which a wave
-#: vector is one of Gamma but for rounding
-_SAME = 1e-6
+#: rounding of wave vectors: in fractions of the reciprocal cell, where one is compared with Gamma,
+#: and over the length of a leg, where the distance from the leg is compared
+_ROUNDING = 1e-6
 #: points of the bands between two corners
 _BAND_POINTS = 101
 #: units of the numbers of a line that may have errors, by the names of their columns
@@ -44,7 +45,7 @@ class PathSpectra(Result):
     labels : names of the corners, one for each.
     distances : (n,) distances of the wave vectors along the path, 1/m. Wave vectors are those of
         the cell of the array that are nearest to points of the path, without Gamma.
-    spectra : for each polarisation the spectral function at these n wave vectors.
+    spectra : for each polarisation, one or more, the spectral function at these n wave vectors.
     band_distances : (b,) distances of the wave vectors of the bands along the path, 1/m.
     bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness,
         Hz; empty for a packing, which has no lattice.
@@ -128,8 +129,12 @@ class PathSpectra(Result):
         attenuation, 1/m. ``errors`` are standard errors (polarisations, n), in the units of the
         columns, by the names of :attr:`numbers`; further columns, such as peak_error, hold these.
 
-        Raises :class:`~granphon.base.errors.InputError` for errors of another name or shape.
+        An earlier table with the same columns is replaced. Raises
+        :class:`~granphon.base.errors.InputError` for errors of another name or shape, or that are
+        no numbers, and if ``path`` is no path; and :class:`~granphon.base.errors.OutputError` if
+        another file is there, also a table with other columns, or the file cannot be written.
         """
+        require_path(path)
         tables = self._read_errors(errors or {})
         names = [f"q{axis}" for axis in "xyz"[: self.spectra[0].q.shape[1]]]
         headings: list[Heading | str] = [
@@ -161,7 +166,8 @@ class PathSpectra(Result):
 
     def _read_errors(self, errors: Mapping[str, ArrayLike]) -> dict[str, Array]:
         """Return the ``errors`` of :meth:`write_csv` as arrays (polarisations, n), by name; raises
-        :class:`~granphon.base.errors.InputError` for errors of another name or shape.
+        :class:`~granphon.base.errors.InputError` for errors of another name or shape, or that are
+        no numbers.
         """
         shape = (len(self.spectra), self.distances.size)
         tables: dict[str, Array] = {}
@@ -193,7 +199,7 @@ def find_path_spectra(
     lattice, scales : the lattice of equal contacts with the mean stiffness, whose bands are drawn
         beside the spectra, and its units.
     path : pieces of the path, each the corners (n_corners, p) or (n_corners, 3) of a line without
-        a jump, in fractions of the reciprocal cell.
+        a jump, in fractions of the reciprocal cell. No corner is the same as the one before it.
     labels : names of the corners, one for each.
     points : number of points from each corner to the next, both counted. If the same wave vector of
         the cell is nearest to several points, it counts once.
@@ -202,8 +208,8 @@ def find_path_spectra(
 
     Raises
     ------
-    InputError : fewer than two points, or an array so small that it has no wave vector on the path
-        but Gamma.
+    InputError : fewer than two points, an array so small that it has no wave vector on the path
+        but Gamma, or what :meth:`~granphon.waves.waves.Waves.spectral_function` refuses.
     """
     route = find_path_points(waves.network, lattice, scales.length, path, points)
     spectra = [waves.spectral_function(route.q, name, resolution) for name in polarisations]
@@ -292,9 +298,9 @@ def find_path_points(
     each leg of a path, as waves with a whole number of periods in the cell.
 
     Left out are wave vectors of Gamma, those farther off the path than half the distance of two
-    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m. No corner of
-    the ``path`` may be the same as the corner before it. The form of the path, and what is raised,
-    are those of :func:`find_path_spectra`.
+    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m. The ``path``
+    is that of :func:`find_path_spectra`. Raises :class:`~granphon.base.errors.InputError` for fewer
+    than two points, and if no wave vector is left.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m
@@ -313,7 +319,7 @@ def find_path_points(
         for q in nearest_wavevectors(network, targets):
             distance, deviation = leg.measure(q[:p])
             fractions = q[:p] @ to_fractions
-            is_gamma = np.all(np.abs(fractions - np.rint(fractions)) <= _SAME)
+            is_gamma = np.all(np.abs(fractions - np.rint(fractions)) <= _ROUNDING)
             if not is_gamma and deviation <= half_step:
                 waves_along_periods = np.rint(periods @ q / (2.0 * np.pi))
                 numbers = tuple(waves_along_periods.astype(int).tolist())
@@ -349,12 +355,12 @@ def find_packing_points(
     wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
     for leg in legs:
         # half the distance of two points, with room for rounding
-        farthest = 0.5 * leg.length / (count - 1) + _SAME * leg.length
+        largest_deviation = 0.5 * leg.length / (count - 1) + _ROUNDING * leg.length
         waves_along_periods = np.rint(leg.place_points(count) @ periods.T / (2.0 * np.pi))
         for numbers in waves_along_periods:
             q = numbers @ reciprocal
             distance, deviation = leg.measure(q)
-            if np.any(numbers) and deviation <= farthest:
+            if np.any(numbers) and deviation <= largest_deviation:
                 wavevectors.setdefault(tuple(numbers.astype(int).tolist()), (distance, q))
     if not wavevectors:
         fault = "the path has no wave vector of the packing but zero"

@@ -36,13 +36,13 @@ _POLE_CHANGE = 1e-6
 _CONVERGENCE = 0.1
 #: least half width of a line, Im p, over the step of the squares of frequencies, with which the
 #: frequencies resolve the line: the width of the line is then one step
-_RESOLVED = 0.5
+_LEAST_STEPS = 0.5
 #: difference of the pole of a receiver from that of all receivers, over the half width, up to which
 #: the receiver has this line
-_SAME_LINE = 1e-2
+_POLE_DIFFERENCE = 1e-2
 #: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
 #: not told from rounding
-_NARROWEST = 1e-9
+_LEAST_WIDTH = 1e-9
 #: degree of the polynomials whose quotient passes through a peak
 _DEGREE = 6
 #: most rounds in which the response is solved in a window about a peak; each round gives the next
@@ -59,7 +59,7 @@ _ROUNDING = 1e-9
 _LEAST_HEIGHT = 1.0 - 1e-9
 #: smallest singular value, over the largest, up to which a quotient of some degree passes through
 #: all values
-_SINGULAR = 1e-13
+_RANK_TOLERANCE = 1e-13
 #: error of a position in a window, of which the ends are at -1 and 1
 _POSITION_ERROR = 1e-14
 #: number of positions in a window at which the magnitude of a quotient is computed
@@ -99,8 +99,10 @@ def find_peaks(
     Without ``solve`` there are three cases for the mode through the highest value and its
     neighbours. If these values resolve the mode, the peak is that of the mode, and Q is
     Re p / Im p. If the mode is narrower than a step, the frequency is that of the highest value,
-    and neither height nor Q is known. If the pole is farther away than its width, the peak is not
-    that of one mode: its frequency and height are those of the highest value, and Q is not known.
+    and neither height nor Q is known. Else the peak is not that of one mode: its frequency and
+    height are those of the highest value, and Q is not known. So it is where the pole is farther
+    from the highest value than a step and half of its width, where it is that of a mode that grows,
+    and where two of the values are equal, so that there is no pole.
     """
     magnitude = np.abs(values)
     rows, is_top = _find_tops(magnitude)
@@ -166,7 +168,8 @@ class _PeakFits(NamedTuple):
     squares : squares of the frequencies, Hz^2.
     heights : magnitudes; nan if the line is narrower than the step of the frequencies.
     quality : Q factors; nan if not known.
-    is_broad : whether the line is as wide as the step of the frequencies, or wider.
+    is_broad : whether the line is as wide as the step of the frequencies, or wider, or two of the
+        three values are equal, so that they have no pole.
     """
 
     squares: Array
@@ -221,7 +224,8 @@ def _fit_peaks(x: Array, values: Complex, highest: Array) -> _PeakFits:
         residue = (values[2] - values[0]) * (pole - x[0]) * (pole - x[2]) / two_steps
         background = values[1] - residue / (pole - x[1])
         fitted_height = np.abs(background + residue / (1j * pole.imag))  # at x = Re p
-        is_broad = np.abs(pole.imag) >= 0.5 * _RESOLVED * two_steps
+        # negated, so that values without a pole, of which two are equal, are no narrow line
+        is_broad = ~(np.abs(pole.imag) < 0.5 * _LEAST_STEPS * two_steps)
         is_near = np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * two_steps)
         is_mode = is_broad & (pole.imag > 0.0) & is_near
         height_of_value = np.where(is_broad, highest, np.nan)
@@ -260,7 +264,7 @@ def _solve_lines(
     pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
     receiver_poles = _fit_pole(points[..., None], line_values)
     difference = np.abs(receiver_poles - pole[:, None])
-    is_same = difference <= _SAME_LINE * pole.imag[:, None]
+    is_same = difference <= _POLE_DIFFERENCE * pole.imag[:, None]
     half_width = _MARGIN * pole.imag / (2.0 * np.sqrt(points[1]))
     return _SolvedLines(
         squares=points[1],
@@ -316,37 +320,37 @@ def _approach_lines(
     last_values = values.copy()
     poles = np.full(len(low), np.nan + 0j)
     estimates = _fit_common_pole(x, values, is_narrow)
-    active = np.arange(len(low))  # indices of the lines whose poles are not settled yet
+    lines = np.arange(len(low))  # indices of those whose poles are not settled yet
     last_change = np.full(len(low), np.inf)
     for number in range(_ROUNDS):
-        active = active[np.isfinite(estimates[active])]
-        if not active.size:
+        lines = lines[np.isfinite(estimates[lines])]
+        if not lines.size:
             break
-        points = _place_points(estimates[active], low[active], high[active])
-        last_points[:, active] = points
+        points = _place_points(estimates[lines], low[lines], high[lines])
+        last_points[:, lines] = points
         frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
-        last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
-        new_poles = _fit_common_pole(points, last_values[:, active], is_narrow[active])
-        change = np.abs(new_poles - estimates[active])
-        is_above_rounding = new_poles.imag > _NARROWEST * points[1]
+        last_values[:, lines] = solve(frequencies)[index.reshape(points.shape)]
+        new_poles = _fit_common_pole(points, last_values[:, lines], is_narrow[lines])
+        change = np.abs(new_poles - estimates[lines])
+        is_above_rounding = new_poles.imag > _LEAST_WIDTH * points[1]
         is_settled = (change <= _POLE_CHANGE * new_poles.imag) & is_above_rounding
-        poles[active[is_settled]] = new_poles[is_settled]
-        estimates[active] = new_poles
+        poles[lines[is_settled]] = new_poles[is_settled]
+        estimates[lines] = new_poles
         # the pole of one mode converges faster than linearly; poles of several do not
-        is_converging = (change < _CONVERGENCE * last_change[active]) | (number < _FREE_ROUNDS)
-        last_change[active] = change
-        active = active[~is_settled & is_converging]
+        is_converging = (change < _CONVERGENCE * last_change[lines]) | (number < _FREE_ROUNDS)
+        last_change[lines] = change
+        lines = lines[~is_settled & is_converging]
     return poles, last_points, last_values
 
 
 def _place_points(pole: Complex, low: Array, high: Array) -> Array:
     """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,), complex: its
-    real part, clipped to the interval from ``low`` to ``high`` (n,), and half a width to either
-    side.
+    real part, clipped to the interval from ``low`` to ``high`` (n,), and half a width of its line
+    to either side, but no more than a quarter of the interval.
     """
-    centre = np.clip(pole.real, np.maximum(low, _NARROWEST * high), high)
-    widest = 0.5 * _RESOLVED * (high - low)
-    half_width = np.clip(np.abs(pole.imag), _NARROWEST * centre, widest)
+    centre = np.clip(pole.real, np.maximum(low, _LEAST_WIDTH * high), high)
+    widest = 0.5 * _LEAST_STEPS * (high - low)
+    half_width = np.clip(np.abs(pole.imag), _LEAST_WIDTH * centre, widest)
     half_width = np.minimum(half_width, 0.5 * centre)  # all squares are above zero
     return np.asarray(centre + half_width * np.array([[-1.0], [0.0], [1.0]]))
 
@@ -398,8 +402,8 @@ def _find_windows(
     ``frequencies`` (n_f,), Hz; ``is_peak`` (n, n_r) says which receivers have a peak there.
 
     To either side the window ends at the frequency at which the square of the magnitude has fallen
-    to half, or if it does not fall so far, at the next frequency; it holds the windows of all
-    receivers with a peak.
+    to half, or if it rises before or does not fall so far, at the next frequency. A window holds
+    those of all receivers with a peak in its row.
     """
     low, high = np.full((2, rows.size), np.nan)
     windows = _Windows(low, high, float(frequencies[0]), float(frequencies[-1]))
@@ -421,10 +425,10 @@ def _count_fall(values: Array, level: float) -> tuple[int, bool]:
     The number is 0 if they do not come to the level, or rise again before.
     """
     rises = np.flatnonzero(np.diff(values) > 0.0)
-    falling = values[: rises[0] + 1] if rises.size else values
-    low = np.flatnonzero(falling <= level)
-    if low.size:
-        return int(low[0]), False
+    falling_values = values[: rises[0] + 1] if rises.size else values
+    low_steps = np.flatnonzero(falling_values <= level)
+    if low_steps.size:
+        return int(low_steps[0]), False
     return 0, not rises.size
 
 
@@ -444,25 +448,26 @@ def _refine_peaks(
     )
     nodes = np.cos(np.pi * (np.arange(2 * _DEGREE + 1) + 0.5) / (2 * _DEGREE + 1))
     is_settled = ~is_peak
-    may_widen = np.ones(is_peak.shape, bool)
+    can_widen = np.ones(is_peak.shape, bool)
     for _ in range(_WINDOW_ROUNDS):
-        active = np.flatnonzero(~np.all(is_settled, axis=1))
-        if not active.size:
+        # of the windows whose peaks are not all settled
+        numbers = np.flatnonzero(~np.all(is_settled, axis=1))
+        if not numbers.size:
             break
-        middle = 0.5 * (windows.high[active] + windows.low[active])
-        half_width = 0.5 * (windows.high[active] - windows.low[active])
+        middle = 0.5 * (windows.high[numbers] + windows.low[numbers])
+        half_width = 0.5 * (windows.high[numbers] - windows.low[numbers])
         frequencies, index = np.unique(middle + half_width * nodes[:, None], return_inverse=True)
-        samples = solve(frequencies)[index.reshape(nodes.size, active.size)]
-        for column, number in enumerate(active.tolist()):
+        samples = solve(frequencies)[index.reshape(nodes.size, numbers.size)]
+        for column, number in enumerate(numbers.tolist()):
             window = middle[column], half_width[column]
             has_room = windows.find_room(number)
             ends = []
             for receiver in np.flatnonzero(is_peak[number]).tolist():
                 peak = number, receiver
                 quotient = _Quotient.through(nodes, samples[:, column, receiver])
-                change = _set_peak(fits, peak, window, quotient, has_room & may_widen[peak])
+                change = _set_peak(fits, peak, window, quotient, has_room & can_widen[peak])
                 is_settled[peak] = change.is_settled
-                may_widen[peak] &= change.may_widen
+                can_widen[peak] &= change.can_widen
                 ends.append(change.ends)
             windows.replace(number, np.transpose(ends))
     return fits, is_settled & is_peak
@@ -475,12 +480,12 @@ class _Change(NamedTuple):
     ----------
     is_settled : whether the peak no longer changes.
     ends : lower and upper end of its next window, Hz.
-    may_widen : whether a later window of the peak may become wider than the one before.
+    can_widen : whether a later window of the peak may become wider than the one before.
     """
 
     is_settled: bool
     ends: tuple[float, float]
-    may_widen: bool
+    can_widen: bool
 
 
 def _set_peak(
@@ -488,22 +493,22 @@ def _set_peak(
     index: tuple[int, int],
     window: tuple[float, float],
     quotient: _Quotient,
-    may_widen: NDArray[np.bool_],
+    can_widen: NDArray[np.bool_],
 ) -> _Change:
     """Set the peak of ``fits`` with this ``index``, of a row and a receiver, to the peak of the
     ``quotient``, and return what this changes; without a peak of the quotient, ``fits`` stay.
 
     The quotient runs over the ``window``, given by its middle and its half width, Hz; the next
-    window may be wider at those ends for which ``may_widen`` (2,) is true.
+    window may be wider at those ends for which ``can_widen`` (2,) is true.
     """
     middle, half_width = window
     last_frequency = math.sqrt(fits.squares[index])
     last_quality = fits.quality[index]
     last_height = fits.heights[index]
-    peak = quotient.find_peak((last_frequency - middle) / half_width, may_widen)
+    peak = quotient.find_peak((last_frequency - middle) / half_width, can_widen)
     if peak is None:
         same_window = middle - half_width, middle + half_width
-        return _Change(is_settled=False, ends=same_window, may_widen=False)
+        return _Change(is_settled=False, ends=same_window, can_widen=False)
     frequency = middle + half_width * peak.position
     quality = frequency / (half_width * (peak.high - peak.low))
     fits.squares[index] = frequency**2
@@ -518,7 +523,7 @@ def _set_peak(
         is_settled=bool(is_settled) and not peak.is_wider,
         ends=(middle + half_width * low, middle + half_width * high),
         # a peak whose magnitude rises again has no width, and looks for one no more
-        may_widen=peak.is_wider or not math.isnan(quality),
+        can_widen=peak.is_wider or not math.isnan(quality),
     )
 
 
@@ -560,14 +565,15 @@ class _Quotient(NamedTuple):
         arbitrary position.
         """
         scale = float(np.max(np.abs(values)))
-        scaled = values[:, None] / scale
+        scaled_values = values[:, None] / scale
         for degree in range(_DEGREE + 1):
             powers = polynomial.polyvander(nodes, degree)
             # numerator - values denominator = 0 at all nodes: the last singular vector solves it
-            _, singular, right = np.linalg.svd(np.hstack([powers, -scaled * powers]))
-            if singular[-1] <= _SINGULAR * singular[0]:
+            matrix = np.hstack([powers, -scaled_values * powers])
+            _, singular_values, right_rows = np.linalg.svd(matrix)
+            if singular_values[-1] <= _RANK_TOLERANCE * singular_values[0]:
                 break
-        coefficients = right[-1].conj()
+        coefficients = right_rows[-1].conj()
         return cls(coefficients[: degree + 1], coefficients[degree + 1 :], scale)
 
     def find_square(self, position: Any) -> Any:
@@ -591,7 +597,7 @@ class _Quotient(NamedTuple):
         return float((find_rate(self.numerator) - find_rate(self.denominator)).real)
 
     def find_peak(
-        self, expected_position: float, may_widen: NDArray[np.bool_]
+        self, expected_position: float, can_widen: NDArray[np.bool_]
     ) -> _PeakShape | None:
         """Return the peak nearest to the ``expected_position``; None if there is no peak within -1
         and 1.
@@ -599,7 +605,7 @@ class _Quotient(NamedTuple):
         The next window of the peak holds the positions at which the square of the magnitude is half
         of that of the peak, with a margin. If the magnitude still falls at an end of this window,
         and has not come to the half, the next window is wider at this end, provided that
-        ``may_widen`` (2,) is true there. If the magnitude rises again before it comes to the half,
+        ``can_widen`` (2,) is true there. If the magnitude rises again before it comes to the half,
         the next window is half as wide as this one.
         """
         from scipy.optimize import brentq
@@ -619,7 +625,7 @@ class _Quotient(NamedTuple):
         low, falls_below = self._find_end(mesh[top::-1], squares[top::-1], half_square)
         high, falls_above = self._find_end(mesh[top:], squares[top:], half_square)
         has_end = np.isfinite([low, high])
-        is_open = np.array([falls_below, falls_above]) & may_widen
+        is_open = np.array([falls_below, falls_above]) & can_widen
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
         if np.all(has_end):
             margin = 0.5 * (_MARGIN - 1.0) * (high - low)

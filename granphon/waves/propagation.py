@@ -47,10 +47,10 @@ _ROUNDING = 2e-15
 _BLOCK = 4_000_000
 #: least relative difference of the squares of a mode's frequency and decay rate: nearer squares are
 #: set this far apart, as quotients by their difference have no digits
-_CRITICAL = 1e-10
+_LEAST_DIFFERENCE = 1e-10
 #: distance of a rate from that of a wave, times the length of the burst, below which the two are
 #: near
-_NEAR_RATES = 1e-2
+_RATE_DISTANCE = 1e-2
 #: longest span of a record with uneven damping, in units of 2/c
 _LONGEST_DECAY = 6.0
 #: longest span of a record with uneven damping, in units of 1/R
@@ -118,7 +118,7 @@ class ToneBurst:
         differences = rates[:, None] - wave_rates
         # each wave adds (exp(rate t) - exp(wave_rate t))/(rate - wave_rate); where the two rates
         # are near, expm1 keeps the digits of the difference
-        is_near = np.min(np.abs(differences), axis=1) * self.duration < _NEAR_RATES
+        is_near = np.min(np.abs(differences), axis=1) * self.duration < _RATE_DISTANCE
         quotients = weights / differences[~is_near]
         waves_at_times = np.exp(np.multiply.outer(times, wave_rates))
         exponentials = np.exp(np.multiply.outer(times, rates[~is_near]))
@@ -164,7 +164,7 @@ class _Exponentials:
         """
         # the rates s of exp(s t) are the roots of s^2 + (damping omega^2 + drag) s + omega^2 = 0
         decay = 0.5 * (damping * omega**2 + drag)
-        least_square = _CRITICAL * omega**2
+        least_square = _LEAST_DIFFERENCE * omega**2
         exact_square = omega**2 - decay**2
         damped_square = np.where(np.abs(exact_square) < least_square, least_square, exact_square)
         swing_nodes = np.flatnonzero(damped_square > 0.0)
@@ -400,13 +400,13 @@ class Spans:
 
     @classmethod
     def of(cls, top: float, burst: ToneBurst, losses: Losses) -> Spans:
-        """Return the spans of a network with its ``losses`` under a ``burst``; ``top``, 1/s, is the
-        bound of its frequencies.
+        """Return the spans of a network with its ``losses`` under a ``burst``; ``top``, rad/s, is
+        the bound of its angular frequencies.
         """
-        greatest_damping = np.max(losses.times) * top**2 + np.max(losses.drag)
+        greatest_rate = np.max(losses.times) * top**2 + np.max(losses.drag)
         _, omegas = burst.waves
         radius = max(top, float(np.max(omegas)))
-        return cls(0.5 * float(greatest_damping), radius)
+        return cls(0.5 * float(greatest_rate), radius)
 
     @property
     def longest(self) -> float:
@@ -435,7 +435,7 @@ class Spans:
 
     def count_products(self, end: float) -> float:
         """Return a bound of the number of products with D that the propagation up to the time
-        ``end``, s, takes.
+        ``end``, s, above zero, takes.
         """
         longest = min(self.longest, end)
         n_spans = math.ceil(end / longest) + 1  # the end of the burst divides one span
@@ -454,7 +454,7 @@ class ViscousPropagation:
     Parameters
     ----------
     operator : D.
-    push : (size,) mass-weighted forces, N/kg^1/2, which act times the burst.
+    push : (size,) mass-weighted forces, N/kg^1/2, not all zero, which act times the burst.
     burst : the course of the force in time.
     losses : losses of the network.
     """

@@ -964,6 +964,9 @@ class ResponseWork:
             mode_density = np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
             pace += 2.0 * _MODE_PACE / mode_density
         counts = np.full(w.shape, np.inf)
+        # factors by which the residual is to fall. The error is at most the residual over the
+        # distance; it counts over the largest value, which is taken to be one in these units, or
+        # one over the distance where that is less
         reductions = np.maximum(1.0 / self.distance[is_bounded], 1.0) / self.tolerance
         counts[is_bounded] = np.log(reductions) / pace[is_bounded]
         if self.is_strong:

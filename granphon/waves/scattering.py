@@ -244,7 +244,7 @@ def _scatter_at_all(
             for w, *waves in zip(omega_at_once, first_waves, last_waves, strict=True):
                 returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
                 (incoming, _), _ = waves
-                running_factors = incoming.factors[: incoming.running]
+                running_factors = incoming.factors[: incoming.n_running]
                 scattered.append(_ScatteredWaves(returning, passing, running_factors))
                 step.advance()
     return scattered
@@ -829,9 +829,13 @@ def _solve_strip(work: TransmissionWork, equations: Any, drive: Any) -> tuple[Co
 
 
 def _find_self_energies(work: TransmissionWork, first_green: Complex, last_green: Complex) -> Any:
-    """Return what the leads of the ``work`` add to the stiffness of the strip at its ends, the
-    self-energies: a sparse matrix (size, size), (rad/s)^2. ``first_green`` and ``last_green``, s^2,
-    are Green's functions of the outer blocks of the leads.
+    """Return what the leads of the ``work`` add to the stiffness of the strip at its ends: a sparse
+    matrix (size, size), (rad/s)^2, for the motions of the strip. It holds the stiffness of the
+    contacts between the strip and the leads, which the strip alone lacks, and the self-energies of
+    the leads behind these contacts.
+
+    ``first_green`` (n_1, n_1) and ``last_green`` (n_2, n_2), s^2, are Green's functions of those
+    blocks of the leads, of n_1 and n_2 motions, that are next to the strip.
     """
     from scipy.sparse import csc_array
 
@@ -959,8 +963,8 @@ def _scatter(
     first_green = _find_green(square, first_blocks.inner, beyond_first)
     last_green = _find_green(square, last_blocks.inner, beyond_last)
     # incoming waves push the outer block of the first lead, and by it the strip
-    shapes = incoming.vectors[:, : incoming.running]
-    phases = incoming.factors[: incoming.running] ** first_reach
+    shapes = incoming.vectors[:, : incoming.n_running]
+    phases = incoming.factors[: incoming.n_running] ** first_reach
     push = first_blocks.up @ shapes * phases
     drive = lower.conj().T @ (first_blocks.down @ (shapes - first_green @ push))
     stiffness = matrix + _find_self_energies(work, first_green, last_green)

@@ -72,7 +72,6 @@ from granphon.base.validation import (
     label,
     number,
     read_inside,
-    real_number,
     zero_or_above,
 )
 from granphon.dynamics.damping import LEAST_RESTITUTION, read_loss
@@ -114,8 +113,8 @@ RESPONSES = {
 }
 #: the faces of an array
 FACES = ("lower", "upper")
-#: text of a receiver that is a contact: the indices of its two balls
-_CONTACT = re.compile(r"([0-9]+)-([0-9]+)")
+#: text of a receiver that is a contact: the indices of its two balls, of at most nine digits
+_CONTACT = re.compile(r"([0-9]{1,9})-([0-9]{1,9})")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
 #: words that say whether dashpots may pull in a motion
@@ -198,7 +197,7 @@ def _read_place(value: Any) -> str:
     words = value.split() if isinstance(value, str) else []
     if words in (["plane"], [FLOOR]) or (len(words) == 1 and _CONTACT.fullmatch(words[0])):
         return words[0]
-    if len(words) > 1 and words[0].isdecimal():
+    if len(words) > 1 and re.fullmatch("[0-9]{1,9}", words[0]):
         direction = words[1:]
         is_axis = len(direction) == 1 and direction[0] in ("x", "y", "z")
         if is_axis or _is_vector(direction):
@@ -224,24 +223,20 @@ def find_place(text: str) -> Any:
     return int(ball), [float(component) for component in direction]
 
 
-def _is_vector(words: list[Any]) -> bool:
-    """Return whether ``words`` are one to three finite numbers, or texts of such numbers, not all
-    zero.
-    """
-    components: list[Any] = []
-    for word in words:
-        is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
-        components.append(float(word) if is_number else word)
-    if not 1 <= len(components) <= 3 or not any(components):
+def _is_vector(words: list[str]) -> bool:
+    """Return whether ``words`` are one to three finite numbers, not all zero."""
+    if not 1 <= len(words) <= 3 or not all(re.fullmatch(NUMBER, word) for word in words):
         return False
-    return all(math.isfinite(real_number(component)) for component in components)
+    components = [float(word) for word in words]
+    return any(components) and all(map(math.isfinite, components))
 
 
 def read_direction(value: Any) -> tuple[float, ...]:
     """Return the one to three components of a Cartesian vector, read from a list of numbers or
     fractions such as "1/2", or from a text of these.
 
-    Raises :class:`Refused` for another number of components, and for zeros.
+    Raises :class:`Refused` for another number of components, for zeros alone, and for what is no
+    such number or fraction, or a number above 1000 in magnitude.
     """
     words: Any = value.split() if isinstance(value, str) else value
     if not isinstance(words, list | tuple):
@@ -264,11 +259,16 @@ _POINTS = whole_from(2, 10_000)
 # -- how a network is repeated and cut -------------------------------------------------------------
 
 
+def _is_nothing(value: Any) -> bool:
+    """Whether a ``value`` is the empty tuple; an empty list or array is not."""
+    return isinstance(value, tuple) and not value
+
+
 def _read_repeat(value: Any) -> tuple[int, ...]:
     """Return the numbers of cells along each period, from 1 to a million each, as
     :func:`read_counts` reads them; an empty tuple, which repeats nothing, stays empty.
     """
-    return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
+    return () if _is_nothing(value) else read_counts(value, "numbers of cells", 1, 1_000_000)
 
 
 def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str | Wall, str | Wall]]:
@@ -313,8 +313,8 @@ def _write_edge(edge: str | Wall, context: ValueContext) -> Any:
 
 
 def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wall]:
-    """Return the lower and the upper edge, read from a list of two or from one text or block; each
-    is a word that says how it is held, or a wall.
+    """Return the lower and the upper edge, read from a list of one or two or from one text or
+    block; each is a word that says how it is held, or a wall.
     """
     read_wall = partial(_read_wall, context=context)
     given_edges = value if isinstance(value, list | tuple) else [value]
@@ -326,8 +326,9 @@ def _write_edges(edges: tuple[str | Wall, str | Wall], context: ValueContext) ->
     """Return both ``edges`` as a scene file has them: one text of two words, or a list if one is a
     wall.
     """
-    written = [_write_edge(edge, context) for edge in edges]
-    return written if any(isinstance(edge, dict) for edge in written) else " ".join(written)
+    written_edges = [_write_edge(edge, context) for edge in edges]
+    has_wall = any(isinstance(edge, dict) for edge in written_edges)
+    return written_edges if has_wall else " ".join(written_edges)
 
 
 #: kind of one edge: a word that says how it is held, or a wall
@@ -351,7 +352,7 @@ _CUTS = one_or_more(
 REPEAT = Kind.plain(_read_repeat, lambda counts: list(counts) or None)
 #: kind of the cuts of a crystal or network; an empty tuple is written as nothing
 CUT = Kind(
-    lambda value, context: () if value == () else _CUTS.read(value, context),
+    lambda value, context: () if _is_nothing(value) else _CUTS.read(value, context),
     lambda cuts, context: _CUTS.write(cuts, context) if cuts else None,
 )
 
@@ -392,7 +393,9 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def has_dashpots(self) -> bool:
-        """Whether contacts have dashpots: a damping, a dashpot or a restitution."""
+        """Whether contacts have dashpots: a damping or a dashpot above zero, or a restitution, even
+        one of 1.
+        """
         dashpots = (self.damping, self.dashpot)
         return self.restitution is not None or any(loss and np.any(loss) for loss in dashpots)
 
@@ -424,7 +427,7 @@ class LossSettings(Block, kw_only=True):
 
         If only the first of a pair gets a value, the second gets it too.
         """
-        changed: dict[str, Any] = {}
+        new_losses: dict[str, Any] = {}
         for name in dict.fromkeys(LOSS_PARAMETERS[parameter] for parameter in values):
             if not hasattr(self, name):
                 continue
@@ -435,8 +438,8 @@ class LossSettings(Block, kw_only=True):
                 second = first
             # a loss that is never a pair has no second parameter
             second = values.get(SECOND_LOSSES.get(name, ""), second)
-            changed[name] = first if second == first else (first, second)
-        return replace(self, **changed)
+            new_losses[name] = first if second == first else (first, second)
+        return replace(self, **new_losses)
 
 
 class LinearLossSettings(LossSettings, kw_only=True):
@@ -534,15 +537,15 @@ class EdgeSettings(Block, kw_only=True):
                 wall = walls[wall_name]
                 material = replace(wall.solid, **{parameter: value})
                 walls[wall_name] = replace(wall, material=material)
-        changed = list[str | Wall]()
+        new_edges = list[str | Wall]()
         named_edges = name_walls(self.edges, kinds, ())
         for edge, named_edge in zip(self.edges, named_edges, strict=True):
             if isinstance(edge, Wall) and isinstance(named_edge, Wall):
                 # a wall without a name stays without one, as a wall of the state at rest may have
                 # the name that this wall has among the edges of the block
                 edge = replace(walls[f"{self.block}.{named_edge.name}"], name=edge.name)
-            changed.append(edge)
-        return self.with_edges(changed)
+            new_edges.append(edge)
+        return self.with_edges(new_edges)
 
 
 def is_of_wall(name: str) -> bool:
@@ -805,8 +808,9 @@ class Signal:
     def __post_init__(self) -> None:
         """Make tuples of numbers of both lists.
 
-        Raises :class:`Refused` for entries that are no finite numbers, for lists of fewer than two
-        entries or of different lengths, and for times that are below 0 s or do not ascend.
+        Raises :class:`InputError` for what is no list of one or more finite numbers; and
+        :class:`Refused` for lists of one entry or of different lengths, and for times that are
+        below 0 s or do not ascend.
         """
         object.__setattr__(self, "times", finite_list("times", self.times, "s"))
         object.__setattr__(self, "values", finite_list("values", self.values, ""))
@@ -870,9 +874,9 @@ def _read_table(folder: Path, file: str, name: str, quantity: Quantity) -> Signa
 
 
 def _signal_kind(name: str, quantity: Quantity) -> Kind:
-    """Return the kind of a signal of what ``name`` names, with the unit of the ``quantity``. The
-    signal is read from the name of a file with a table, from a block of two lists, "time" and
-    ``name``, or from a signal, and is written as such a block.
+    """Return the kind of a signal of a force or a displacement, which ``name`` says; the
+    ``quantity`` has its unit. The signal is read from the name of a file with a table, from a block
+    of two lists, "time" and ``name``, or from a signal, and is written as such a block.
     """
     columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(quantity))}
     lists = block_of(columns, tuple(columns))
@@ -932,9 +936,9 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
 class DriveSettings(Block):
     """A drive of some balls along a direction, of one of four kinds.
 
-    A face of the array is its floor, or if there is none its clamped balls, or if there are none
-    the balls of its outer layer. Exactly one of ``impact``, ``shaker``, ``force`` and
-    ``displacement`` is not None.
+    A face of the array is its floor; without a floor its clamped balls, if no ball of its outer
+    layer moves; else the balls of its outer layer. Exactly one of ``impact``, ``shaker``, ``force``
+    and ``displacement`` is not None: :class:`MotionSettings` refuses other drives.
     """
 
     block = "drive"

@@ -22,9 +22,9 @@ from granphon.base.arrays import Complex, Index
 from granphon.base.memory import require_memory
 
 #: complex matrices, as large as that of the widest slice, that are held at a time
-_HELD = 8.0
+_N_MATRICES = 8.0
 #: bytes of a complex number
-_ENTRY = 16.0
+_COMPLEX_BYTES = 16.0
 
 
 def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Complex, Complex]:
@@ -35,7 +35,7 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
     matrices ``lower`` (n_lower, n) and ``upper`` (n_upper, n) pick the motions of the ends.
     ``drive`` (n, m), of m sources, is zero except at the motions of the lower end. Raises
     :class:`~granphon.base.errors.InputError` for slices that do not fit into memory, and
-    numpy.linalg.LinAlgError if the part of the strip beyond a slice has a mode exactly at the
+    numpy.linalg.LinAlgError if the strip, or its part beyond a slice, has a mode exactly at the
     frequency.
     """
     driven_motions = np.unique(lower.tocoo().col)
@@ -91,7 +91,7 @@ def count_slice_bytes(width: int) -> float:
     """Return the bytes that the elimination of slices takes if the widest slice has ``width``
     motions.
     """
-    return _HELD * _ENTRY * float(width) ** 2
+    return _N_MATRICES * _COMPLEX_BYTES * float(width) ** 2
 
 
 def require_slices(width: int) -> None:

@@ -837,7 +837,7 @@ class PlaneWaves:
             for row, is_sine in itertools.product(rows, sine_flags):
                 self._wavevector_of_wave.append(number)
                 starts.append(partial(make_plane_wave, operator, wavevector, row, is_sine=is_sine))
-        self._waves = Moments(operator, starts, keep=keeps_vectors(operator, len(starts)))
+        self._waves = Moments(operator, starts, is_kept=keeps_vectors(operator, len(starts)))
 
     @property
     def n_waves(self) -> int:

@@ -33,7 +33,7 @@ from granphon.waves.dos import (
     find_local_density,
 )
 from granphon.waves.modes import (
-    DENSE,
+    MOST_DENSE_MOTIONS,
     NetworkModes,
     count_modes,
     find_damped,
@@ -198,7 +198,7 @@ class Waves:
             self.operator, resolution, vectors, seed, moments
         )
         operator = self._stable_operator
-        if operator.size <= DENSE:
+        if operator.size <= MOST_DENSE_MOTIONS:
             return AllModes(operator, seed).find(kernel.moments, vectors)
         return RandomVectors(operator, seed, vectors).find(kernel.moments, vectors)
 

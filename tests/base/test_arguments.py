@@ -10,6 +10,7 @@ import warnings
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -18,9 +19,16 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.balls.hertz import HertzLaw, harmonic_diameter, mindlin_reduction
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.errors import (
+    InputError,
+    MissingPackageError,
+    Refused,
+    brief,
+    message,
+    needing,
+)
 from granphon.base.standard_errors import read_errors
-from granphon.base.validation import above_zero, each, real_array, texts
+from granphon.base.validation import above_zero, each, frequencies, real_array, texts
 from granphon.dynamics.local_field import local_field
 
 MASKED = np.ma.array([1.0, 2.0], mask=[False, True])
@@ -74,6 +82,10 @@ REFUSED = [
         for wrong in (["1", "2"], [None], np.array([True]), np.array([1.0, True], object))
     ),
     (np.array(["2020"], "M8[Y]"), ""),
+    *(
+        (mixed, ".*, which has truth values")
+        for mixed in ([True, 1], [[1.0, 2.0], [0.0, np.True_]], [1.0, np.array(True)])
+    ),
     ([[1.0], [1.0, 2.0]], ""),
     (10**400, ".* 401 digits, .*too large"),
     ([1, 10**5000], "a list .*too large"),
@@ -395,3 +407,26 @@ def test_bytes_are_no_texts():
     for wrong in (b"", b"ab", bytearray(b"")):
         with pytest.raises(InputError, match="labels"):
             texts("labels", wrong)
+
+
+def test_a_module_that_an_installed_package_lacks_is_no_package_that_is_missing():
+    with pytest.raises(MissingPackageError, match="needs no_such_package"), needing("It"):
+        import_module("no_such_package.part")
+    with pytest.raises(ModuleNotFoundError) as caught, needing("It"):
+        import_module("json.no_such_module")
+    assert caught.type is ModuleNotFoundError
+
+
+def test_frequencies_of_any_sign_are_limited_in_size():
+    assert frequencies([-1e30, 1.0], low="").tolist() == [-1e30, 1.0]
+    for wrong in ([-1e31, 1.0], 1e31):
+        with pytest.raises(Refused, match="e\\+31 Hz"):
+            frequencies(wrong, low="")
+
+
+def test_a_refusal_keeps_its_attributes_under_a_key():
+    refused = Refused("2", "1", path=("a",))
+    refused.load_index = 3
+    inner = refused.under("b", 0)
+    assert (inner.path, inner.load_index, str(inner)) == (("b", 0, "a"), 3, str(refused))
+    assert refused.path == ("a",)

@@ -142,3 +142,23 @@ def test_ctrl_c_while_numba_compiles_comes_when_it_is_done(tmp_path, monkeypatch
         loop(3.0)
     assert len(parts) == len(loop.signatures) == 1
     assert loop(3.0) == 1.5
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ModuleNotFoundError("No module named 'numba'", name="numba"), "numba is not installed"),
+        (ImportError("Numba needs NumPy 2.3 or less"), "Numba needs NumPy 2.3 or less"),
+        (ModuleNotFoundError("No module named 'llvmlite'", name="llvmlite"), "llvmlite"),
+    ],
+)
+def test_why_loops_are_not_compiled(monkeypatch, error, words):
+    import_as_ever = builtins.__import__
+
+    def import_but_numba(name, *arguments, **options):
+        if name == "numba":
+            raise error
+        return import_as_ever(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", import_but_numba)
+    assert words in module.find_why_uncompiled.__wrapped__()

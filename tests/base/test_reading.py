@@ -436,6 +436,8 @@ def test_a_digest_of_plain_data_survives_json_and_yaml():
     text = dump_yaml(data)
     assert digest(yaml.safe_load(text)) == digest(plain_yaml(text, "x")) == digest(data)
     assert canonical([1]) == canonical((1.0,)) == canonical(np.array([1]))
+    with pytest.raises(InputError, match="too large"):
+        digest([10**5000])
     different = [
         [0.0],
         [-0.0],

@@ -23,7 +23,14 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, MissingFileError, Refused, UnverifiedFileWarning
-from granphon.base.results import Result, held, read_only, restore, result_class
+from granphon.base.results import (
+    Result,
+    describe_value,
+    held,
+    read_only,
+    restore,
+    result_class,
+)
 from granphon.dynamics.contact_lattice import Modes
 from granphon.dynamics.local_field import LocalField
 from granphon.dynamics.sensitivities import Sensitivities
@@ -212,7 +219,7 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
     )
     refused("velocities", "schema '1'", schema="1")
     refused("velocities", "schema true", schema=True)
-    refused("moduli", "isotropic: found a int, 1", isotropic=1)
+    refused("moduli", "isotropic: found an int, 1", isotropic=1)
     refused(
         "moduli",
         "tensor: found a list",
@@ -227,9 +234,9 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
     refused("state", "lack diameter", packing={k: v for k, v in good.items() if k != "diameter"})
     refused("state", "diameter: found '8 mm'", packing=good | {"diameter": "8 mm"})
     refused("state", "diameter", packing=good | {"diameter": -1.0})
-    refused("state", "Packing.lattice: found a int", packing=good | {"lattice": 3})
+    refused("state", "Packing.lattice: found an int", packing=good | {"lattice": 3})
     refused("state", "data of a 'Popen'", packing={"class": "Popen"})
-    refused("state", "ContactState.packing: found a NoneType", packing=None)
+    refused("state", "ContactState.packing: found nothing", packing=None)
     refused(
         "validity", "Check.limit: found a str", checks=[results["check"].to_dict() | {"limit": "1"}]
     )
@@ -760,8 +767,48 @@ def test_a_shape_that_does_not_fit_says_nothing_of_the_others():
 def test_whole_numbers_that_an_array_cannot_hold_are_refused():
     assert restore([2**62], np.dtype(np.int64)).tolist() == [2**62]
     for wrong in ([2**63], [1, 2**64 - 1], [2**64]):
-        with pytest.raises(InputError, match="array of numbers"):
+        with pytest.raises(InputError, match="array of whole numbers"):
             restore(wrong, np.dtype(np.int64))
+
+
+def test_whole_numbers_become_floats_where_floats_are_asked_for():
+    for large in ([10**20], [2**64, -1.5], [[10**20, 1], [2, 3]]):
+        for kind in (np.dtype(float), Any):
+            restored = restore(large, kind)
+            assert restored.dtype == float
+            assert_array_equal(restored, np.array(large, float))
+    one = restore(3, float)
+    assert type(one) is float
+    assert one == 3.0
+    for wrong, kind in ((10**400, float), ([10**400], np.dtype(float)), ([2**64, True], Any)):
+        with pytest.raises(InputError, match="needed"):
+            restore(wrong, kind)
+
+
+def test_an_empty_array_of_more_axes_than_numpy_has_is_refused():
+    with pytest.raises(InputError, match="needed"):
+        restore({"shape": [0] * 100}, np.dtype(float))
+
+
+def test_a_size_is_not_below_what_its_word_adds():
+    @result_class
+    class Steps(Result):
+        ends: Any = held(float, "s+1")
+
+    Steps(ends=np.zeros(1))._check()
+    with pytest.raises(InputError, match="shape"):
+        Steps(ends=np.zeros(0))._check()
+
+
+def test_complex_numbers_that_are_not_known_are_equal():
+    @dataclasses.dataclass(frozen=True)
+    class Holder:
+        value: Any
+
+    assert Spot(about=complex(np.nan, 1.0)) == Spot(about=complex(np.nan, 1.0))
+    assert Spot(about=complex(1.0, 2.0)) != Spot(about=complex(1.0, np.nan))
+    assert describe_value(np.array(1.0 + 2.0j)) == "(1+2j)"
+    assert "Holder" in describe_value([Holder, Holder])
 
 
 def test_the_array_of_a_result_is_a_copy_unless_that_is_refused():

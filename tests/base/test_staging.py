@@ -272,15 +272,15 @@ def test_a_list_that_cannot_be_read_names_no_file(tmp_path: Path, text: str) -> 
 
 def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("a preset")
-    ResultFiles(tmp_path, ["a"], force=True, known=["another", "a preset"]).require_free()
+    ResultFiles(tmp_path, ["a"], force=True, known_texts=["another", "a preset"]).require_free()
     with pytest.raises(FileExistsInRunError, match="--force"):
-        ResultFiles(tmp_path, ["a"], known=["a preset"]).require_free()
+        ResultFiles(tmp_path, ["a"], known_texts=["a preset"]).require_free()
     (tmp_path / "a").write_text("a preset, edited")
     with pytest.raises(FileExistsInRunError, match="no record"):
-        ResultFiles(tmp_path, ["a"], force=True, known=["a preset"]).require_free()
+        ResultFiles(tmp_path, ["a"], force=True, known_texts=["a preset"]).require_free()
     # what may be replaced when the folder is opened may be replaced at the end
     (tmp_path / "a").write_text("a preset")
-    files = ResultFiles(tmp_path, ["a"], force=True, known=["a preset"])
+    files = ResultFiles(tmp_path, ["a"], force=True, known_texts=["a preset"])
     with files.open(), files.staging() as place:
         (place / "a").write_text("new")
     assert (tree(tmp_path), list(read_written_files(tmp_path))) == ({"a": "new"}, ["a"])
@@ -603,3 +603,25 @@ def test_texts_that_belong_together_are_written_all_or_none(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
     write_texts([(good, "x"), (tmp_path / "other.txt", "y")])
     assert (good.read_text(), (tmp_path / "other.txt").read_text()) == ("x", "y")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
+def test_pipes_and_devices_are_never_replaced(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for replace in (False, True):
+        with pytest.raises(OutputError, match="pipe"):
+            write_text(pipe, "text", replace)
+    with pytest.raises(OutputError, match="pipe"), put_beside(pipe) as beside:
+        beside.touch()
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert os.listdir(tmp_path) == ["pipe"]
+
+
+def test_what_no_file_can_hold_or_be_called_is_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text(tmp_path / "a", "\ud800")
+    for write in (lambda: write_text(3, "text"), lambda: ResultFiles(3, ["a"])):
+        with pytest.raises(InputError, match="the path is 3"):
+            write()
+    assert os.listdir(tmp_path) == []

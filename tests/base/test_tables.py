@@ -356,3 +356,27 @@ def test_rows_without_cells_are_named():
     for body, line in ((b"\n\n", 5), (b"1 2\n\n", 6), (b"1 2\n3 1_0\n", 6)):
         with pytest.raises(InputError, match=f"f:{line}: x"):
             read_rows("f", body, [1], ["x"], 2, 5)
+
+
+def test_what_is_written_is_read_back():
+    headings = ["kind;a", Heading("x,y", "N"), 'b"c']
+    rows = [["#1", 1.0, "p;q"], ["plain", 2.0, "x, y"], ['"', 3.0, "# z"], ["", 4.0, "tab\tin"]]
+    text = table_text(headings, rows, ["two\nlines"])
+    table = Table.parse("t.csv", text.encode())
+    assert [str(heading) for heading in table.headings] == [str(heading) for heading in headings]
+    assert list(zip(*table.columns, strict=True)) == [
+        tuple(cell if isinstance(cell, str) else repr(cell) for cell in row) for row in rows
+    ]
+    assert Table.parse("t.csv", table_text(["#a"], [["#b"]]).encode()).columns == (("#b",),)
+
+
+def test_quotes_that_are_not_closed_on_their_line_are_refused():
+    for text in ('a,b\n"1\n2",3\n', 'a,b\n"1,2\n', '"a,b\n1,2\n'):
+        with pytest.raises(InputError, match="not closed"):
+            Table.parse("t.csv", text.encode())
+    assert Table.parse("t.csv", b'a,b\n3",4\n').columns == (('3"',), ("4",))
+
+
+def test_rows_that_are_missing_are_told():
+    with pytest.raises(InputError, match="t:6: a: found nothing"):
+        read_rows("t", b"1\n", (0,), ("a",), 2, 5)

@@ -26,10 +26,19 @@ from granphon.base.quantities import (
     VELOCITY,
     find_factor,
     find_written_unit,
+    is_si,
     read_with_error,
     split_error,
 )
-from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quantity, write_uncertain
+from granphon.base.scales import (
+    HertzPrefix,
+    WidthUnits,
+    prefixed,
+    write_error,
+    write_in,
+    write_quantity,
+    write_uncertain,
+)
 
 
 @given(st.floats(1e-24, 9.99e26))
@@ -238,6 +247,24 @@ def test_few_digits_are_written_without_an_exponent():
     ]
 
 
+def test_a_number_in_a_chosen_unit_has_neither_an_exponent_nor_the_unit_one():
+    assert write_in(1.234, "m", "mm", 2) == "1200 mm"
+    assert write_in(9.9996, "m", "mm", 2) == "10 m"
+    assert write_in(0.5, "1", "1") == "0.5"
+    assert write_error(0.1, 1.0, "1") == "0.1"
+    assert write_error(123.0, 2.0, "m") == "120 m"
+    assert write_error(9999.6, 2.0, "m") == "10 km"
+
+
+def test_a_width_beyond_double_precision_is_refused_with_the_way_out():
+    for units, name, mend in (
+        (WidthUnits(1e308, 1e308), "energy", "smaller"),
+        (WidthUnits(1e300, 1e-300), "stiffness_slope", "larger"),
+    ):
+        with pytest.raises(InputError, match=f"Give a {mend} width"):
+            getattr(units, name)
+
+
 def test_an_error_that_rounds_up_keeps_two_digits():
     assert write_uncertain(200.0, 0.0996, "m/s") == "200.00 +/- 0.10 m/s"
     assert write_uncertain(200.0, 9.96, "m/s") == "200 +/- 10 m/s"
@@ -250,14 +277,38 @@ def test_an_error_that_rounds_up_to_a_thousand_has_the_next_multiple():
     assert write_uncertain(1.0, 1000.0, "m/s") == "0.0 +/- 1.0 km/s"
 
 
+def test_a_nautical_mile_is_no_thousand_millionth_of_a_mile():
+    assert LENGTH.read("8 nmi") == LENGTH.read("8 nautical_miles") == 8.0 * 1852.0
+    assert VELOCITY.read("3600 knots") == VELOCITY.read("3600 nmi/h") == 1852.0
+
+
+def test_units_divided_by_several_in_brackets_are_measured():
+    for text in (
+        "m/(N s m)",
+        "m/( N s m )",
+        "m/(N*s*m)",
+        "m / (N * s * m)",
+        "meter / (newton * second * meter)",
+    ):
+        assert find_factor(text, "1/(N s)") == 1.0
+        assert is_si(text, "1/(N s)")
+    assert find_factor("s^4/(kg m**2)", "s**4/kg/m^2") == 1.0
+
+
 def test_a_standard_error_is_zero_or_above_and_finite():
     assert read_with_error("8 mm", LENGTH) == (8e-3, 0.0)
     assert read_with_error("8 mm +- 0 um", LENGTH) == (8e-3, 0.0)
     assert read_with_error("-2 N +- 1 N", PUSH) == (-2.0, 1.0)
     value, error = read_with_error("-2 N +- 5 %", PUSH)
     assert (value, error) == (-2.0, pytest.approx(0.1))
-    for text in ("2 N +- -1 N", "2 N +- -5 %", "2 N +- 1e999 %", "2 N +- 1e999 N"):
-        with pytest.raises(Refused, match=r"negative|not finite|not a finite"):
+    for text in (
+        "2 N +- -1 N",
+        "2 N +- -5 %",
+        "2 N +- 1e999 %",
+        "2 N +- 1e999 N",
+        "1e308 N +- 1e5 %",
+    ):
+        with pytest.raises(Refused, match=r"negative|not finite|not a finite|too large"):
             read_with_error(text, PUSH)
 
 
@@ -267,6 +318,7 @@ def test_a_standard_error_is_zero_or_above_and_finite():
         ("um", "m", 1e-6),
         ("kg m^2", "g*cm^2", 1e7),
         ("km/(N s)", "m/N/s", 1e3),
+        ("m/(N/s)", "m", None),
         ("", "1", 1.0),
         ("m", "", None),
         ("m", "N", None),

@@ -210,6 +210,18 @@ def test_branches_are_connected_from_eigenvectors_at_points(shape):
         connect_branches(np.zeros(shape))
 
 
+@pytest.mark.parametrize("vectors", [np.full((2, 2, 2), np.nan), [[["a"]], [["b"]]]])
+def test_branches_are_connected_from_finite_numbers(vectors):
+    with pytest.raises(InputError, match="finite numbers"):
+        connect_branches(vectors)
+
+
+def test_frequencies_of_pulses_have_one_axis(hexagonal):
+    branch = follow_acoustic_branches(hexagonal, (1.0, 0.0))["transverse"]
+    with pytest.raises(InputError, match="shape"):
+        branch.find_pulse([[0.1, 0.2]])
+
+
 def test_branches_need_one_direction(hexagonal):
     with pytest.raises(InputError, match="one direction"):
         follow_acoustic_branches(hexagonal, [(1, 0), (0, 1)])

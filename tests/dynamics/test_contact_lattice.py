@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls.motions import OUT_OF_PLANE
 from granphon.base.errors import (
     GranphonError,
     InputError,
@@ -214,6 +215,34 @@ def test_honeycomb_turns_like_gears(twin):
     assert np.sum(np.abs(squares) < 1e-14) == 3
     with pytest.raises(MechanismError, match="gears"):
         gp.ContactLattice.of(HONEYCOMB, 0.84).sound_velocities((1.0, 0.0))
+
+
+def test_matrices_at_a_wave_vector_that_is_not_finite_are_refused(hexagonal):
+    for find in (hexagonal.dynamical_matrix, hexagonal.compatibility, hexagonal.modes):
+        with pytest.raises(InputError, match="not finite"):
+            find([[math.nan, 0.1]])
+    with pytest.raises(InputError, match="not finite"):
+        hexagonal.wavevectors([0.0, 0.0, math.nan])
+
+
+@pytest.mark.parametrize(
+    "cell", [[[1.0, 0.0], [2.0, 0.0]], [[0.0, 1.0]], [[1.0, 0.5]], np.zeros((0, 2))]
+)
+def test_cells_of_dependent_vectors_or_other_axes_are_refused(hexagonal, cell):
+    with pytest.raises(InputError, match="cell"):
+        gp.ContactLattice(cell, hexagonal.positions, hexagonal.contacts, 0.8)
+
+
+@pytest.mark.parametrize("branches", [[[3]], [[-1]], [[0], [1]], [0]])
+def test_energies_of_branches_that_there_are_not_are_refused(hexagonal, branches):
+    with pytest.raises(InputError, match="branches"):
+        hexagonal.mode_energies([[0.1, 0.2]], np.array(branches))
+
+
+def test_motions_out_of_the_plane_lengthen_no_contact(hexagonal):
+    out_of_plane = gp.ContactLattice.of("triangular", 0.8, motions=OUT_OF_PLANE)
+    assert out_of_plane.elongating_blocks == []
+    assert len(hexagonal.elongating_blocks) == 1
 
 
 def test_buckling_is_an_error():

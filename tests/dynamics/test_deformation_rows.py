@@ -19,7 +19,7 @@ from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, se
 from granphon.balls.neighbours import find_contacts
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.deformation_rows import contact_rows, push_rows
+from granphon.dynamics.deformation_rows import bend, contact_rows, push_rows
 from granphon.phonons.calculator import contact_blocks
 
 #: motions in the plane where nothing resists rotation: u_x, u_y
@@ -245,6 +245,14 @@ def test_force_constants_of_six_motions_stand_in_two_atoms_a_ball():
 
 
 # -- fcc -------------------------------------------------------------------------------------------
+
+
+def test_bending_keeps_its_digits_at_every_angle():
+    assert_allclose(
+        bend(np.array([1e-5, 1e20])), [1e-15 / 3.0, math.sin(1e20) - 1e20 * math.cos(1e20)]
+    )
+    angle = np.array([1.0 - 1e-12, 1.0 + 1e-12, -1.0])
+    assert_allclose(bend(angle), np.sign(angle) * (math.sin(1.0) - math.cos(1.0)), rtol=1e-11)
 
 
 def test_the_rows_of_a_cell_are_its_compatibility():

@@ -93,6 +93,19 @@ def test_approximate_factors_are_in_single_precision():
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
+def test_approximate_factors_of_a_complex_matrix_are_complex(symmetric):
+    matrix = csc_array(np.array([[2.0, 1.0j], [1.0j, 3.0]]))
+    solution = factorise(matrix, symmetric, approximate=True).solve(np.array([1.0, 1.0]))
+    assert solution.dtype == np.complex64
+    assert_allclose(matrix @ solution, 1.0, rtol=1e-6)
+
+
+def test_factors_solve_for_no_vectors():
+    factors = factorise(eye_array(3, format="csc"))
+    assert factors.solve(np.zeros((3, 0))).shape == (3, 0)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
 def test_a_singular_matrix_is_an_error(symmetric):
     matrix = csc_array(np.array([[1.0, -1.0], [-1.0, 1.0]]))
     with pytest.raises(RuntimeError):

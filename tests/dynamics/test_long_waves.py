@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.motions import allowed_motions
+from granphon.balls.neighbours import freeze_contacts
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
@@ -89,9 +90,12 @@ def test_optical_branch_is_a_series_with_one_tenth(eta, angle):
     assert_allclose(lattice.optical_branch(along), [30 * eta, 0.1], rtol=3e-15)
 
 
-@pytest.mark.parametrize(("lattice", "spacing"), [("square", 1.0), ("triangular", 0.9)])
-def test_optical_branch_of_other_lattices(lattice, spacing):
-    contacts = gp.ContactLattice.of(lattice, 0.7, spacing)
+@pytest.mark.parametrize(
+    ("lattice", "spacing", "bending"),
+    [("square", 1.0, 0.0), ("triangular", 0.9, 0.0), ("triangular", 1.0, 0.1)],
+)
+def test_optical_branch_of_other_lattices(lattice, spacing, bending):
+    contacts = gp.ContactLattice.of(lattice, 0.7, spacing, bending=bending)
     for angle in (0.0, 0.5):
         along = np.array([math.cos(angle), math.sin(angle)])
         squared, narrowing = contacts.optical_branch(along)
@@ -106,6 +110,39 @@ def test_no_single_optical_branch():
     for lattice, eta in (("kagome", ETA), ("triangular", 0.0)):
         with pytest.raises(InputError, match="rotational branch"):
             gp.ContactLattice.of(lattice, eta).optical_branch()
+
+
+def test_the_strain_of_a_pressed_lattice_without_inner_motions_deforms_its_contacts():
+    chain = gp.ContactLattice.of("chain", 0.0, prestress=1e-3)
+    assert chain.gradient_motions.shape == (1, 1, 1)
+    rows, deformations = chain.gradient_deformations
+    assert [row.kind for row in rows] == ["elongation"]
+    assert_allclose(deformations, np.ones((1, 1, 1, 1)))
+
+
+def test_a_rotational_branch_that_begins_at_zero_has_no_series():
+    rolling = gp.ContactLattice.of("triangular", 0.0, bending=0.1)
+    assert rolling.frequencies([[0.0, 0.0]])[0, 2] == 0.0
+    with pytest.raises(InputError, match="begins at zero"):
+        rolling.optical_branch()
+
+
+def test_springs_of_no_stiffness_leave_stress_symmetric(hexagonal):
+    table = hexagonal.contacts
+    with_spring = freeze_contacts(
+        np.append(table.i, 0),
+        np.append(table.j, 1),
+        np.vstack([table.shift, [[0, 0]]]),
+        np.vstack([table.normal, [[1.0, 0.0]]]),
+        np.vstack([table.vector, [[0.0, 0.0]]]),
+        np.append(table.arm_i, 0.0),
+        np.append(table.arm_j, 0.0),
+    )
+    anchored = gp.ContactLattice(
+        hexagonal.cell, hexagonal.positions, with_spring, ETA, on_site=np.zeros((1, 3))
+    )
+    assert_allclose(anchored.elastic_tensor(), hexagonal.elastic_tensor(), atol=1e-14)
+    assert anchored.is_isotropic
 
 
 def test_optical_branch_of_a_held_ball_is_refused():

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.sparse import csr_array
 
 import granphon as gp
 from granphon.base.errors import ConvergenceError
@@ -98,3 +99,16 @@ def test_a_search_that_does_not_end_says_so(operator, monkeypatch):
     monkeypatch.setattr(lowest_modes, "_MOST_ITERATIONS", 2)
     with pytest.raises(ConvergenceError, match="fewer"):
         search(operator)[0].find(9)
+
+
+@pytest.mark.parametrize("n_known", [0, 2])
+@pytest.mark.parametrize("count", [1, 5, 8])
+def test_as_many_modes_are_found_of_a_small_matrix_as_it_has(count, n_known):
+    """The block and the fresh vectors would fill the space, and leave none to be found."""
+    squares = np.arange(1.0, 11.0)
+    basis = np.linalg.qr(np.random.default_rng(3).normal(size=(10, 10)))[0]
+    matrix = csr_array((basis * squares) @ basis.T)
+    known_vectors = csr_array(basis[:, :n_known])
+    modes = LowestSearch(matrix, lambda x: x, 1e-9, known_vectors).find(count)
+    assert_allclose(modes.values, squares[n_known : n_known + count], rtol=1e-12)
+    assert np.all(modes.residuals < 1e-12)

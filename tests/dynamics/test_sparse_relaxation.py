@@ -216,9 +216,21 @@ def test_more_loose_motions_than_are_found_are_refused(monkeypatch):
 
 def test_motions_that_cost_too_little_for_iteration_are_refused(monkeypatch):
     """Gears whose lever arms differ beyond what overlaps explain are no gears, but soft."""
-    monkeypatch.setattr(long_waves, "_UNEVEN_ARM", 0.0)
+    monkeypatch.setattr(long_waves, "_LARGEST_ARM_DIFFERENCE", 0.0)
     with pytest.raises(InputError, match="almost no cost"):
         iterate(gears(1e-7), monkeypatch).elastic_tensor()
+
+
+def test_gears_that_are_kept_back_are_not_loose(monkeypatch):
+    """They cost energy, also where loose motions are searched for only once they are kept back."""
+    lattice = iterate(gears(1e-3), monkeypatch)
+    turning = lattice._touching_lattice._free_motions
+    assert turning.size
+    head, tail = sparse_relaxation.compose_ends(lattice, *lattice._weight_rows())
+    relaxation = IterativeRelaxation(lattice, (head - tail).tocsr()).keep_back(turning)
+    assert relaxation.keeps_back
+    assert relaxation.n_free == 0
+    assert not relaxation.leaves_loose
 
 
 def test_iteration_tells_of_a_network_that_gives_way(monkeypatch):
@@ -291,7 +303,9 @@ def test_sparse_factors_have_the_digits_of_dense_singular_values(case, monkeypat
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 10**9)
     dense = find_all(network)
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
-    monkeypatch.setattr("granphon.dynamics.fronts._FEW_BALLS", 4)  # so that few balls are cut too
+    monkeypatch.setattr(
+        "granphon.dynamics.fronts._MOST_UNCUT_BALLS", 4
+    )  # so that few balls are cut too
     sparse = find_all(network)
     for name, wanted in dense.items():
         if isinstance(wanted, np.ndarray):

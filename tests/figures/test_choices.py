@@ -251,11 +251,13 @@ def test_combinations_have_panels_before_an_eye_must_find_them_among_shades(coun
 
 def test_panels_of_one_combination_each_share_out_media_too():
     data = frame(width=3, density=3, diameter=3).isel(medium=[0, 0])
-    layout = arrange(data, "longitudinal", "force", alone=True)
+    layout = arrange(data, "longitudinal", "force", wants_single_curves=True)
     assert (layout.columns, layout.rows) == ("medium", "diameter")
     assert layout.shown == {"density": [0], "width": [0]}
-    assert not arrange(data.isel(width=[0], density=[0]), "longitudinal", alone=True).shown
-    named = arrange(data, "longitudinal", "force", columns="width", alone=True)
+    assert not arrange(
+        data.isel(width=[0], density=[0]), "longitudinal", wants_single_curves=True
+    ).shown
+    named = arrange(data, "longitudinal", "force", columns="width", wants_single_curves=True)
     assert (named.columns, named.rows) == ("width", "medium")
 
 
@@ -291,7 +293,7 @@ def test_measured_points_stand_in_every_panel(many):
     for ax in panels(figure):
         (bars,) = ax.containers
         assert_array_equal(bars.lines[0].get_xydata(), [[2.0, 500.0], [20.0, 700.0]])
-    with pytest.raises(InputError, match="several results"):
+    with pytest.raises(InputError, match="one sweep"):
         comparison_figure([data, data.isel(load=[0])], rows="width")
 
 

@@ -162,6 +162,13 @@ def test_the_zone_of_a_chain_is_a_line(chain, ax):
 # -- bands -----------------------------------------------------------------------------------------
 
 
+def test_a_wrong_view_is_refused_also_where_it_has_no_effect(chain, ax):
+    bands = chain.bands(npoints=3)
+    with pytest.raises(InputError, match="view"):
+        plot_zone(bands, ax, view="above")
+    plot_zone(bands, ax, view=View())
+
+
 @pytest.mark.slow
 def test_bands_in_space_have_the_zone_in_a_panel_and_draw(fcc, tmp_path):
     figure = bands_figure(

@@ -19,6 +19,8 @@ from granphon.cli.main import main
 from granphon.figures.curves import (
     MOST_LOOKS,
     Curve,
+    Look,
+    _write_legend,
     comparison_figure,
     draw_curve,
     make_looks,
@@ -352,6 +354,8 @@ def test_bands_of_which_nothing_is_known_leave_the_names_of_all(tmp_path, ax):
     result = run_scene(
         tmp_path, "bands", "force: 3 N", "medium: ala\nobserve: [bands]\nphonopy: {band_points: 3}"
     )
+    alone = comparison_figure([result])
+    assert drawn(alone.axes[0], "bands-0")
     plot_together([result, result.bands], ax)
     assert texts(ax) == ["result 1", "result 2"]
     assert ax.get_title() == ""
@@ -622,3 +626,67 @@ def test_two_sweeps_in_one_figure_have_a_legend_of_their_values_and_not_of_their
     assert len(carriers) == len(lines) == 12
     looks = {(tuple(line.get_color()), str(line._dash_pattern)) for line in lines}
     assert len(looks) == 12
+
+
+# -- edges -----------------------------------------------------------------------------------------
+
+
+def test_a_result_that_is_in_no_list_is_refused(steel, ax):
+    for results in (steel, "steel"):
+        with pytest.raises(InputError, match="Give a list"):
+            plot_together(results, ax)
+    for axes in (3, [ax]):
+        with pytest.raises(InputError, match="axes"):
+            gp.plot(steel, axes=axes)
+
+
+def test_a_parameter_of_one_of_two_runs_is_no_common_axis(steel, ax):
+    widths = gp.sweep(balls(), force=[20.0, 30.0], width=[1e-6, 2e-6])
+    with pytest.raises(InputError, match=r"result 2 is not swept over .*width"):
+        plot_together([widths, steel], ax, x="width")
+    with pytest.raises(InputError, match="medium"):
+        plot_together([widths, steel], ax, x="medium")
+
+
+def test_measured_points_have_no_place_over_a_parameter(ax):
+    data = Measurements(np.array([1.0, 2.0]), np.array([300.0, 310.0]))
+    alone = gp.sweep(balls(), force=[1.0], width=[1e-6])
+    with pytest.raises(InputError, match="width of measured points"):
+        plot_together([alone], ax, x="width", data=data)
+
+
+def test_falls_along_a_path_are_marked_where_the_medium_is_not_valid_too(ax):
+    x = np.array([1.0, 3.0, 2.0, 1.0])
+    is_valid = np.array([True, True, True, False])
+    all_true = np.ones(4, bool)
+    curve = Curve("run", {}, x, 2.0 * x, np.nan * x, is_valid, all_true, is_path=True)
+    draw_curve(ax, curve, Look("black"), "path")
+    (hollow,) = drawn(ax, "path-falling-all")
+    (full,) = drawn(ax, "path-falling")
+    assert_array_equal(hollow[:, 0], [2.0, 1.0])
+    assert_array_equal(full[:, 1], [4.0, np.nan])
+
+
+def test_a_curve_stands_below_the_heading_of_another_run_that_holds_for_it():
+    def curve(run, medium, width):
+        facts = {"medium": medium, "spread": width}
+        return Curve(run, facts, *(np.ones(2) for _ in range(3)), *(np.ones(2, bool),) * 2)
+
+    curves = [curve("a", "ala", "1"), curve("a", "ala", "2"), curve("b", "ala", "3")]
+    curves.append(curve("b", "ema", "4"))
+    labels, shared = _write_legend(curves)
+    assert labels == [("ala:", "1"), ("ala:", "2"), ("ala:", "3"), ("", "ema, 4")]
+    assert shared == []
+    assert _write_legend(curves[:1]) == ([("", "ala")], ["1"])
+
+
+def test_more_bands_than_looks_are_refused(ax):
+    phonons = gp.Phonons(gp.AveragedLattice(balls()).at_force(3.0))
+    bands = phonons.bands("GM", npoints=3)
+    with pytest.raises(InputError, match="too many"):
+        plot_together([bands] * (MOST_LOOKS + 1), ax)
+    without_vectors = phonons.bands("GM", npoints=3, eigenvectors=False)
+    plot_together([bands, without_vectors], ax)
+    for lines, these in zip(("bands-0", "bands-1"), (bands, without_vectors), strict=True):
+        heights = np.sort([line[:, 1] for line in drawn(ax, lines)], axis=None)
+        assert_allclose(heights, np.sort(these.frequencies, axis=None) / 1e3)

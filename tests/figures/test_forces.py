@@ -522,3 +522,24 @@ def test_a_state_without_samples_has_no_distribution_of_forces(ax):
     for draw in (forces_figure, lambda state: plot_force_distribution(state, ax)):
         with pytest.raises(InputError, match="no samples"):
             draw(state)
+
+
+def test_a_wrong_window_is_refused_also_where_it_has_no_effect(ax):
+    network = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(3.0).network.repeat((4, 4))
+    for show in ("window", "all", "density", "auto"):
+        with pytest.raises(InputError, match="window"):
+            plot_forces(network, ax, show=show, window=(1.0, 1.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="network"):
+        plot_directions(3, ax)
+    with pytest.raises(InputError, match="networks is 3"):
+        plot_rigidity(3, ax)
+
+
+def test_a_row_of_balls_has_its_tick_where_it_is(ax):
+    """The limits of the axes are beside the balls, wherever these are."""
+    row = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(3.0).network.repeat((5, 1))
+    moved = replace(row, positions=row.positions + np.array([0.0, 0.1, 0.0]))
+    plot_forces(moved, ax)
+    assert_allclose(ax.get_yticks(), [0.1])
+    low, high = ax.get_ylim()
+    assert 0.09 < low < high < 0.11

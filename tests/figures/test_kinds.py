@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
@@ -17,6 +18,7 @@ from granphon.figures.modes import (
     _write_network_title,
     mode_figure,
     plot_mode,
+    plot_network_mode,
 )
 from granphon.figures.style import KIND_COLOURS, OTHER_KINDS, colour_kinds
 from tests.dynamics.test_network_lattice import random_network
@@ -161,9 +163,9 @@ def test_in_space_balls_that_hardly_move_are_points():
         np.linalg.norm(motion.shift, axis=1),
         motion.gyration * np.linalg.norm(motion.turn, axis=1),
     )
-    assert_array_equal(motion.seen, amplitudes > 0.05 * amplitudes.max())
-    n_seen = int(motion.seen.sum())
-    assert motion.seen[13]
+    assert_array_equal(motion.is_seen, amplitudes > 0.05 * amplitudes.max())
+    n_seen = int(motion.is_seen.sum())
+    assert motion.is_seen[13]
     assert 1 <= n_seen < 27
     ax = gp.plot(modes).axes[0]
     assert f"{n_seen} of 27 balls" in ax.get_title()
@@ -209,3 +211,12 @@ def test_contacts_have_the_colours_of_their_shares_in_a_mode():
     assert widths[-1] == max(widths)  # the largest share is on top
     with pytest.raises(gp.GranphonError, match="show"):
         gp.plot(modes, show="colour")
+
+
+@pytest.mark.parametrize("options", [{"view": 3}, {"phase": np.nan}, {"size": 0.0}])
+def test_options_of_a_mode_are_checked_also_where_they_have_no_effect(options):
+    network = CHAIN.at_force(20.0).network.repeat((3,))
+    modes = gp.Waves(network).modes(2)
+    for show in ("motion", "sensitivity"):
+        with pytest.raises(InputError, match=next(iter(options))):
+            plot_network_mode(modes, Figure().subplots(), show=show, **options)

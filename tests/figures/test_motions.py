@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.base.scales import HertzPrefix
 from granphon.figures.motions import (
     motion_figure,
     plot_ball_spectrum,
@@ -20,7 +21,16 @@ from granphon.figures.motions import (
     plot_motion,
     plot_snapshot,
 )
-from granphon.figures.waves import _group_rows, animate_pulse, plot_frame, plot_seismogram
+from granphon.figures.waves import (
+    _draw_attenuation,
+    _group_rows,
+    animate_pulse,
+    plot_attenuation,
+    plot_frame,
+    plot_lines,
+    plot_seismogram,
+    plot_surface,
+)
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -205,3 +215,53 @@ def test_the_figure_of_a_motion(name, panels, request):
     drawn = [ax for ax in gp.plot(motion).axes if ax.get_label() != "<colorbar>"]
     assert len(drawn) == panels
     assert len(motion_figure(motion, show="forces").axes) == 3
+
+
+def test_a_word_that_is_empty_is_refused_and_what_is_no_network_of_the_pulse(array, chain):
+    with pytest.raises(InputError, match="show"):
+        motion_figure(array, show="")
+    network = chain.network
+    velocities = np.zeros((1, network.n_balls, 3))
+    pulse = SimpleNamespace(frames=[1e-6], velocities=velocities, polarisation=np.eye(3)[0])
+    for other in (array.network, None):
+        with pytest.raises(InputError, match="network"):
+            plot_frame(other, pulse, 0, Figure().subplots())
+        with pytest.raises(InputError, match="network"):
+            animate_pulse(other, pulse)
+
+
+def test_spectra_that_are_zero_are_drawn_and_a_power_that_is_none_is_refused(ax):
+    network = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(3.0).network.repeat((4, 4))
+    shortest = 2.0 * np.pi * np.linalg.inv(network.cell[:2, :2])[:, 0]
+    spectrum = gp.Waves(network).spectral_function([shortest, 2.0 * shortest], moments=20)
+    silent = replace(spectrum, values=np.zeros_like(spectrum.values))
+    assert plot_lines(silent, ax).get_xlim()[1] > 0.0
+    for power in ("2", np.nan, 101.0, True):
+        with pytest.raises(InputError, match="power"):
+            plot_attenuation(spectrum, ax, power=power)
+
+
+def test_branches_of_an_edge_are_drawn_at_the_wave_vectors_of_the_spectrum_alone(ax):
+    surface = gp.Surface(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(3.0).network, 1)
+    q = [[0.1], [0.2]]
+    spectrum = surface.spectrum(q, [1e3, 2e3], damping=1e3)
+    plot_surface(spectrum, ax, branches=surface.branches(q))
+    for branches in (surface.branches([[0.1], [0.3]]), surface.branches([[0.1]]), 3):
+        with pytest.raises(InputError, match="branches"):
+            plot_surface(spectrum, ax, branches=branches)
+
+
+def test_attenuations_have_bars_where_their_errors_are_known(ax):
+    table = {
+        "attenuation": np.array([1.0, 2.0, 3.0, 4.0]),
+        "attenuation_error": np.array([0.1, np.nan, 0.3, np.nan]),
+        "line_frequency": np.array([1e3, 2e3, 3e3, 4e3]),
+        "line_resolved": np.array([1.0, 1.0, 1.0, 0.0]),
+    }
+    unit = HertzPrefix.named("kHz")
+    drawn = _draw_attenuation(ax, lambda name, _=0: table[name], 0, "k", unit, has_errors=True)
+    assert_allclose(drawn, [1.0, 2.0, 3.0])
+    (container,) = ax.containers
+    (bars,) = container.lines[2]
+    lengths = [np.ptp(segment[:, 1]) for segment in bars.get_segments()]
+    assert_allclose(lengths, [0.2, 0.0, 0.6], atol=1e-15)

@@ -189,6 +189,25 @@ def test_long_waves_start_at_gamma_with_the_sound_velocities(phonons, bands, ax,
     )
 
 
+def test_a_rotational_branch_that_begins_at_zero_has_no_asymptote(phonons, ax):
+    network = phonons.state.network
+    zeros = np.zeros(network.n_contacts)
+    rolling = replace(
+        network,
+        shear_stiffness=zeros,
+        bending_stiffness=zeros + 1.0,
+        prestress=False,
+        lattice=None,
+        shape=None,
+    )
+    plot.plot_asymptotes(
+        phonons.bands("GM", npoints=3), gp.ContactLattice.from_network(rolling), ax
+    )
+    labels = [str(line.get_gid()) for line in ax.lines]
+    assert "asymptote-transverse-0" in labels
+    assert "asymptote-optical-0" not in labels
+
+
 def test_the_optical_asymptote_agrees_with_the_branch_to_fourth_order(phonons, ax):
     near = phonons.bands([[0.0, 0.0], [0.06, 0.06]], npoints=61, labels=("G", "q"))
     plot.plot_asymptotes(near, phonons.lattice, ax, reach=1.0)
@@ -519,6 +538,28 @@ def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):
     (tmp_path / "none").write_text("a file in the place of the folder")
     with pytest.raises(OSError, match="none"):
         style.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg", "xyz"])
+def test_what_cannot_be_drawn_leaves_the_file_that_was_there(tmp_path, suffix):
+    path = tmp_path / f"bands.{suffix}"
+    path.write_text("of yesterday", encoding="utf-8")
+    figure = Figure()
+    figure.text(0.0, 0.0, r"$\Gama$")
+    with pytest.raises(FigureError):
+        style.save_figure(figure, path)
+    assert path.read_text(encoding="utf-8") == "of yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_picture_has_the_suffix_of_matplotlib_if_it_has_none(tmp_path):
+    style.save_figure(Figure(), tmp_path / "bands")
+    style.save_figure(Figure(), tmp_path / "raw", format="svg")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bands.png", "raw"]
+    (tmp_path / "folder.png").mkdir()
+    for path in (None, 3, "", tmp_path / "folder.png"):
+        with pytest.raises(gp.GranphonError):
+            style.save_figure(Figure(), path)
 
 
 # -- modes -----------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import granphon as gp
 from granphon.array.sample import STEP
 from granphon.base.errors import FigureError, InputError
 from granphon.figures.curves import plot_exponent, plot_sweep, sweep_figure
+from granphon.figures.gaps import cutoffs_figure
 from granphon.figures.waves import _draw_decibel_map, _find_decibels
 from granphon.figures.words import describe_parameter, write_value
 from granphon.runs.sweep import sweep
@@ -410,3 +411,59 @@ def test_whole_ratios_are_numbers_in_legends(name):
     assert describe_parameter(name, 1) == (name, f"{name} 1")
     assert describe_parameter(name, 0.25) == (name, f"{name} 0.25")
     assert describe_parameter(name, "mindlin") == (name, f"{name} of Mindlin")
+
+
+# -- edges -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", " ", 0, [], ["force"], 3])
+def test_what_is_no_name_is_refused(widths, ax, name):
+    with pytest.raises(InputError, match=r"x: .*a name"):
+        plot_sweep(widths, ax, x=name)
+    for option in ("rows", "columns"):
+        with pytest.raises(InputError, match=f"{option}: .*a name"):
+            sweep_figure(widths, **{option: name})
+
+
+def test_an_unknown_variable_is_told_with_the_names_that_can_be_drawn(widths, ax):
+    with pytest.raises(InputError, match="Did you mean pressure"):
+        plot_sweep(widths, ax, x="presure")
+    with pytest.raises(InputError, match=r"Use .*pressure") as refusal:
+        plot_sweep(widths, ax, "nothing")
+    assert "regime" not in str(refusal.value)  # a word, which is no curve
+
+
+def test_a_direction_that_a_variable_does_not_have_is_not_told():
+    data = sweep(PACKING, force=FORCE[:2], media=("ala", "ema"), direction=[(1, 0), (0, 1)])
+    one = data.isel(direction=[0])
+    assert "along (1, 0)" in sweep_figure(one).get_suptitle().replace("\xa0", " ")
+    for columns in (None, "medium"):
+        assert sweep_figure(one, variable="bulk", columns=columns).get_suptitle() == ""
+
+
+def test_velocities_and_exponents_that_are_known_nowhere_are_left_out(media):
+    unknown = media["transverse"] * np.nan
+    upper, _ = sweep_figure(media.assign(transverse=unknown)).axes
+    gids = {line.get_gid() for line in upper.lines}
+    assert "longitudinal-all" in gids
+    assert "transverse-all" not in gids
+    (alone,) = sweep_figure(media.assign(exponent=unknown)).axes
+    assert len(drawn(alone, "longitudinal-all")) == 3
+    (stiffness,) = sweep_figure(media.assign(longitudinal=unknown, transverse=unknown)).axes
+    assert len(drawn(stiffness, "normal_stiffness-all")) == 3
+
+
+def test_single_loads_are_points_in_the_legend_too(media, ax):
+    plot_sweep(media.isel(load=[0]), ax)
+    handles = ax.get_legend().legend_handles[:3]
+    assert [handle.get_marker() for handle in handles] == ["o"] * 3
+    assert [handle.get_linestyle() for handle in handles] == ["None"] * 3
+
+
+def test_states_of_one_value_of_x_stand_above_each_other():
+    """Equal balls keep all contacts at each load."""
+    data = sweep(gp.Packing(STEEL, 8e-3), force=FORCE[:3], media=("ala",), cutoffs=True)
+    (ax,) = cutoffs_figure(data, x="contact_fraction").axes
+    assert_array_equal(drawn(ax, "branch-2-edge")[0][:, 0], [1.0, 1.0, 1.0])
+    (alone,) = cutoffs_figure(data.isel(load=[0]), x="contact_fraction").axes
+    assert alone.get_xlabel() == "Branch"

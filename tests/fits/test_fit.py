@@ -676,6 +676,8 @@ def test_the_unit_of_the_last_decimal():
         ([1e3, 2e3], 1e3),
         ([0.3048 * 1601, 0.3048 * 1603], 1e-4),
         ([np.pi, 3.0], 1e-11 * np.pi),
+        ([2e-307, 3e-307], 1e-307),
+        ([5e-324], 0.0),
     ):
         assert_allclose(find_rounding(np.array(values)), unit, rtol=1e-12)
 

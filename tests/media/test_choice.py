@@ -113,6 +113,18 @@ def test_what_is_no_medium(value, told):
         MediumChoice.parse(value)
 
 
+@pytest.mark.parametrize("options", [3, None, ("local_field",)])
+def test_options_of_a_choice_are_pairs(options):
+    with pytest.raises(InputError, match=r"medium\.ema: found"):
+        MediumChoice("ema", options)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_medium_takes_a_load(packing, name):
+    with pytest.raises(InputError, match="load is 3"):
+        CLASSES[name](packing).at(3)
+
+
 def test_what_is_taken_in_place_of_a_cluster_is_a_medium():
     with pytest.raises(InputError) as error:
         MediumChoice.parse("cluster")

@@ -24,6 +24,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
 from granphon.media import crystal as crystal_module
+from granphon.media.state import as_state
 
 G = 9.81
 #: Al 6061 and steel 316, balls of 19.05 mm
@@ -635,6 +636,20 @@ def test_a_crystal_all_of_whose_balls_are_held_is_pressed_by_its_wall():
     assert_allclose(np.max(force), 1e3 * PLAIN.diameter, rtol=1e-12)
 
 
+def test_one_layer_that_is_clamped_is_pressed_along_its_period():
+    """No ball moves by itself: the period alone takes the load, P times the height of the layer."""
+    layer = gp.Crystal.on("triangular", [PLAIN]).cut(1, 1, ("clamped", "free"))
+    height = 0.5 * math.sqrt(3.0) * PLAIN.diameter
+    assert_allclose(layer.at_pressure(1e3).normal_force, [1e3 * height], rtol=1e-12)
+    assert_allclose(layer.at_force(2.0).stress, [[-2.0]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("number", [-1, 0.5])
+def test_a_law_is_that_of_two_numbered_bodies(number):
+    with pytest.raises(InputError, match="j: found"):
+        gp.Crystal.on("triangular", [PLAIN]).law_of(0, number)
+
+
 def test_four_indices_of_a_hexagonal_cell():
     crystal = gp.Crystal.on("hcp", [PLAIN])
     for four, three in (
@@ -643,6 +658,28 @@ def test_four_indices_of_a_hexagonal_cell():
         ((1, 1, -2, 2), (1, 1, 2)),
     ):
         assert_allclose(crystal.cut(four, 3).positions, crystal.cut(three, 3).positions)
+
+
+@pytest.mark.parametrize("law", [gp.Hertz(), gp.JKR(0.1)])
+def test_a_mean_that_is_little_more_than_the_weight_makes_is_found(law):
+    """With gravity the mean is no power of the pressure, and contacts that adhere may be pulled."""
+    layers = gp.Crystal.on("triangular", [PLAIN], law=law).cut(1, 3, ("floor", "free"))
+    weight = layers.at_pressure(0.0, gravity=(0.0, -9.81))
+    mean = np.mean(weight.normal_force[weight.normal_stiffness > 0.0])
+    for factor in (1.0001, 1.2):
+        state = layers.at_force(factor * mean, gravity=(0.0, -9.81))
+        closed_forces = state.normal_force[state.normal_stiffness > 0.0]
+        assert_allclose(np.mean(closed_forces), factor * mean, rtol=1e-10)
+
+
+@pytest.mark.parametrize("law", [gp.DMT(0.1), gp.JKR(0.1)])
+def test_contacts_that_adhere_have_a_small_mean_overlap_under_tension(law):
+    """All contacts of the chain bear one force below zero; their overlaps differ by their kinds."""
+    state = gp.Crystal.on("chain", [PLAIN, PLAIN, SOFT], law=law).at_overlap(1e-9)
+    assert_allclose(np.mean(state.overlap), 1e-9, rtol=1e-9)
+    assert np.ptp(state.overlap) > 1e-11
+    assert_allclose(state.normal_force, -state.stress[0, 0], rtol=1e-9)
+    assert state.stress[0, 0] > 0.0
 
 
 @pytest.mark.parametrize("law", [gp.DMT(0.05), gp.JKR(0.05), Spring(1e6)])
@@ -1450,3 +1487,9 @@ def test_a_chain_may_be_given_as_a_lattice():
     heavy = replace(PLAIN, mass=0.05)
     chain = gp.Crystal.on(gp.Lattice("chain", ((1.0,),)), [PLAIN, heavy, PLAIN])
     assert chain == gp.Crystal.on("chain", [PLAIN, heavy, PLAIN])
+
+
+def test_a_state_of_a_single_load_has_no_index():
+    state = as_state(gp.Crystal.on("triangular", [PLAIN]).at_pressure([1e3, 2e3]))
+    with pytest.raises(InputError, match="no index"):
+        _ = state[0][0]

@@ -297,6 +297,7 @@ def cluster():
             "'fcc' .*spread",
         ),
         (lambda: square(WIDTH).sample((2,)), "shape"),
+        (lambda: square(WIDTH).sample([[1], [2, 3]]), "shape: found"),
         (
             lambda: gp.DirectSimulation(square(WIDTH), (4, 4)),
             r"drawn by crystal\.sample",

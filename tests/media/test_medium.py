@@ -542,3 +542,22 @@ def test_an_index_of_no_load_is_refused(name):
     assert state[0][...].force == 10.0
     with pytest.raises(InputError, match="one load"):
         _ = state[0][0]
+
+
+@pytest.mark.parametrize("name", ["triangular", "fcc"])
+def test_a_huge_pressure_on_a_boundary_that_shrinks_has_one_overlap(steel, name):
+    """Without the shrinking the balls would overlap by several diameters; it is found by bisection
+    of c s^(3/2) = f(P, d - s).
+    """
+    d = 8e-3
+    packing = gp.Packing(steel, d, lattice=name)
+    state = gp.AveragedLattice(packing).at_pressure(1e12, finite_overlap=True)
+    lower, upper = 0.0, d
+    for _ in range(60):
+        middle = 0.5 * (lower + upper)
+        wanted_force = 1e12 / packing.structure.pressure_per_force(d - middle)
+        is_below = packing.law.force(middle) < wanted_force
+        lower, upper = (middle, upper) if is_below else (lower, middle)
+    assert_allclose(state.overlap, lower, rtol=1e-9)
+    with pytest.raises(InputError, match="diameter"):
+        gp.AveragedLattice(packing).at_pressure(1e100, finite_overlap=True)

@@ -186,6 +186,10 @@ def test_shapes_are_those_of_the_load(medium, states):
             states.standard_error(wrong)
     with pytest.raises(InputError, match="function"):
         states.over_samples("force")
+    with pytest.raises(InputError, match="one shape"):
+        states.over_samples(lambda _: [[1.0], [2.0, 3.0]])
+    with pytest.raises(InputError, match="longitudinal, transverse"):
+        states.branch_scales((1.0, 0.0), ["shear"])
     assert gp.sound_velocities(states).longitudinal_error.shape == (2, 3)
     assert gp.moduli(states).shears.shape == (2, 3, 2)
     assert gp.local_exponent(states).shape == (2, 3)
@@ -916,3 +920,10 @@ def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
         gp.validity(gp.EffectiveMedium(packing).at_force(0.1)),
     ):
         assert "shear" not in [check.name for check in without.checks]
+
+
+def test_the_largest_of_given_diameters_is_one_of_them(rough):
+    """The packing has a spread, but the given balls are equal: none touch at overlap zero."""
+    equal_balls = gp.DirectSimulation(rough, diameters=np.full((3, 3), rough.diameter))
+    with pytest.raises(InputError, match="no balls touch"):
+        equal_balls.at_overlap(0.0)

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.media.arrangement import Arrangement, CrystalMedium
 from tests import packings
 from tests.waves.test_losses import find_viscosity
 
@@ -234,3 +235,14 @@ def test_a_wall_that_yields_is_told():
 def test_walls_that_are_refused(make, word):
     with pytest.raises(InputError, match=word):
         make()
+
+
+def test_the_cut_of_a_given_crystal_is_told_by_its_faces_alone():
+    """How many layers such a crystal has is not known."""
+    rows = Arrangement.of(CHAIN.cut(0, 3, ("floor", "free"))).describe()
+    assert ("cut", "floor and free", "") in rows
+
+
+def test_a_crystal_is_loaded_by_a_load():
+    with pytest.raises(InputError, match="load is 3"):
+        CrystalMedium(Arrangement.of(CHAIN)).at(3)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.contact_model import ContactModel
 from granphon.base.errors import InconsistencyWarning
 from granphon.networks.consistency import compare_numbers
 from tests import packings
@@ -318,6 +319,25 @@ def test_no_factor_of_forces_makes_hertzian_contacts_linear():
     linear = replace(off, normal_stiffness=np.full(off.n_contacts, 1e6))
     overlap = linear.radii[linear.i] + linear.radii[linear.j] - linear.distance
     assert "law" not in failing(replace(linear, normal_force=1e6 * np.maximum(overlap, 0.0)))
+
+
+def test_materials_of_balls_that_are_apart_tell_nothing_of_stiffnesses():
+    """Half of the balls are of a known material. They are apart from each other by their radii, and
+    other contacts have overlaps.
+    """
+    network = read("disks")
+    is_known = np.arange(network.n_balls) % 2 == 1
+    overlap = network.radii[network.i] + network.radii[network.j] - network.distance
+    ball = network.contact_model.kinds[0]
+    half = replace(
+        network,
+        radii=network.radii - 0.7 * np.median(overlap) * is_known,
+        kinds=tuple(np.where(is_known, "steel", "stone").tolist()),
+        contact_model=ContactModel((ball, ball), names=("steel", "glass"), own_radii=True),
+    )
+    comparisons = {each.name: each for each in compare_numbers(half)}
+    assert comparisons["stiffness"].holds
+    assert comparisons["single stiffnesses"].holds
 
 
 def test_torques_of_rolling_contacts_are_not_known(lattice):

@@ -333,6 +333,25 @@ def test_another_material_of_a_wall_leaves_other_flat_walls_as_they_are():
     assert_allclose(walls["normal_stiffness"], cut.with_wall(soft).normal_stiffness[is_wall][0])
 
 
+def test_all_balls_of_an_uneven_face_stand_on_the_floor():
+    """A row whose outermost points differ by six times the spread of the radii; the row behind it
+    has lost no contact.
+    """
+    network = replace(bulk("triangular").repeat((8, 4)), lattice=None, shape=None)
+    column = np.arange(network.n_balls) // 4
+    spread = 1e-3 * network.radii[0]
+    radii = network.radii + spread * (column % 2)
+    heights = 3.0 * spread * np.sin(2.0 * np.pi * column / 8)
+    positions = network.positions + heights[:, None] * [0.0, 1.0, 0.0]
+    uneven = replace(network, radii=radii, positions=positions)
+    for edges in (("floor", "free"), ("free", "floor")):
+        even = on_floor(network.cut(1, 1, edges))
+        assert len(even["normal_force"]) == 8
+        np.testing.assert_array_equal(
+            on_floor(uneven.cut(1, 1, edges))["normal_force"], even["normal_force"]
+        )
+
+
 @pytest.mark.parametrize("has_kinds", [True, False])
 def test_a_selection_without_a_wall_has_no_wall(has_kinds):
     network = gp.Crystal.on("square", [BALL]).at_force(10.0).network

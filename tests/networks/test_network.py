@@ -626,6 +626,7 @@ BAD = {
     "texts": (lambda n: {"i": ["a"] * n.n_contacts}, "i: found"),
     "complex": (lambda n: {"masses": n.masses * 1j}, "complex"),
     "masked": (lambda n: {"masses": np.ma.masked_less(n.masses, 1.0)}, "masked"),
+    "masked balls": (lambda n: {"i": np.ma.masked_equal(n.i, 0)}, "masked"),
     "truth values": (lambda n: {"masses": n.masses > 0.0}, "masses: found"),
     "itself": (lambda n: {"j": n.i, "shift": 0 * n.shift}, "joins a ball with itself"),
     "tension": (change("normal_force", 5, -1e-9), "contact 5 .* pull .* between balls"),
@@ -687,6 +688,14 @@ BAD = {
     "count": (lambda _: {"left_out": -1}, "left_out"),
     "cells": (lambda _: {"shape": (4, 4)}, "have 16 balls, and the network has 12"),
     "numbers of cells": (lambda _: {"shape": (12,)}, "triangular lattice"),
+    "stiff ground": (
+        lambda _: {"on_site": np.full((12, 3), 1e61)},
+        "ball 0 .* ground .* 1e-60 to 1e.60 in SI",
+    ),
+    "strong pull": (
+        lambda n: {"adhesive": True, "normal_force": np.full(n.n_contacts, -1e61)},
+        "contact 0 .* 1e-60 to 1e.60 in SI",
+    ),
     "range": (lambda n: {"masses": 1e-300 * n.masses}, "ball 0 .* 1e-60 to 1e.60 in SI"),
 }
 
@@ -807,6 +816,39 @@ def test_what_a_network_may_be():
     np.testing.assert_allclose(dense_frequencies(corner), [1.0, 1.0])
     with pytest.raises(gp.GranphonError, match="the same"):
         make([(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF])
+    # also if a contact with another normal stands between
+    turned = replace(corner, normal=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]))
+    fields = {
+        name: np.concatenate([getattr(corner, name), getattr(turned, name)[:1]])
+        for name in corner.contact_fields
+    }
+    fields["normal"] = np.concatenate([turned.normal, turned.normal[:1]])
+    with pytest.raises(gp.GranphonError, match=r"contacts 0 and 2 .* same"):
+        replace(turned, **fields)
+
+
+def test_a_row_of_a_lattice_is_no_array_of_the_lattice():
+    """A shape has a length along each period of the lattice; a row repeats along one alone."""
+    cell = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(1.0).network
+    is_in_row = ~np.any(cell.shift[:, 1:], axis=1)
+    contacts = {name: getattr(cell, name)[is_in_row] for name in cell.contact_fields}
+    row = replace(cell, pbc=(True, False, False), **contacts).repeat((3,))
+    assert (row.n_balls, row.lattice, row.shape) == (3, None, None)
+    array = cell.repeat((3, 2))
+    assert (array.lattice, array.shape) == (cell.lattice, (3, 2))
+
+
+def test_a_force_that_underflows_makes_no_tangential_force_grow():
+    """p/delta of such an overlap would be beyond the range of floats."""
+    cell = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS, 1e-3)
+    growths = []
+    for force in (0.0, 5e-324, 1e-300, 1e-12):
+        forces = np.full(cell.n_contacts, force)
+        growths.append(
+            replace(cell, normal_force=forces, tangential_law="mindlin").tangential_growth
+        )
+    assert not np.any(growths[:3])
+    np.testing.assert_allclose(growths[3], cell.normal_stiffness / 3.0 / 1e-12)
 
 
 def test_the_fabric_of_lattices_and_rows():

@@ -93,6 +93,9 @@ def test_dumps_of_liggghts(kind, keywords, tmp_path):
         held_by=None if kind == "packing" else 1,
     )  # fmt: skip
     require_same(found, network)
+    is_wall = np.isinf(found.radii[found.j])
+    surfaces = found.radii[found.i[is_wall]]  # arms end amid the overlap, seen from either side
+    np.testing.assert_allclose(found.arm_i[is_wall] - found.arm_j[is_wall], surfaces, rtol=1e-12)
     assert any("not read" in note for note in found.notes)
     with pytest.raises(InputError, match="columns, and pos id of"):
         gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS, keywords="pos id")
@@ -178,6 +181,16 @@ def test_counts_and_times_of_mercury_are_numbers(pattern, text, told, tmp_path):
     restart.write_text(re.sub(pattern, text, restart.read_text()))
     with pytest.raises(InputError, match=told):
         gp.ContactNetwork.from_mercury(fstat, restart, GLASS)
+
+
+def test_bounds_of_the_box_of_mercury_are_finite(tmp_path):
+    network = written.glass_packing()
+    fstat, data, _restart = written.write_mercury(network, tmp_path)
+    heading, rows = data.read_text().split("\n", 1)
+    number, time, *_bounds = heading.split()
+    data.write_text("\n".join([" ".join([number, time, *["inf"] * 6]), rows]))
+    with pytest.raises(InputError, match=r"data:1: .*heading is needed"):
+        gp.ContactNetwork.from_mercury(fstat, data, GLASS, pbc=network.pbc)
 
 
 def test_rows_of_contacts_of_mercury_that_have_run_together_are_told(tmp_path):
@@ -602,6 +615,57 @@ def test_a_box_that_periods_tilt_holds_all_balls(tmp_path):
     coordinate = ribbon.positions[:, 0] - low - tilt * fraction
     assert np.min(coordinate - ribbon.radii) > 0.0
     assert np.max(coordinate + ribbon.radii) < length
+
+
+@pytest.mark.filterwarnings("ignore:.* the static forces")  # the upper balls of the floor
+def test_places_of_dumps_are_those_that_were_written(tmp_path):
+    """To the last digit, also where the box does not begin at the origin."""
+    network = written.layer_on_floor()
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    network.write_dumps(*files)
+    found = gp.ContactNetwork.from_lammps(*files, packings.MATERIAL, keep_rattlers=True)
+    is_ball = np.isfinite(network.radii)
+    np.testing.assert_array_equal(found.positions[is_ball], network.positions[is_ball])
+    # the reader gives the label -1 to the wall
+    taken = replace(network, labels=-1 - np.arange(network.n_balls))
+    with pytest.raises(InputError, match="label -1"):
+        taken.write_dumps(*files)
+
+
+def make_pair_on_wall(length, length_of_pairs, size=1e-6):
+    """Dumps of two balls that touch each other and the wall of a fix with seven columns, in boxes
+    of these lengths.
+    """
+    head = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF {}\n{}\nITEM: BOX BOUNDS pp ff ff\n"
+    box = "0 {0!r}\n{1!r} {0!r}\n{1!r} {0!r}\n"
+    columns = " ".join(f"f_floor[{number}]" for number in range(1, 8))
+    atoms = head.format("ATOMS", 2) + box.format(length, -size)
+    atoms += f"ITEM: ATOMS id x y z radius {columns}\n"
+    atoms += f"1 0 0 0 {size!r} 1 0 1 0 0 {-0.999 * size!r} 0\n"
+    atoms += f"2 {1.999 * size!r} 0 0 {size!r} 1 0 1 0 {1.999 * size!r} {-0.999 * size!r} 0\n"
+    pairs = head.format("ENTRIES", 1) + box.format(length_of_pairs, -size)
+    return atoms, pairs + "ITEM: ENTRIES i j force\n1 2 1\n"
+
+
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
+def test_small_boxes_and_walls_of_seven_columns(tmp_path):
+    """Boxes differ by parts of their length, however small; what is read has no note."""
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+
+    def read(lengths, **options):
+        for path, text in zip(files, make_pair_on_wall(*lengths), strict=True):
+            path.write_text(text)
+        return gp.ContactNetwork.from_lammps(*files, GLASS, **options)
+
+    found = read((9e-6, 9e-6 * (1.0 + 1e-6)), walls="floor")
+    assert (found.n_contacts, found.notes) == (3, ())
+    (note,) = read((9e-6, 9e-6), keep_rattlers=True).notes
+    assert "walls='floor'" in note
+    with pytest.raises(InputError, match="different boxes"):
+        read((9e-6, 9.005e-6), walls="floor")
+    files[0].write_text(files[0].read_text().replace("0 9e-06", "-1.5e308 1.5e308"))
+    with pytest.raises(InputError, match=r"atoms\.dump:6: the bounds"):
+        gp.ContactNetwork.from_lammps(*files, GLASS)
 
 
 @pytest.mark.parametrize("prestress", [False, True])

@@ -220,6 +220,18 @@ def test_labels_that_files_could_not_give_back_are_not_written(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+def test_kinds_that_files_could_not_give_back_are_not_written(tmp_path):
+    """Cells of CSV lose the spaces at their ends; extended XYZ keeps them."""
+    network = gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0))
+    network = replace(network, kinds=(" steel",))
+    frames = tmp_path / "balls.xyz", tmp_path / "contacts.xyz"
+    network.write_tables(*frames)
+    assert gp.ContactNetwork.from_table(*frames, keep_rattlers=True).kinds == (" steel",)
+    with pytest.raises(InputError, match="' steel'"):
+        network.write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    assert not list(tmp_path.glob("*.csv"))
+
+
 def test_dumps_warn_of_moments_of_inertia_that_are_lost(tmp_path):
     """Those of hollow balls change modes where balls rotate, and only there."""
     files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
@@ -628,6 +640,24 @@ def test_a_flat_wall_leaves_a_network_in_space(wall):
     level = places.copy()
     level[2, 2] = radius
     assert read(level).dimension == 3  # contacts lead down
+    # by its shift a contact leads up, too
+    row = {
+        "x": [0.0, 2.0],
+        "y": [0.0, 0.0],
+        "z": [1.0, 1.0],
+        "radius": [1.0, 1.0],
+        "mass": [1.0] * 2,
+    }
+    images = {"i": [0, 0, 1], "j": [1, 0, 1], "shift_1": [0] * 3, "shift_2": [0] * 3}
+    images |= {
+        "normal_force": [1.0] * 3,
+        "normal_stiffness": [1e5] * 3,
+        "shear_stiffness": [8e4] * 3,
+    }
+    for up, dimension in ((1, 3), (0, 2)):
+        shifts = images | {"shift_2": [0, 1 - up, 1 - up], "shift_3": [0, up, up]}
+        network = gp.ContactNetwork.from_table(row, shifts, cell=[20.0, 2.0, 2.0])
+        assert network.dimension == dimension
     # walls that stand beside a layer leave it in the plane, wherever they are
     beside = {
         "i": [0, 1, 1, 0],
@@ -730,6 +760,22 @@ BAD_TABLES = {
     ),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
+    "masked kind": (
+        lambda b, c: b.update(kind=np.ma.array(["a"] * 36, mask=[True] + [False] * 35)),
+        {},
+        "no name in row 0",
+    ),
+    "held and kept": (None, {"held_by": -1, "keep_rattlers": True}, "held_by"),
+    "endless height": (lambda b, c: b.update(z=np.full(36, np.inf)), {}, "36 with a place"),
+    "two walls": (
+        lambda b, c: (
+            b.update(radius=np.full(36, np.inf), mass=np.full(36, np.inf)),
+            b["radius"].__setitem__(0, 1e-3),
+            c.update(nx=np.ones(125), ny=np.zeros(125), nz=np.zeros(125)),
+        ),
+        {},
+        "with two flat walls",
+    ),
     "friction": (None, {"friction": "no"}, "friction"),
     "twice": (
         lambda b, c: c.update({n: np.append(v, v[0]) for n, v in c.items()}),
@@ -876,10 +922,11 @@ def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
     assert wrong > 30
 
 
+@pytest.mark.parametrize("n_tilts", [1, 7])
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
-def test_nearest_images_in_an_oblique_cell(lattice):
-    """In a cell that is tilted by a whole period more, the image with the least fractions is not
-    always the nearest one.
+def test_nearest_images_in_an_oblique_cell(lattice, n_tilts):
+    """In a cell that is tilted by whole periods more, the image with the least fractions is not
+    always the nearest one, and may be many cells away from it.
     """
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(
@@ -887,7 +934,9 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     )
     network = state.network.repeat((3,) * state.packing.structure.periods)
     cell = network.cell[: network.dimension].copy()
-    cell[1] += np.sign(cell[0] @ cell[1]) * cell[0]
+    cell[1] += n_tilts * np.sign(cell[0] @ cell[1]) * cell[0]
+    if network.dimension == 3:
+        cell[2] -= (n_tilts - 1) * cell[1]
     places = (
         network.positions
         + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell
@@ -897,8 +946,22 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     }
     contacts = {"i": network.i, "j": network.j, "normal_force": network.normal_force}
     found = gp.ContactNetwork.from_table(balls, contacts, material=steel, cell=cell)
-    np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
+    np.testing.assert_allclose(found.vector, network.vector, atol=1e-15 * n_tilts**2)
     np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)
+
+
+def test_periods_of_very_different_lengths_are_independent():
+    """A row beside whose images nothing is; its twin in the class asks for the same."""
+    row = {"x": [0.0, 2.0], "y": [0.0, 0.0], "radius": [1.0, 1.0], "mass": [1.0, 1.0]}
+    contacts = {"i": [0, 1], "j": [1, 0], "shift_1": [0, 1], "shift_2": [0, 0], "shift_3": [0, 0]}
+    contacts |= {"normal_force": [1.0] * 2, "normal_stiffness": [1.0] * 2}
+    network = gp.ContactNetwork.from_table(row, contacts, cell=[4.0, 4e20], friction=False)
+    assert network.pbc == (True, True, False)
+    oblique = [[4.0, 0.0], [4e20, 4.0]]
+    with pytest.raises(InputError, match="not independent"):
+        gp.ContactNetwork.from_table(row, contacts, cell=oblique, friction=False)
+    with pytest.raises(InputError, match="not independent"):
+        replace(network, cell=np.pad(oblique, ((0, 1), (0, 1))))
 
 
 def test_a_ball_that_touches_its_own_image_does_so_once():
@@ -956,6 +1019,16 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
         part.name_ball(2)
     with pytest.raises(InputError, match=r"\(2, 3\)"):
         part.find_farthest(np.zeros((3, 3)))
+    for force in (np.nan, np.inf, 1e200):
+        with pytest.raises(InputError, match="forces"):
+            part.find_farthest(np.full((2, 3), force))
+    without_force = replace(part, normal_force=np.zeros(part.n_contacts))
+    assert without_force.find_farthest(np.array([[0.0, 0.0, 0.0], [0.0, -2.0, 0.0]])) == (
+        1,
+        2.0,
+        np.inf,
+    )
+    assert without_force.find_farthest(np.zeros((2, 3))) == (0, 0.0, 0.0)
     assert gp.ContactNetwork.from_dict(network.to_dict()) == network
     assert (
         gp.ContactNetwork.from_table(

@@ -13,6 +13,8 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
+from granphon.dynamics.bloch_waves import find_bloch_waves
+from granphon.dynamics.half_space import HalfSpace
 from tests.networks.test_cuts import D, bulk, chain
 
 K = 2e7
@@ -250,3 +252,11 @@ def test_a_damping_that_was_meant_as_a_loss_factor():
     for losses in ({"damping": 0.9 / top}, {"loss_factor": 0.02}, {}):
         assert not phonons.damped([[0.0], [0.5]], **losses).warnings
         assert not phonons.complex_bands(at, **losses).warnings
+
+
+def test_at_no_frequency_there_are_no_waves():
+    half_space = HalfSpace(
+        gp.ContactLattice.of("triangular", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0)), 1
+    )
+    couplings = half_space.couplings(np.array([0.1]))
+    assert find_bloch_waves(couplings, np.zeros(0), half_space.size) == []

@@ -1056,6 +1056,11 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "5: crystal",
         "mechanism",
     ),
+    "a structure that is misspelt": (
+        kinds("crystal: {lattice: zincblend, kinds: [A, S]}\nload: {force: 1 N}"),
+        "5: crystal.lattice",
+        "'zincblende'",
+    ),
     "contacts that open": (
         kinds("crystal: {lattice: NaCl, kinds: [A, S]}\nload: {strain: [0, 0, -1e-4, 0, 0, 0]}"),
         "5: crystal",

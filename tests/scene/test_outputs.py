@@ -141,6 +141,35 @@ def test_a_folder_without_states_says_so(tmp_path):
         _ = Results(tmp_path).dataset
 
 
+def test_a_folder_without_a_summary_has_no_limits_and_no_errors(tmp_path):
+    assert [Results(tmp_path)[name] for name in ("limits", "errors")] == [None, None]
+
+
+def test_a_summary_whose_errors_have_no_names_is_refused(tmp_path):
+    (tmp_path / "summary.yaml").write_text("schema: 1\nerrors_from: 5\n")
+    with pytest.raises(InputError, match="errors_from is 5"):
+        _ = Results(tmp_path)["errors"]
+
+
+def test_a_folder_in_place_of_a_file_of_json_is_named(tmp_path):
+    (tmp_path / "surface.json").mkdir()
+    with pytest.raises(InputError, match=r"surface\.json cannot be read"):
+        _ = Results(tmp_path)["surface"]
+
+
+@pytest.mark.parametrize(
+    ("name", "files", "word"),
+    [
+        (["mine"], ["mine.csv"], "name"),
+        ("mine", ["mine.csv", "mine.csv"], "twice"),
+        ("mine", ["mi\0ne.csv"], "no file of an output"),
+    ],
+)
+def test_names_that_no_output_can_have_are_refused(name, files, word):
+    with pytest.raises(InputError, match=word):
+        gp.register_output(name, files, "a table", write=write_mine)
+
+
 def test_several_states_have_the_same_rows_but_those_of_one():
     one = {row.name for row in list_outputs(Scene.from_text(STEEL + "observe: [bands, dos]"))}
     loads = STEEL.replace("5 N", "[5 N, 9 N]")

@@ -110,7 +110,37 @@ def test_limits_say_on_which_side_they_are(folders):
 )
 def test_an_error_has_the_unit_of_its_value(value, error, text):
     unit = "Pa" if "GPa" in text else "m/s"
-    assert report._write_value(value, unit, error) == text
+    is_range = isinstance(value[0], float) and " to " in text
+    assert report._write_value(value, unit, error, is_range=is_range) == text
+
+
+@pytest.mark.parametrize(
+    ("force", "longitudinal"),
+    [("20 N", re.compile(r"\d+\.\d+, \d+\.\d+ m/s")), ("[10 N, 20 N]", re.compile(r".* to .*"))],
+)
+def test_directions_and_what_they_have_are_no_ranges(tmp_path, force, longitudinal):
+    """Velocities along two directions of one state stand beside each other in ascending order too;
+    of several states they have a least and a greatest one.
+    """
+    text = SCENE.replace("1 mm", "1 mm, lattice: square") + f"load: {{force: {force}}}\n"
+    Scene.from_text(text + "direction: [[1, 0], [0.6, 0.8]]\n").run(tmp_path / "out", figures=False)
+    (table,) = collect(tmp_path / "out")[1]["Numbers"]
+    numbers = dict(table.rows)
+    assert numbers["direction"] == "1, 0; 0.6, 0.8"
+    for branch in ("longitudinal", "transverse"):
+        assert longitudinal.fullmatch(numbers[f"{branch} velocity"])
+
+
+def test_a_direction_in_ascending_order_is_no_range(tmp_path):
+    text = SCENE.replace("1 mm", "1 mm, lattice: square") + "load: {force: [5 N, 9 N]}\n"
+    Scene.from_text(text + "direction: [0, 1]\n").run(tmp_path / "out", figures=False)
+    (table,) = collect(tmp_path / "out")[1]["Numbers"]
+    assert dict(table.rows)["direction"] == "0, 1"
+
+
+def test_a_folder_that_is_no_path_is_refused():
+    with pytest.raises(InputError, match="path is 5"):
+        read_report(5)
 
 
 def test_the_citation_is_that_of_the_project(folders):

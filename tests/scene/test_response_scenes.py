@@ -284,6 +284,15 @@ def test_a_mode_by_itself_has_its_closed_form():
     )
 
 
+def test_a_peak_between_two_equal_values_has_their_height():
+    # no mode with a pole passes through the values, and the peak is no narrow line
+    values = np.array([1.0, 2.0, 2.0, 1.0], complex)[:, None]
+    (peaks,) = find_peaks(np.array([1.0, 2.0, 3.0, 4.0]), values)
+    assert_allclose(peaks.frequencies, [2.0])
+    assert_allclose(peaks.heights, [2.0])
+    assert np.all(np.isnan(peaks.quality))
+
+
 def test_samples_are_averaged_with_their_standard_error():
     one = scene(ARRAY, FORCE="[20 N, 40 N]")
     data = one.sweep()

@@ -16,11 +16,13 @@ from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, OutputError, PrecisionError, Refused, SceneError
 from granphon.base.quantities import DENSITY, LENGTH, LOADS, MODULUS, WIDTH, Quantity
 from granphon.base.settings import SCALES, space_evenly
+from granphon.base.text import read_yaml
 from granphon.media.choice import MediumChoice
 from granphon.media.cost import estimate
+from granphon.observables.catalogue import CATALOGUE, SUMMARY_KEYS
 from granphon.phonons.paths import BandPath
 from granphon.scene.file import write_preset
-from granphon.scene.scene import Scene
+from granphon.scene.scene import Scene, is_complete
 from tests import conftest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -1205,3 +1207,62 @@ def test_observables_in_python_stand_in_a_list(observe):
     packing = gp.Packing(gp.Material(2.1e11, 0.28, 7840.0), 8e-3)
     with pytest.raises(InputError, match="observe"):
         Scene(packing, Load("force", 1.0), observe=observe)
+
+
+@pytest.mark.parametrize("values", [["load.force"], {5: "21 N"}, {"load.force": 21}])
+def test_values_in_place_of_those_of_a_file_are_texts(tmp_path, values):
+    path = tmp_path / "scene.yaml"
+    path.write_text(MINIMAL)
+    with pytest.raises(InputError, match="mapping of texts"):
+        Scene.from_yaml(path, values)
+
+
+def test_the_keys_of_a_summary_are_known(tmp_path):
+    text = MINIMAL.replace("8 mm", "8 mm, spread: {uniform: 2 um}") + "observe: [sensitivities]\n"
+    summary = Scene.from_text(text).run(tmp_path, figures=False).folder / "summary.yaml"
+    assert set(read_yaml(summary)) <= SUMMARY_KEYS | set(CATALOGUE)
+
+
+def test_results_of_what_was_not_observed(tmp_path):
+    result = Scene.from_text(MINIMAL).run(tmp_path / "one", figures=False)
+    assert result.records == []
+    with pytest.raises(InputError, match="no figure"):
+        result.figure(["bands.png"])
+    with pytest.raises(InputError, match="path"):
+        is_complete(result.scene, 5)
+    # each value of the width has a local field of its own
+    widths = Scene.from_text(MINIMAL + "sweep: {width: [1 um, 2 um]}\n")
+    with pytest.raises(InputError, match="sweep"):
+        _ = widths.run(tmp_path / "widths", figures=False).local_field
+    assert widths.packing.width == 0.0
+
+
+@pytest.mark.parametrize("progress", [5, None])
+def test_a_progress_of_another_kind_is_refused_before_a_folder_is_made(tmp_path, progress):
+    with pytest.raises(InputError, match="progress"):
+        Scene.from_text(MINIMAL).run(tmp_path / "out", progress=progress)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_spectrum_without_settings_has_the_default_ones(packing):
+    assert Scene(packing, Load("force", 1.0), spectrum=None) == Scene(packing, Load("force", 1.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"band": "0 0 0 1/2 0 0"}, "BandPath"),
+        ({"source": 5}, "path is 5"),
+        ({"parameters": [("width", [1e-6]), ("width", [2e-6])]}, "swept twice"),
+        ({"parameters": [(["width"], [1e-6])]}, "name of a parameter"),
+    ],
+)
+def test_a_path_a_source_and_parameters_of_another_kind_are_refused(packing, arguments, word):
+    with pytest.raises(InputError, match=word):
+        Scene(packing, Load("force", 1.0), **arguments)
+
+
+def test_the_source_of_a_scene_may_be_a_text(packing):
+    assert str(Scene(packing, Load("force", 1.0), source="of/lot.yaml")).startswith(
+        "Scene lot.yaml"
+    )

@@ -375,6 +375,7 @@ def test_waves_of_an_edge_have_a_table_a_panel_and_a_cost(tmp_path):
     assert cost.seconds > without.seconds
 
 
+@pytest.mark.slow
 def test_states_with_fewer_waves_of_an_edge_have_empty_derivatives():
     """A lighter ball at the free end has a wave in the gap, a heavier one has none."""
     text = EDGE.replace("edge: {wall: B}", "edge: free").replace("FORCE", "2 N")

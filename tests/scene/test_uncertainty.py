@@ -12,13 +12,16 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import ConvergenceError, GranphonError, InputError
 from granphon.base.text import read_yaml
 from granphon.cli.main import main
 from granphon.figures.motions import motions_figure
 from granphon.fits.measurements import Measurements
+from granphon.observables.catalogue import CATALOGUE
+from granphon.runs.plan import Plan
 from granphon.scene.outputs import OUTPUTS, Results
 from granphon.scene.report import read_report
+from granphon.scene.scene import WORK_FILE
 from granphon.scene.uncertainty import ErrorPropagation
 from tests.conftest import one_error
 from tests.figures.conftest import read_edges, with_gid
@@ -311,6 +314,12 @@ DIAMETER = ("packing", "diameter")
         ({"material.young_modulus": 1e9}, "path 'material.young_modulus'"),
         ({5: 1.0}, "path 5"),
         ({(): 1.0}, "path ()"),
+        ({("load", "force", -1): 1.0}, "-1"),
+        ({("load", "force", True): 1.0}, "True"),
+        (((YOUNG, 1e9), (YOUNG, 2e9)), "twice"),
+        # what is no list has no index
+        ({("material", 0): 1.0}, "standard error"),
+        ({(*YOUNG, 0, 1): 1.0}, "standard error"),
     ],
 )
 def test_errors_in_python_are_refused_by_what_is_wrong(errors, word):
@@ -896,3 +905,40 @@ surface: {axis: 1, points: 3}
     # velocities grow as the power 1/3 of E at a given force, to first order
     expected = summary["surface_velocity"] / 3.0 / 70.0
     assert error.item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_names_of_registered_observables_do_not_say_how_errors_are_found(tmp_path):
+    """Names that begin as those of gaps and of waves of an edge are those of plain numbers."""
+    name = "gap_between_centres"
+    observables = [
+        gp.observables.register(name, "m", "a length", lambda analysis: analysis.state.overlap),
+        gp.observables.register("surface_load", "N", "a load", lambda of: 2.0 * of.state.force),
+    ]
+    try:
+        scene = gp.Scene.from_text(SCENE.replace("FORCE", "20 N +- 2 N"))
+        numbers = scene.run(tmp_path, figures=False).summary()
+    finally:
+        for observable in observables:
+            CATALOGUE.remove(observable.name)
+    assert numbers["surface_load_error"] == pytest.approx(4.0, rel=1e-12)
+    assert numbers[f"{name}_error"] == numbers["overlap_error"]
+
+
+def test_a_path_that_ends_early_in_a_shifted_scene_leaves_no_loads(tmp_path, monkeypatch):
+    """They would be those of another value of the parameter."""
+    scene = gp.Scene.from_text(SCENE.replace("FORCE", "[18 N, 20 N]"))
+    sweep = Plan.sweep
+
+    def fail_if_shifted(plan, *arguments, **options):
+        dataset = sweep(plan, *arguments, **options)
+        if plan is not scene.plan:
+            error = ConvergenceError("the path ends")
+            error.reached = dataset.isel(load=[0])
+            raise error
+        return dataset
+
+    monkeypatch.setattr(Plan, "sweep", fail_if_shifted)
+    with pytest.raises(ConvergenceError, match="the path ends"):
+        scene.run(tmp_path / "out", figures=False)
+    # finished states stay
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [WORK_FILE]

@@ -426,3 +426,13 @@ def test_losses_that_are_none_are_refused():
     for name in ("viscous_pull", "coulomb"):
         with pytest.raises(InputError, match=name):
             gp.NonlinearWaves(network, **{name: "half"})
+
+
+def test_the_drag_of_balls_without_contacts_is_even():
+    state = gp.AveragedLattice(
+        gp.Packing(gp.Material(2e11, 0.3, 7800.0), 8e-3, friction=True)
+    ).at_force(10.0)
+    network = state.network.repeat((2, 2))
+    fields = {name: getattr(network, name)[:0] for name in network.contact_fields}
+    losses = Losses.of(replace(network, **fields, lattice=None, shape=None), GivenLosses(drag=3.0))
+    assert losses.find_even() == (0.0, 0.0, 3.0)

@@ -64,7 +64,7 @@ def limits(monkeypatch):
     def set_limits(method=None, **constants):
         if method is not None:
             constants |= {
-                "DENSE": METHODS[method][0],
+                "MOST_DENSE_MOTIONS": METHODS[method][0],
                 "LARGEST_FACTORS": dict.fromkeys((1, 2, 3), METHODS[method][1]),
             }
         for name, value in constants.items():
@@ -390,6 +390,11 @@ def test_modes_are_counted_below_an_entry_of_the_diagonal():
     near = np.isclose(squares, value, rtol=1e-6)
     count = mode_finder.Problem.of(operator).count_below(value)
     assert np.sum(squares[~near] < value) <= count <= np.sum((squares < value) | near)
+
+
+def test_all_modes_are_below_a_frequency_whose_square_is_no_number():
+    waves = gp.Waves(ideal("chain", (5,), 0.0)[0])
+    assert list(waves.count_modes([1e300, 1e-300])) == [5, 1]
 
 
 # -- networks too large to be factorised -----------------------------------------------------------

@@ -5,6 +5,8 @@ that are made up.
 from __future__ import annotations
 
 import math
+import os
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, OutputError
 from granphon.runs.wave_records import Passage
 
 N = 12
@@ -267,6 +269,83 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
 def test_bad_questions_are_one_error(ask, words):
     with pytest.raises(InputError, match=words):
         ask(make())
+
+
+@pytest.mark.parametrize("mode", ["text", "closed", "rb", "ab", "filled", "pipe"])
+def test_a_stream_that_cannot_hold_a_motion_is_one_error(mode, tmp_path):
+    path = tmp_path / "motion.nc"
+    path.write_bytes(b"earlier")
+    with ExitStack() as stack:
+        if mode == "pipe":
+            reader, writer = os.pipe()
+            stack.callback(os.close, reader)
+            stream = stack.enter_context(open(writer, "wb"))
+        else:
+            other_mode = {"text": "r+", "closed": "rb", "filled": "r+b"}
+            stream = stack.enter_context(open(path, other_mode.get(mode, mode)))
+            if mode == "closed":
+                stream.close()
+        with pytest.raises(InputError, match="binary"):
+            make().write(stream)
+    assert path.read_bytes() == b"earlier"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+def test_a_stream_that_is_full_is_one_error():
+    with (
+        open("/dev/full", "wb", buffering=0) as full,
+        pytest.raises(OutputError, match="space"),
+    ):
+        make().write(full)
+
+
+@pytest.mark.parametrize(
+    "frames", [slice(None, None, np.int64(-1)), slice(None, None, 0), slice(0.5, None), 3]
+)
+def test_frames_that_are_no_slice_forward_are_one_error(frames, tmp_path):
+    make().write(tmp_path / "motion.nc")
+    with pytest.raises(InputError, match="frames"):
+        gp.Motion.read(tmp_path / "motion.nc", frames)
+
+
+def test_a_motion_replaces_one_that_was_cut_off_without_a_warning(tmp_path):
+    path = tmp_path / "motion.nc"
+    motion = make()
+    motion.write(path)
+    path.write_bytes(path.read_bytes()[:-8])
+    motion.write(path)
+    assert gp.Motion.read(path) == motion
+
+
+def test_contacts_that_came_about_are_between_nearest_images_in_a_tilted_cell():
+    ball = gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)
+    network = gp.Crystal.on("triangular", [ball]).at_force(1.0).network.repeat((4, 4))
+    n = network.n_balls
+    met = np.array([(0, j) for j in range(1, n)])
+    zeros, vectors = np.zeros(1), np.zeros((1, n, 3))
+    forces = np.zeros((1, network.n_contacts + len(met)))
+    motion = gp.Motion(
+        times=zeros,
+        displacements=vectors,
+        velocities=vectors,
+        rotations=vectors,
+        spins=vectors,
+        forces=forces,
+        shears=forces,
+        translation=zeros,
+        rotation=zeros,
+        stored=zeros,
+        lost=zeros,
+        work=zeros,
+        step=1.0,
+        network=network,
+        met=met,
+    )
+    steps = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2)
+    images = network.positions[1:, None] - network.positions[0] + steps @ network.cell[:2]
+    lengths = np.min(np.linalg.norm(images, axis=2), axis=1)
+    arms = motion.middles[network.n_contacts :] - network.positions[0]
+    assert_allclose(2.0 * np.linalg.norm(arms, axis=1), lengths, rtol=1e-12)
 
 
 def test_a_file_of_a_motion_is_no_sweep(tmp_path):

@@ -57,6 +57,17 @@ def passages(motion, contacts):
     return np.array(peaks).T
 
 
+def test_a_ball_that_touches_its_own_images_alone_goes_on_with_a_step_that_is_given():
+    network = line(10.0, 1, periodic=True)
+    waves = gp.NonlinearWaves(network)
+    with pytest.raises(InputError, match="step"):
+        waves.run(1e-5, velocities=[[0.1]], frames=3)
+    with pytest.raises(InputError, match="step"):
+        waves.find_step(0.1)
+    motion = waves.run(1e-5, velocities=[[0.1]], frames=3, step=1e-6)
+    assert_allclose(motion.displacements[:, 0, 0], 0.1 * motion.times, rtol=1e-12)
+
+
 # -- waves in chains -------------------------------------------------------------------------------
 
 
@@ -995,7 +1006,7 @@ def test_numbers_beyond_double_precision_leave_as_one_error_or_a_short_motion():
 
 def test_what_has_no_overlap_is_refused():
     network = line(10.0, 4)
-    with pytest.raises(InputError, match="have no force"):
+    with pytest.raises(InputError, match="not pressed"):
         gp.NonlinearWaves(replace(network, normal_force=np.zeros(3)))
     with pytest.raises(InputError, match="sideways"):
         gp.NonlinearWaves(replace(network, prestress=True))

@@ -342,7 +342,7 @@ def test_a_damping_that_was_meant_as_a_loss_factor(monkeypatch):
     assert not waves.damped_modes(3, loss_factor=9.0).warnings
     uneven = np.linspace(8.0, 9.0, network.n_contacts) / third
     for dense in (600, 1):
-        monkeypatch.setattr(modes, "DENSE", dense)
+        monkeypatch.setattr(modes, "MOST_DENSE_MOTIONS", dense)
         # of modes that creep, which come first
         assert len(waves.damped_modes(3, damping=uneven).warnings) == 1
         assert not waves.damped_modes(3, damping=0.01 * uneven).warnings
@@ -504,7 +504,7 @@ def test_of_modes_that_creep_the_slowest_come_first(count, monkeypatch):
     assert np.all(np.abs(rates.imag) < 1e-6)
     expected = np.sort(-rates.real)[:count] * HERTZ
     for dense in (600, 1):
-        monkeypatch.setattr(modes, "DENSE", dense)
+        monkeypatch.setattr(modes, "MOST_DENSE_MOTIONS", dense)
         found = gp.Waves(network).damped_modes(count, damping=tau).frequencies
         assert np.all(found.real == 0.0)
         assert_allclose(found.imag, expected, rtol=1e-8)
@@ -571,7 +571,7 @@ def test_damped_modes_leave_out_what_costs_no_energy(kind, monkeypatch):
     )
     exact = np.sort((-1j * rates)[rates.imag > 1e-5])
     assert exact.size + zeros == len(stiff)
-    monkeypatch.setattr(modes, "DENSE", 1)  # as large networks are solved
+    monkeypatch.setattr(modes, "MOST_DENSE_MOTIONS", 1)  # as large networks are solved
     for target in (0.0, 0.3):
         found = waves.damped_modes(5, target * top / (2.0 * np.pi), damping=tau)
         omega = 2.0 * np.pi * found.frequencies / top

@@ -228,7 +228,7 @@ def test_energy_is_conserved_or_refused_at_all_edges(lattice, axis):
 def test_energy_that_does_not_add_up_is_an_error(monkeypatch):
     network = even(MASS)
     monkeypatch.setattr(
-        BlochWaves, "find_parts", lambda self, motion: 1.01 * motion[: self.running]
+        BlochWaves, "find_parts", lambda self, motion: 1.01 * motion[: self.n_running]
     )
     with pytest.raises(PrecisionError, match="of it"):
         gp.transmission(network, network.cut(0, 3), network, [0.3 * TOP])

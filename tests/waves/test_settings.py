@@ -9,7 +9,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.waves.settings import DriveSettings, ModesSettings, Signal
+from granphon.waves.settings import DriveSettings, ModesSettings, ResponseSettings, Signal
 
 BALL = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 
@@ -62,3 +62,16 @@ def test_a_cut_has_an_axis_layers_and_edges_and_no_more():
     assert ModesSettings(cut=((0, 3),)).cut == ModesSettings(cut=((0, 3, edges),)).cut
     with pytest.raises(InputError, match="cut"):
         ModesSettings(cut=((0, 3, edges, 1),))
+
+
+@pytest.mark.parametrize("receiver", ["9" * 5000 + " x", "9" * 5000 + "-1"])
+def test_an_index_of_thousands_of_digits_is_one_error(receiver):
+    with pytest.raises(InputError, match="number of a ball"):
+        ResponseSettings(frequencies=(1e3, 2e3), source="plane", receiver=receiver)
+
+
+@pytest.mark.parametrize("value", [np.array([2, 2]), np.array([2]), np.array([])])
+@pytest.mark.parametrize("key", ["repeat", "cut"])
+def test_an_array_in_place_of_a_tuple_is_one_error(key, value):
+    with pytest.raises(InputError, match=key):
+        ModesSettings(**{key: value})

@@ -84,7 +84,7 @@ def dense(disordered):
 @pytest.fixture
 def estimated(monkeypatch):
     """Densities of states of small networks are found as those of large ones, by random vectors."""
-    monkeypatch.setattr("granphon.waves.waves.DENSE", 0)
+    monkeypatch.setattr("granphon.waves.waves.MOST_DENSE_MOTIONS", 0)
 
 
 # -- the kernel ------------------------------------------------------------------------------------
@@ -145,12 +145,22 @@ def test_resolution_and_moments_belong_together(moments):
     assert Kernel.of(12345.6, resolution=Kernel(12345.6, moments).resolution).moments == moments
 
 
+@pytest.mark.parametrize("top", [100.0, 123.4, 98765.4])
+@pytest.mark.parametrize("resolution", [1e-12, 1e12])
+def test_the_resolution_that_an_error_names_is_allowed(top, resolution):
+    with pytest.raises(InputError) as error:
+        Kernel.of(top, resolution)
+    _, limit = str(error.value).rsplit("Give ", 1)
+    moments = Kernel.of(top, float(limit.split()[0])).moments
+    assert moments in (4, 5) or 0.99 * 2**20 < moments <= 2**20
+
+
 def test_kernel_refuses():
     with pytest.raises(InputError, match="follows"):
         Kernel.of(1.0, resolution=0.1, moments=10)
     with pytest.raises(InputError, match=r"1.57e\+10 moments.*1.5e-06 Hz"):
         Kernel.of(1.0, resolution=1e-10)
-    with pytest.raises(InputError, match=r"apart.* 0\.393 Hz"):
+    with pytest.raises(InputError, match=r"apart.* 0\.392 Hz"):
         Kernel.of(1.0, resolution=0.5)
     for bad in (0.0, -1.0, math.nan, "3 Hz"):
         with pytest.raises(InputError, match="resolution"):
@@ -169,9 +179,9 @@ def test_moments_are_those_of_the_matrix(waves, dense):
     exact = (vectors @ dense.vectors) ** 2 @ kernel.moments_of(dense.frequencies)
     starts = [vector.copy for vector in vectors]
     for keep in (True, False):
-        moments = Moments(waves.operator, starts, keep=keep)
+        moments = Moments(waves.operator, starts, is_kept=keep)
         np.testing.assert_allclose(moments.first(43), exact, atol=1e-11 * exact[0, 0])
-        parts = Moments(waves.operator, starts, keep=keep)
+        parts = Moments(waves.operator, starts, is_kept=keep)
         for count in (1, 2, 10, 11, 5, 43):
             np.testing.assert_array_equal(parts.first(count), moments.first(count))
 
