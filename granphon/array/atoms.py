@@ -24,6 +24,7 @@ atom, and some of its readers store that mass.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,7 @@ from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
 from granphon.base.text import require_path
+from granphon.base.validation import real_number
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -69,6 +71,12 @@ _TILT = 1e-3
 _DECIMALS = 2e-8
 #: arrays of Atoms that stand in a file as other columns
 _NO_COLUMNS = ("numbers", "positions")
+#: names of columns that stand in every file, or that readers take for one of these
+_COLUMN_NAMES = ("symbols", "species", "pos", "Z")
+#: keys that every second line of a file has
+_HEADER_KEYS = ("Lattice", "Properties", "pbc")
+#: signs that part names, quote or enclose in the second line of a file, and blanks
+_SIGNS = re.compile(r"[\s:\"'\[\]{}\\]")
 _MEND = (
     "HertzMindlin(state).adopt(atoms) gives them what is missing;"
     " adopt(atoms, like=other) takes it from the Atoms that they were before a file lost it"
@@ -117,18 +125,18 @@ def take_arrays(
     balls: Atoms,
     units: Units,
     kind: Kind,
-    given: Mapping[str, Array] | None = None,
+    new_arrays: Mapping[str, Array] | None = None,
     coordinates: int = 2,
 ) -> None:
     """Set scales and arrays of the Atoms ``balls``; ``coordinates`` is from
     :func:`count_coordinates`.
 
-    Each array is that of ``given``; if that has none, the one that the Atoms have, of whatever
+    Each array is that of ``new_arrays``; if there is none, the one that the Atoms have, of whatever
     shape; if they have none either, that of balls at rest on the sites of a lattice, which are of
-    the ``kind`` and in the ``units``. A ball without a mass gets that of ``given`` or, if that has
-    none, (1 + deviation)^3, as for balls of one material; other balls keep their masses. Radii, if
-    the Atoms have none, become those of ``given`` or (1 + deviation)/2. The scales also go into
-    ``info``.
+    the ``kind`` and in the ``units``. A ball without a mass gets that of ``new_arrays`` or, if
+    there is none, (1 + deviation)^3, as for balls of one material; other balls keep their masses.
+    Radii, if the Atoms have none, become those of ``new_arrays`` or (1 + deviation)/2; otherwise
+    they stay. The scales also go into ``info``.
     """
     shapes = _shapes(coordinates)
     arrays = {name: np.zeros((len(balls), *shape)) for name, shape in shapes.items()}
@@ -137,11 +145,15 @@ def take_arrays(
         _KIND: np.full(len(balls), kind),
     }
     arrays |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
-    arrays |= given or {}
-    if not has_masses(balls):
+    arrays |= new_arrays or {}
+    if has_masses(balls):
+        arrays.pop("masses", None)
+    else:
         masses = arrays.get("masses", (1.0 + arrays["diameter_deviations"]) ** 3)
         arrays["masses"] = np.where(_find_massless(balls), masses, balls.get_masses())
-    if "radius" not in balls.arrays:
+    if "radius" in balls.arrays:
+        arrays.pop("radius", None)
+    else:
         arrays.setdefault("radius", 0.5 * (1.0 + arrays["diameter_deviations"]))
     for name, values in arrays.items():
         balls.set_array(name, None)  # drop an old array that may have another shape or type
@@ -156,21 +168,24 @@ def adopt(
     else those of balls at rest on the lattice sites. ``units``, ``kind`` and ``coordinates`` are
     those of :func:`take_arrays`.
 
-    Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if
-    the scales in ``info`` are not those of ``units``.
+    Raises :class:`~granphon.base.errors.InputError` if ``like`` is no Atoms or has another number
+    of balls, or if the scales in ``info`` are not those of ``units``.
     """
+    from ase import Atoms
+
     balls = atoms.copy()
     _require_info(balls, units)
     arrays = {}
     if like is not None:
+        if not isinstance(like, Atoms):
+            raise InputError(f"like is {brief(like)}", mend="Give an ase.Atoms, or None")
         if len(like) != len(balls):
             raise InputError(
                 f"like has {len(like)} balls, and the Atoms have {len(balls)}",
                 "Arrays are copied ball by ball",
             )
-        names = {*ARRAYS, "radius"} - balls.arrays.keys()
-        if not has_masses(balls):  # balls that have masses keep them
-            names.add("masses")
+        # masses are taken for the balls without one alone
+        names = {*ARRAYS, "radius"} - balls.arrays.keys() | {"masses"}
         arrays = {name: like.arrays[name].copy() for name in sorted(names & like.arrays.keys())}
     take_arrays(balls, units, kind, arrays, coordinates)
     return balls
@@ -180,9 +195,10 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
     """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`. Without any
     ball it is the kind of a lattice with or without ``finite_overlap``.
 
-    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing; if balls are
-    of several kinds; or if they belong to a state with other ``units``, another ``finite_overlap``
-    or another number of ``coordinates``.
+    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing; if an array
+    has another shape or is not of numbers; if balls are of several kinds, or of none of the three;
+    or if they belong to a state with other ``units``, another ``finite_overlap`` or another number
+    of ``coordinates``.
     """
     missing = [name for name in ARRAYS if not balls.has(name)]
     if not has_masses(balls):
@@ -203,6 +219,12 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         )
     kind_without_balls = FINITE if finite_overlap else LATTICE
     kind: Kind = kinds.pop() if kinds else kind_without_balls
+    if kind not in (LATTICE, FINITE, SAMPLE):
+        raise InputError(
+            f"the array {_KIND} of the Atoms has the entry {kind:g}",
+            f"Kinds of balls are {LATTICE}, {FINITE} and {SAMPLE}",
+            "Make new Atoms with gp.atoms(state)",
+        )
     if (kind == FINITE) != finite_overlap:
         ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
         raise InputError(
@@ -244,10 +266,13 @@ def _take_logarithms(units: Units) -> Array:
 
 
 def _require_shapes(balls: Atoms, coordinates: int) -> None:
-    """Raise InputError if an array has another shape than :func:`_shapes` says; ``coordinates`` is
-    from :func:`count_coordinates`.
+    """Raise InputError if an array has another shape than :func:`_shapes` says, or is not of real
+    numbers; ``coordinates`` is from :func:`count_coordinates`.
     """
     for name, shape in _shapes(coordinates).items():
+        if balls.arrays[name].dtype.kind not in "fiu":
+            problem = f"the array {name} has entries of the type {balls.arrays[name].dtype}"
+            raise InputError(problem, mend="Give real numbers")
         if balls.arrays[name].shape != (len(balls), *shape):
             axes = "x, y and z" if shape else "z only"
             why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
@@ -275,13 +300,13 @@ def _require_units(balls: Atoms, units: Units) -> None:
 
 def _require_info(balls: Atoms, units: Units) -> None:
     """Raise InputError if ``info`` of the Atoms has a scale that differs from that of the
-    ``units``.
+    ``units``, or is no number.
     """
     for key, value in units.to_info().items():
         scale = balls.info.get(key, value)
-        if not np.isclose(float(scale), value, rtol=1e-9, atol=0.0):
+        if not np.isclose(real_number(scale), value, rtol=1e-9, atol=0.0):
             raise InputError(
-                f"the Atoms have {key} = {scale}, the state {value}",
+                f"the Atoms have {key} = {brief(scale)}, the state {value}",
                 "They are in the reduced units of another state",
                 "Use the state they were made from, or gp.atoms of this one",
             )
@@ -294,14 +319,23 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions,
     displacements and diameters, and forces depend on differences of these. Masses stand in the
     file twice, as ``masses`` for ASE and as ``mass`` for OVITO. Constraints and results of the
-    calculator are not written. The folder is made if need be; a file of granphon is replaced.
+    calculator are not written. The folder is made if need be. A file of granphon is replaced; where
+    the Atoms have no arrays of granphon, so is a file of as many balls.
 
-    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, or if an
-    array of the Atoms cannot stand in columns: it has more than two axes, other entries than
-    real numbers, truth values or texts, a whole number of more than 32 bits, which ASE does not
-    read, or a text that is empty or has blanks. Raises
-    :class:`~granphon.base.errors.OutputError` if the file cannot be written, or a file that is not
-    granphon's is there.
+    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, or if what
+    the Atoms hold would not be read back:
+
+    - an array with more than two axes or without columns; with other entries than real numbers,
+      truth values or texts; with a whole number of more than 32 bits, which ASE does not read; or
+      with a text that is empty or has blanks;
+    - an array whose name is no text, is empty, has blanks, colons, quotes, brackets or backslashes,
+      or is "symbols", "species", "pos" or "Z";
+    - an entry of ``info`` whose key is no text, is empty, has an equals sign or one of these signs
+      other than a blank, or is "Lattice", "Properties" or "pbc";
+    - a text of ``info`` that is empty or has a line break or a backslash.
+
+    Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or another
+    kind of file is there.
     """
     with needing("A structure file"):
         from ase import Atoms
@@ -320,6 +354,9 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
         arrays["mass"] = arrays["masses"]
     for name, array in arrays.items():
         _require_columns(name, array)
+    for name in atoms.arrays:
+        _require_name(name)
+    _require_entries(atoms.info)
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for array in arrays.values() for column in np.atleast_2d(array.T)]
@@ -333,7 +370,7 @@ def _require_columns(name: str, array: NDArray[Any]) -> None:
     :func:`write_extxyz` says. The message states the ``name``.
     """
     problem = ""
-    if array.ndim > 2:
+    if array.ndim > 2 or array.shape[1:] == (0,):
         problem = f"has the shape {array.shape}"
     elif array.dtype.kind not in "fibU":
         problem = f"has entries of the type {array.dtype}"
@@ -351,4 +388,36 @@ def _require_columns(name: str, array: NDArray[Any]) -> None:
             "A row of the file has one ball, and blanks part its columns",
             "Give an array (N,) or (N, n) of real numbers, whole numbers of at most 32 bits, truth"
             " values or words, or remove the array",
+        )
+
+
+def _require_name(name: Any) -> None:
+    """Raise :class:`InputError` if the ``name`` of an array cannot stand in the second line of a
+    file, as :func:`write_extxyz` says.
+    """
+    is_text = isinstance(name, str) and bool(name)
+    if not is_text or _SIGNS.search(name) or name in _COLUMN_NAMES:
+        raise InputError(
+            f"the Atoms have an array of the name {name!r}",
+            "The second line of the file names its columns, and readers would not find this name",
+            "Give the array another name, of letters, figures and underscores",
+        )
+
+
+def _require_entries(info: Mapping[Any, Any]) -> None:
+    """Raise :class:`InputError` if an entry of ``info`` cannot stand in the second line of a file,
+    as :func:`write_extxyz` says.
+    """
+    for key, value in info.items():
+        is_key = isinstance(key, str) and bool(key) and key not in _HEADER_KEYS
+        if not is_key or _SIGNS.search(key.replace(" ", "")) or "=" in key:
+            problem = f"info of the Atoms has the key {key!r}"
+        elif isinstance(value, str) and (not value or re.search(r"[\r\n\\]", value)):
+            problem = f"the entry {key} of info of the Atoms is the text {value!r}"
+        else:
+            continue
+        raise InputError(
+            problem,
+            "It would not be read back from the second line of the file",
+            "Change it, or remove it from info",
         )

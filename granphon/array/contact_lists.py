@@ -36,12 +36,13 @@ class Springs(NamedTuple):
     bending: Array
 
     @classmethod
-    def of(cls, normal: Array, *rotating: Array) -> Springs:
-        """Return springs with the stiffness ``normal`` (n_c, L1, ..., Lp) of each contact; the
-        stiffnesses ``rotating`` against slip, twist and roll have the same shape, or are numbers
-        for all contacts.
+    def of(cls, normal: Array, shear: ArrayLike, torsion: ArrayLike, bending: ArrayLike) -> Springs:
+        """Return springs with the stiffness ``normal`` (n_c, L1, ..., Lp) of each contact; those
+        against slip, twist and roll, ``shear``, ``torsion`` and ``bending``, have the same shape,
+        or are numbers for all contacts.
         """
-        return cls(normal, *(np.broadcast_to(spring, normal.shape) for spring in rotating))
+        others = (shear, torsion, bending)
+        return cls(normal, *(np.broadcast_to(spring, normal.shape) for spring in others))
 
 
 def select_resisted(

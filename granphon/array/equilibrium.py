@@ -110,8 +110,8 @@ class Equilibrium(Result):
         return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on
-        the lattice.
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays, or the strain, do not
+        belong to balls on the lattice.
         """
         super()._check()
         shape = array_shape(self.deviations, self.lattice)
@@ -124,6 +124,12 @@ class Equilibrium(Result):
             raise InputError(
                 f"the Equilibrium has {shapes}, which is no array of the {self.lattice.name}"
                 " lattice"
+            )
+        p = self.lattice.periods
+        if self.strain is not None and self.strain.shape != (p, p):
+            raise InputError(
+                f"the Equilibrium has a strain of the shape {self.strain.shape}, and the"
+                f" {self.lattice.name} lattice {p} periods"
             )
 
     @cached_property
@@ -245,6 +251,8 @@ class Equilibrium(Result):
     def response(self) -> Array:
         """Return the derivatives (n_c, L1, ..., Lp) of the overlaps of contacts with respect to y,
         while balls stay in balance. They are computed anew at each call.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found.
         """
         response = self._respond(1.0)
         if self.strain is None:
@@ -286,8 +294,8 @@ class Equilibrium(Result):
     @cached_property
     def derivatives(self) -> dict[int, float]:
         """Derivatives of the mean force f* with respect to y that have been found so far, by their
-        order, 1 or 2: empty until :attr:`stiffness` or :attr:`stiffness_slope` is asked for. Each
-        costs a linear response or more.
+        order, 1 or 2: empty until :attr:`stiffness` or :attr:`stiffness_slope` is asked for. To
+        find them takes one linear response or more.
         """
         return {}
 
@@ -305,7 +313,8 @@ class Equilibrium(Result):
         They are the second and the third derivative of the energy per contact.
 
         In equilibrium the first response r of the overlaps is enough for both, by the (2n + 1)
-        theorem: the derivatives are the means <k r^2> and <k' r^3>, k' being the slope of k.
+        theorem: the derivatives are the means <k r^2> and <k' r^3> over contacts, with the
+        stiffness k of a contact and its slope k'.
         """
         response = self.response()
         stiffness = float(np.mean(self.stiffnesses * response**2))
@@ -314,13 +323,15 @@ class Equilibrium(Result):
 
     @property
     def stiffness(self) -> float:
-        """Stiffness df*/dy, a reduced number; kept among the :attr:`derivatives`."""
+        """Stiffness df*/dy, a reduced number; kept among the :attr:`derivatives`. Raises the error
+        of :meth:`response`.
+        """
         return self._take_derivative(1)
 
     @property
     def stiffness_slope(self) -> float:
         """Slope of the stiffness, d^2f*/dy^2, a reduced number; kept among the
-        :attr:`derivatives`.
+        :attr:`derivatives`. Raises the error of :meth:`response`.
         """
         return self._take_derivative(2)
 

@@ -53,7 +53,7 @@ def require_small(ratio: float) -> None:
     :data:`LARGEST_RATIO`.
     """
     if not 0.0 <= ratio <= LARGEST_RATIO:
-        problem = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
+        problem = f"the exact geometry is not simulated of a width of {ratio:.9g} diameters"
         why = (
             "Contacts are those of neighbours on the lattice: of balls that differ much, others"
             " touch"
@@ -66,7 +66,8 @@ class ExactPlace:
 
     Parameters
     ----------
-    stencils : stencils of the array, whose lattice has as many periods as dimensions.
+    stencils : stencils of the array without rotations, whose lattice has as many periods as
+        dimensions.
     deviations : (L1, ..., Lp) or, with n balls in a cell, (n, L1, ..., Lp), x of the balls.
     ratio : eps = W/d. If it is zero, contacts keep their directions, and displacements count as
         small beside the diameter.
@@ -161,30 +162,30 @@ class ExactPlace:
         size = (1.0 - self.ratio * self.overlap) ** len(self.stencils.shape)
         return float(np.mean(forces * self.size)) / size
 
-    def lose(self, moved: Array) -> Array:
-        """Return the losses (n_c, L1, ..., Lp) of overlap by small displacements ``moved``
-        (contacts, 3) of balls j against balls i.
+    def lose(self, displacements: Array) -> Array:
+        """Return the losses (n_c, L1, ..., Lp) of overlap by small ``displacements`` (contacts, 3)
+        of balls j against balls i.
         """
-        loss = np.empty(len(moved))
-        measure_along(moved, np.zeros(len(moved)), self.normal, loss)
+        loss = np.empty(len(displacements))
+        measure_along(displacements, np.zeros(len(displacements)), self.normal, loss)
         return loss.reshape(self.size.shape)
 
     def curve(
-        self, moved: Array, forces: Array, stiffness: Array, slope: Array
+        self, velocities: Array, forces: Array, stiffness: Array, slope: Array
     ) -> tuple[Array, Array]:
         """Return the second derivatives (n_c, L1, ..., Lp) of the overlaps, and (contacts, 3) of
         the forces f n, with respect to a parameter s along which balls move on straight lines.
 
-        ``moved`` (contacts, 3) are the derivatives with respect to s of the displacements of balls
-        j against balls i, in W; ``forces`` f, ``stiffness`` df/dh and ``slope`` d^2f/dh^2 are (n_c,
-        L1, ..., Lp).
+        ``velocities`` (contacts, 3) are the derivatives with respect to s of the displacements of
+        balls j against balls i, in W; ``forces`` f, ``stiffness`` df/dh and ``slope`` d^2f/dh^2 are
+        (n_c, L1, ..., Lp).
         """
-        bend = np.empty(len(moved))
-        push = np.empty_like(moved)
+        bend = np.empty(len(velocities))
+        push = np.empty_like(velocities)
         # in 1/W, as displacements are in W; zero if contacts keep their directions
         over_distance = self.ratio / self.size.ravel()
         law = (forces.ravel(), stiffness.ravel(), slope.ravel())
-        measure_bends(self.normal, over_distance, moved, *law, bend, push)
+        measure_bends(self.normal, over_distance, velocities, *law, bend, push)
         return bend.reshape(self.size.shape), push
 
 
@@ -216,7 +217,7 @@ def shrink_boundary(ratio: float, overlap: float, periods: int) -> float:
     return (1.0 - ratio * overlap) ** (periods - 1)
 
 
-class Loaded(Protocol):
+class LoadedPlace(Protocol):
     """Any configuration of an array that knows the size of its boundary, and the force of the load
     that belongs to forces of its contacts.
     """
@@ -232,7 +233,7 @@ class Loaded(Protocol):
         """
 
 
-def find_boundary_force(place: Loaded, *forces: Array) -> float:
+def find_boundary_force(place: LoadedPlace, *forces: Array) -> float:
     """Return the mean contact force f*, in c W^(3/2), that has the same pressure in a cell that
     keeps its size as ``forces`` have in the configuration ``place``.
 
@@ -245,7 +246,7 @@ def find_boundary_force(place: Loaded, *forces: Array) -> float:
     return place.press(*forces) / place.boundary
 
 
-def find_lack(load: ReducedLoad, place: Loaded, *forces: Array) -> float:
+def find_lack(load: ReducedLoad, place: LoadedPlace, *forces: Array) -> float:
     """Return by how much a force is less than the ``load`` prescribes, in c W^(3/2); zero if the
     load is an overlap.
 

@@ -22,7 +22,7 @@ from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.validation import finite_array, positive, require, whole_number
@@ -143,12 +143,6 @@ class PressedHexagon(Result):
         count = len(self.sites)
         is_loaded = self.forces > 0.0
         is_wall_loaded = self.wall_forces > 0.0
-        # distances of the walls from the centre: that of the outermost row, half of a diameter, and
-        # what the walls have moved
-        distance = d * (_find_outermost_row(self.balls_per_side) + 0.5) + self.retreats
-        positions = np.zeros((count + 6, 3))
-        positions[:count, :2] = self.positions
-        positions[count:, :2] = distance[:, None] * _NORMALS
         wall = self.wall[is_wall_loaded]
         normal = np.zeros((int(np.sum(is_loaded)) + len(wall), 3))
         normal[:, :2] = np.concatenate([self.normal[is_loaded], _NORMALS[wall]])
@@ -163,7 +157,7 @@ class PressedHexagon(Result):
         return ContactNetwork(
             cell=np.zeros((3, 3)),
             pbc=(False, False, False),
-            positions=positions,
+            positions=self._find_centres(),
             radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)),
             masses=masses,
             inertias=masses * (GYRATION * d) ** 2,
@@ -182,6 +176,19 @@ class PressedHexagon(Result):
             dimension=2,
         )
 
+    def _find_centres(self) -> Array:
+        """Return the centres (n_balls + 6, 3) of the balls, m, and then the point of each wall that
+        is nearest to the centre of the hexagon.
+        """
+        # distances of the walls from the centre: that of the outermost row, half of a diameter, and
+        # the retreat of the wall
+        at_touch = self.packing.diameter * (_find_outermost_row(self.balls_per_side) + 0.5)
+        distances = at_touch + self.retreats
+        centres = np.zeros((len(self.sites) + 6, 3))
+        centres[:-6, :2] = self.positions
+        centres[-6:, :2] = distances[:, None] * _NORMALS
+        return centres
+
 
 class Hexagon:
     """A hexagon of balls drawn from a packing, between six walls.
@@ -190,7 +197,7 @@ class Hexagon:
     ----------
     packing : of the triangular lattice, with motions in the plane.
     balls_per_side : n, at least 2.
-    seed : random seed of the diameters.
+    seed : random seed of the diameters; not read if ``diameters`` are given.
     diameters : (3n(n - 1) + 1,) diameters, m, in place of random ones, in the order of
         :attr:`sites`.
     wall_material : material of the walls; None for rigid walls.
@@ -220,7 +227,8 @@ class Hexagon:
         n = int(require("balls_per_side", balls_on_side, balls_per_side))
         if n < 2:
             raise InputError(
-                "a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more"
+                "a hexagon of one ball has no contacts between balls",
+                mend="Give balls_per_side of 2 or more",
             )
         self.balls_per_side = n
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
@@ -236,15 +244,8 @@ class Hexagon:
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
         self.deviations = read_only(_find_deviations(packing, n_balls, diameters, self.seed))
-        modulus_ratio = 0.0  # contact modulus of the balls over that of the walls
-        if wall_material is not None:
-            modulus_ratio = packing.material.contact_modulus / wall_material.contact_modulus
-        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): that of two balls times
-        #: sqrt(2), as the reduced radius is twice as large, and times 2/(1 + modulus_ratio), as the
-        #: wall has its own modulus
-        self.wall_coefficient = (
-            packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + modulus_ratio)
-        )
+        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2)
+        self.wall_coefficient = _find_wall_coefficient(packing, wall_material)
 
     # -- contacts ----------------------------------------------------------------------------------
 
@@ -324,28 +325,28 @@ class Hexagon:
         :class:`~granphon.base.errors.ConvergenceError` if the balls do not come to rest. What
         limits the result otherwise is in its ``warnings``.
         """
-        applied = positive("side_force", side_force, "N")
-        self._require_shallow(applied, force_of_frame(applied, self.balls_per_side), 0.0)
+        force = positive("side_force", side_force, "N")
+        self._require_shallow(force, force_of_frame(force, self.balls_per_side), 0.0)
         assembly = self._assembly
-        on_balls = np.zeros(2 * assembly.n_balls)
-        load = AppliedLoad(
-            force=np.append(on_balls, np.full(6, -applied)),
-            words=f"side_force = {applied:g} N",
-            stress=None,
-            strain=np.zeros((0, 0)),
-            pressure_force=np.append(on_balls, np.zeros(6)),
-        )
-        rest = find_rest(assembly, load)
+        load = self._push_walls(force)
+        try:
+            rest = find_rest(assembly, load)
+        except ConvergenceError as error:
+            raise ConvergenceError(
+                f"the hexagon has not come to rest under {load.words}",
+                "Balls that differ far more than they overlap hardly hold each other",
+                "Raise the side force, or take fewer balls",
+            ) from error
         forces = assembly.laws.force(rest.overlap)
         i, j, normal = self._pairs
         ball, wall = self._wall_contacts
         between_balls = forces[: len(i)]
         at_walls = forces[len(i) :]
-        self._require_shallow(applied, float(np.max(between_balls)), float(np.max(at_walls)))
+        self._require_shallow(force, float(np.max(between_balls)), float(np.max(at_walls)))
         return PressedHexagon(
             packing=self.packing,
             balls_per_side=self.balls_per_side,
-            side_force=applied,
+            side_force=force,
             sites=self.sites,
             deviations=self.deviations,
             displacements=np.insert(rest.displacement, self._middle, 0.0, axis=0),
@@ -359,6 +360,17 @@ class Hexagon:
             wall_forces=at_walls,
             wall_coefficient=self.wall_coefficient,
             residual=rest.residual,
+        )
+
+    def _push_walls(self, side_force: float) -> AppliedLoad:
+        """Return the load of a ``side_force``, N, that pushes each wall inwards."""
+        on_balls = np.zeros(2 * self._assembly.n_balls)
+        return AppliedLoad(
+            force=np.append(on_balls, np.full(6, -side_force)),
+            words=f"side_force = {side_force:g} N",
+            stress=None,
+            strain=np.zeros((0, 0)),
+            pressure_force=np.append(on_balls, np.zeros(6)),
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
@@ -407,6 +419,19 @@ def _require_triangular(packing: Packing) -> None:
         )
 
 
+def _find_wall_coefficient(packing: Packing, wall_material: Material | None) -> float:
+    """Return the coefficient of Hertz's law, N/m^(3/2), of a ball of the ``packing`` against a flat
+    wall; without a ``wall_material`` the wall is rigid.
+
+    It is that of two balls times sqrt(2), as the reduced radius is twice as large, and times 2/(1 +
+    E_b/E_w), with the contact moduli E_b of the balls and E_w of the wall.
+    """
+    modulus_ratio = 0.0
+    if wall_material is not None:
+        modulus_ratio = packing.material.contact_modulus / wall_material.contact_modulus
+    return packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + modulus_ratio)
+
+
 def _find_outermost_row(balls_per_side: int) -> float:
     """Return the distance, in diameters, from the centre to the row of balls along a wall; rows are
     (3/4)^(1/2) apart.
@@ -427,8 +452,9 @@ def _find_deviations(
     if diameters is None:
         if packing.spread is None:
             return np.zeros(count)
-        drawn = packing.spread.sample(count, int(seed or 0))
-        return np.asarray(drawn - np.mean(drawn))
+        assert seed is not None  # only beside diameters there is none
+        deviations = packing.spread.sample(count, seed)
+        return np.asarray(deviations - np.mean(deviations))
     values = finite_array("diameters", diameters, "m", "above zero")
     if values.shape != (count,):
         raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")

@@ -34,8 +34,36 @@ from granphon.array.stepper import Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
-from granphon.contacts.friction import FrictionLaw
+from granphon.contacts.friction import Contacts, FrictionLaw
 from granphon.statics.options import LoadingOptions
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Part of the way to a load, which is taken in one step if the step changes little when it is
+    halved.
+
+    Attributes
+    ----------
+    load : load at the end of the part.
+    allowed_change : relative change of f* that halving the step may make.
+    halvings : number of halvings of the way that have led to the part.
+    """
+
+    load: ReducedLoad
+    allowed_change: float
+    halvings: int = 0
+
+    def halve(self, middle: ReducedLoad, can_keep_change: bool) -> list[_Part]:
+        """Return the two halves of the part, which meet at the load ``middle``; the nearest is the
+        last.
+
+        Each half may have half of the change. Where a ball loses its hold and falls, one of the
+        halves has all of it: so each half may have as much as the part if ``can_keep_change`` is
+        true, as for short steps.
+        """
+        change = self.allowed_change if can_keep_change else 0.5 * self.allowed_change
+        return [_Part(load, change, self.halvings + 1) for load in (self.load, middle)]
 
 
 @dataclass
@@ -47,7 +75,7 @@ class LoadingHistory:
     deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) if a cell has n > 1
         balls.
     stencils : stencils of the array, with the shear stiffness ratio eta above zero.
-    friction_coefficient : mu of the contacts, from zero to infinity.
+    friction_coefficient : mu of the contacts, from zero to infinity; both ends are allowed.
     tolerance : greatest relative change of f* that halving all steps from one load of the path to
         the next may make; if it is infinite, steps are not halved for accuracy.
     start : where the history begins, with rotations and tangential forces zero. It is a state at
@@ -92,8 +120,8 @@ class LoadingHistory:
         there, or balls pressed from the gas do not stand.
         """
         if self.start == GAS:
-            largest = float(np.max(self.stencils.average_pairs(self.deviations)))
-            return self.stepper.press_gas(-largest)  # from where the first two balls touch
+            largest_mean = float(np.max(self.stencils.average_pairs(self.deviations)))
+            return self.stepper.press_gas(-largest_mean)  # from where the first two balls touch
         smooth = Stencils(
             self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice
         )
@@ -134,7 +162,8 @@ class LoadingHistory:
 
         Raises the errors of :meth:`begin`, and
         :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message
-        states the load, and ``reached`` of the error is the last state before it.
+        states the load, or one on the way to it, and ``reached`` of the error is the last state
+        before it.
         """
         trail = [self.begin() if first is None else first]
         for load in loads:
@@ -165,32 +194,25 @@ class LoadingHistory:
             yield self.stepper.step(trail, load)
             return
         options = self.options
-        # loads still to be reached, the nearest last, each with the change of f* that is allowed in
-        # its step, and with the number of halvings that have led to it
-        loads_ahead = [(load, self.tolerance, 0)]
+        parts_ahead = [_Part(load, self.tolerance)]  # parts of the way, the nearest last
         n_steps = 0
         # sum of the changes of f* that halving the shortest steps would still make
         change_of_falls = 0.0
-        while loads_ahead:
-            load, allowed_change, halvings = loads_ahead.pop()
-            middle = self.stepper.halve(trail[-1], load)
-            states = []  # those of this step, which are not on the trail yet
-            loads = [self.stepper.measure(state, load) for state in trail[-2:]]
-            if not goes_on([*loads, find_aim(load)], options.similar):
-                # the trail does not tell how the path bends: a state in the middle of the step does
-                states = [self.stepper.step(trail, middle)]
-            states.append(self.stepper.step([*trail, *states], load))
-            change, changes_of_losses = self._compare([*trail, *states], len(states), load)
+        while parts_ahead:
+            part = parts_ahead.pop()
+            middle = self.stepper.halve(trail[-1], part.load)
+            states = self._take_step(trail, part.load, middle)
+            change, changes_of_losses = self._compare([*trail, *states], len(states), part.load)
             change /= states[-1].force
-            loss_is_settled = self._is_loss_settled(trail[-1], states[-1], changes_of_losses)
+            is_loss_settled = self._is_loss_settled(trail[-1], states[-1], changes_of_losses)
             # balance to a finite residual leaves f* uncertain by about that residual
-            force_is_settled = change <= max(allowed_change, options.tolerance)
+            is_force_settled = change <= max(part.allowed_change, options.tolerance)
             # errors of lost energies are no reason to halve a step without end
-            is_short = 2 * halvings >= options.halvings
-            is_settled = force_is_settled and (is_short or loss_is_settled)
+            is_short = 2 * part.halvings >= options.halvings
+            is_settled = is_force_settled and (is_short or is_loss_settled)
             # where a ball falls, f* changes by the same however short the step is: the change is
             # accepted in a shortest step while the sum of such changes is within the tolerance
-            is_shortest = halvings == options.halvings
+            is_shortest = part.halvings == options.halvings
             is_fall = is_shortest and change_of_falls + change <= self.tolerance
             if is_fall or is_settled:
                 states = _add_losses(states, np.cumsum(changes_of_losses, axis=0).tolist())
@@ -199,21 +221,28 @@ class LoadingHistory:
                 n_steps += len(states)
                 if is_fall:
                     change_of_falls += change
-            elif is_shortest:
-                percent = 100.0 * change
-                raise self.stepper.explain(
-                    load, f"halving the step still changes the contact force by {percent:.2g} %"
-                )
-            elif n_steps + len(loads_ahead) > options.most_steps:
-                raise self.stepper.explain(load, f"it takes more than {options.most_steps} steps")
-            else:
-                # each half may have half of the change. Where a ball loses its hold and falls, one
-                # of the halves has all of it: so short steps may have as much as those before
-                allowed_change = allowed_change if is_short else 0.5 * allowed_change
-                loads_ahead += [
-                    (load, allowed_change, halvings + 1),
-                    (middle, allowed_change, halvings + 1),
-                ]
+                continue
+            if is_shortest:
+                why = f"halving the step still changes the contact force by {100.0 * change:.2g} %"
+                raise self.stepper.explain(part.load, why)
+            if n_steps + len(parts_ahead) > options.most_steps:
+                why = f"it takes more than {options.most_steps} steps"
+                raise self.stepper.explain(part.load, why)
+            parts_ahead += part.halve(middle, can_keep_change=is_short)
+
+    def _take_step(
+        self, trail: Sequence[PressedArray], load: ReducedLoad, middle: ReducedLoad
+    ) -> list[PressedArray]:
+        """Return the states of a step from the last state of the ``trail`` to a ``load``: that at
+        the load, and before it that at the load ``middle``, half-way, if the trail does not tell
+        how the path bends.
+        """
+        states = []
+        loads = [self.stepper.measure(state, load) for state in trail[-2:]]
+        if not goes_on([*loads, find_aim(load)], self.options.similar):
+            states = [self.stepper.step(trail, middle)]
+        states.append(self.stepper.step([*trail, *states], load))
+        return states
 
     def _is_loss_settled(
         self, start: PressedArray, end: PressedArray, changes_of_losses: Sequence[Array]
@@ -252,10 +281,7 @@ class LoadingHistory:
             start = before.contacts
             end = after.contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
-            weighted = list(zip(weights, states, strict=True))
-            overlaps = np.sum([w * state.contacts.overlaps for w, state in weighted], axis=0)
-            slips = np.sum([w * state.contacts.slips for w, state in weighted], axis=0)
-            middle, _ = self._law.advance(start, overlaps, slips)
+            middle = self._interpolate(weights, states, start)
             end_by_halves, _ = self._law.advance(middle, end.overlaps, end.slips)
             rises = (end.slips - start.slips) * (end_by_halves.shears - end.shears)
             # single contacts that begin to slide or open are not foreseen well: their number is
@@ -272,6 +298,18 @@ class LoadingHistory:
             changes_of_losses.append(losses_of_halves - np.array([slid, loosened]))
         return change, changes_of_losses
 
+    def _interpolate(
+        self, weights: Sequence[float], states: Sequence[PressedArray], start: Contacts
+    ) -> Contacts:
+        """Return the contacts after a step from ``start`` to the overlaps and slips that those of
+        the ``states``, times their ``weights``, add up to.
+        """
+        pairs = list(zip(weights, states, strict=True))
+        overlaps = np.sum([weight * state.contacts.overlaps for weight, state in pairs], axis=0)
+        slips = np.sum([weight * state.contacts.slips for weight, state in pairs], axis=0)
+        contacts, _ = self._law.advance(start, overlaps, slips)
+        return contacts
+
 
 def _add_losses(
     states: Sequence[PressedArray], losses: Sequence[Sequence[float]]
@@ -280,10 +318,10 @@ def _add_losses(
     state, ``losses`` has the energy by sliding and that by the law, which are added to its own; the
     work of the load is larger by as much.
     """
-    corrected = []
+    states_with_losses = []
     for state, (slid, loosened) in zip(states, losses, strict=True):
         work = state.work + (slid + loosened)
-        corrected.append(
+        states_with_losses.append(
             replace(state, slid=state.slid + slid, loosened=state.loosened + loosened, work=work)
         )
-    return corrected
+    return states_with_losses

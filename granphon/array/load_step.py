@@ -2,16 +2,18 @@
 under the law of the contacts.
 
 The linear equations of a step of Newton's method are solved no more accurately than the step needs.
-D is the tangent of the law of contacts. The tangent C^T D C of the array is not symmetric if
-contacts slide, or if the shear stiffness changes with the overlap: GMRES solves the equations, in
-single precision. The preconditioner moves each ball as if its neighbours were held, and then all
-balls by Green's function of the lattice under the forces that are left. Balls that only hold each
-other are found by the forces that GMRES leaves on them, and are then moved together
+C is the compatibility matrix of the array (:mod:`granphon.array.stencils`), and D is the tangent of
+the law of contacts. The tangent C^T D C of the array is not symmetric if contacts slide, or if the
+shear stiffness changes with the overlap: GMRES solves the equations, in single precision. The
+preconditioner moves each ball as if its neighbours were held, and then all balls by Green's
+function of the lattice under the forces that are left. Balls that only hold each other are found by
+the forces that GMRES leaves on them, and are then moved together
 (:class:`~granphon.array.preconditioners.Patches`).
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method
-would turn it without limit. Such a ball is turned by itself after the step, to where its torque
-vanishes while all other balls are held: the torque is a piecewise linear function of the angle.
+would turn it without limit. In a plane such a ball is turned by itself after the step, to where its
+torque vanishes while all other balls are held: the torque is a piecewise linear function of the
+angle. Where dashpots act, they resist the turn, and no ball is turned by itself.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ import numpy as np
 from granphon.array.geometry import LOAD_TOLERANCE, find_lack
 from granphon.array.minimal_residuals import Single, solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
-from granphon.array.preconditioners import Patches, Put
+from granphon.array.preconditioners import MotionSetter, Patches
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
 from granphon.array.stencils import OPTIONS, Motion, dot
@@ -37,9 +39,9 @@ from granphon.contacts.slips import find_greatest_length
 from granphon.statics.options import LoadingOptions
 
 #: part of the residual that a whole step of Newton's method leaves if a ball loses its last
-#: contact. The step goes two thirds of the way to the zero of h^(3/2); a step that is longer by the
-#: factor 3/2, the exponent, goes all of the way
-_LEFT_BY_LOOSE = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
+#: contact. The step goes two thirds of the way to the zero of the force h^(3/2) of the overlap h; a
+#: step that is longer by the factor 3/2, the exponent, goes all of the way
+_LOOSE_RESIDUAL = (1.0 - 1.0 / hertz.EXPONENT) ** hertz.EXPONENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +56,12 @@ class Trial:
     contacts : state of the contacts.
     linearise : function that returns the tangent of the law; few trials need it.
     pull : (fields, L1, ..., Lp) forces left on balls, dashpots included.
-    push : by how much the sum of the normal forces is less than the load prescribes; zero at a
-        given overlap.
+    push : by how much a force per contact is less than the load prescribes, times the number of
+        contacts, see :func:`~granphon.array.geometry.find_lack`; zero at a given overlap.
     imbalance : largest force, or torque over the diameter, left on a ball. It is divided by a unit
         of force: the mean normal force or the stiffness of dashpots times W, whichever is greater.
-        Infinite if the balls have come apart.
+        Infinite if the balls have come apart: the unit of force is next to nothing beside the mean
+        force at the start of the step, or is not finite.
     load_error : magnitude of ``push`` per contact, divided by the same unit of force; zero if the
         balls have come apart.
     size : norm of the residual: the root of the sum of the squares of ``pull``, and of ``push``
@@ -127,51 +130,64 @@ class LoadStep:
         self._drag = drag
         self._patches = patches
         self._linear = LinearSteps(patches, bool(drag), self._options)
-        self._slides = 0.0 < law.friction_coefficient < math.inf
+        self._can_slide = 0.0 < law.friction_coefficient < math.inf
+        is_plane = len(self._stencils.motions.rotations) == 1
         # balls whose contacts all slide turn freely in a plane, unless dashpots hold them
-        self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
+        self._can_spin = self._can_slide and is_plane and not drag
 
     def solve(
-        self, balls: Array, overlap: float, finds_limits: bool, is_patient: bool = False
+        self, balls: Array, overlap: float, wants_limits: bool, is_patient: bool = False
     ) -> Trial:
         """Return the trial to which Newton's method leads from the motions ``balls`` (fields, L1,
         ..., Lp) and the ``overlap`` y; the trial may be in balance or not.
 
-        Newton's method is first tried with the law itself. If many contacts begin or cease to
-        slide, its steps go to and fro between the two sides of Coulomb's limit. So, if
-        ``finds_limits`` is true, Newton's method is then tried with the limit fixed at the overlaps
-        of the last trial, with which there is always an equilibrium, and from there with the law
-        itself. These two attempts are repeated, each time with the limit at the overlaps of the
-        equilibrium before, at most ``options.tries`` times.
+        With small friction, stages of softer contacts come first (:meth:`_stiffen`). Then Newton's
+        method is tried with the law itself. If it does not find a balance, contacts can slide, and
+        ``wants_limits`` is true, it is tried again with limits of sliding that are found anew;
+        ``is_patient`` says how (:meth:`_renew_limits`).
+        """
+        start = self._stiffen(self._make_trial(balls, overlap))
+        trial = self._iterate(start, self._options.steps)
+        if not wants_limits or trial.is_balanced or not self._can_slide:
+            return trial
+        return self._renew_limits(trial.follow(start), is_patient)
+
+    def _renew_limits(self, start: Trial, is_patient: bool) -> Trial:
+        """Return the trial to which Newton's method leads from the trial ``start`` with limits of
+        sliding that are found anew; the trial may be in balance or not.
+
+        If many contacts begin or cease to slide, steps of Newton's method go to and fro between the
+        two sides of Coulomb's limit. So Newton's method is tried with the limit fixed at the
+        overlaps of a trial, first of the ``start``: with a fixed limit there is always an
+        equilibrium. From near this equilibrium the law itself is tried. The two attempts are
+        repeated, each time with the limit fixed at the overlaps near the equilibrium before, at
+        most ``options.tries`` times. They end if the balls come apart.
 
         A ball that is squeezed out from between others has a long way to go, on which the limits
         change little at a time. If ``is_patient`` is true, the attempts with fixed limits end at a
-        smaller residual; and the law itself is tried only now and then, unless its residual has
-        fallen by half since it was last tried.
+        smaller residual. The law itself is then tried only in one of ``options.limit_rounds``
+        rounds, and whenever its residual is at most half of that from which it was last tried.
         """
         options = self._options
-        start = self._stiffen(self._make_trial(balls, overlap))
-        trial = self._iterate(start, options.steps)
-        if not finds_limits or trial.is_balanced or not self._slides:
-            return trial
-        limited = trial.follow(start)  # the last trial with a fixed limit
-        last_size = math.inf  # residual from which the law itself was tried last
         part = options.limit_part ** (2 if is_patient else 1)
-        rounds = options.limit_rounds if is_patient else 1  # between two attempts with the law
+        rounds = options.limit_rounds if is_patient else 1
+        anchor = start  # the last trial with a fixed limit
+        trial = start  # the last trial with the law itself
+        last_size = math.inf  # residual from which the law itself was tried last
         for count in range(1, options.tries + 1):
-            if limited.imbalance == math.inf:
+            if anchor.imbalance == math.inf:
                 break
-            guess = limited.contacts.overlaps
-            limited = limited.follow(self._make_trial(limited.balls, limited.overlap, guess))
-            limited = self._iterate(limited, options.patience, guess, part=part)
-            trial = limited.follow(self._make_trial(limited.balls, limited.overlap))
+            guess = anchor.contacts.overlaps
+            anchor = anchor.follow(self._make_trial(anchor.balls, anchor.overlap, guess))
+            anchor = self._iterate(anchor, options.patience, guess, part=part)
+            trial = anchor.follow(self._make_trial(anchor.balls, anchor.overlap))
             if trial.size > 0.5 * last_size and count % rounds:
                 continue
             last_size = trial.size
             trial = self._iterate(trial, options.steps, patience=options.patience // 3)
             if trial.is_balanced:
                 break
-            limited = trial.follow(limited)
+            anchor = trial.follow(anchor)
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
@@ -181,17 +197,17 @@ class LoadStep:
         With small friction only as few contacts stick as keep the balls from turning, and Newton's
         method does not find out which contacts these are. If contacts are soft against slip, fewer
         slide. So contacts are soft against slip in a first stage and stiffer in each following one,
-        and the equilibrium of each stage is near that of the stage before. Coulomb's limit is fixed
-        at the overlaps of the stage before, which friction hardly changes. If the balls come apart,
-        the ``trial`` is returned, with the numbers of all steps taken.
+        and the equilibrium of each stage is near that of the stage before. From the second stage on
+        Coulomb's limit is fixed at the overlaps of the stage before, which friction hardly changes.
+        If the balls come apart, the ``trial`` is returned, with the numbers of all steps taken.
         """
         mu = self._law.friction_coefficient
-        guess = None
-        first = trial
         options = self._options
-        is_small = self._slides and mu < options.small_friction
+        is_small = self._can_slide and mu < options.small_friction
         if not is_small or self._drag:
             return trial
+        first = trial
+        guess = None
         # torques of less friction than the tolerance need no balance
         ratio = options.small_friction / max(mu, options.tolerance)
         stages = math.ceil(math.log(ratio) / math.log(options.stiffening))
@@ -205,11 +221,11 @@ class LoadStep:
                 place=self._place,
                 load=self._load,
                 patches=self._patches,
-                drag=self._drag,
                 options=options,
             )
             trial = trial.follow(step._make_trial(trial.balls, trial.overlap, guess))
-            trial = step._iterate(trial, options.steps, guess, options.limit_part * mu)
+            most_imbalance = options.limit_part * mu
+            trial = step._iterate(trial, options.steps, guess, most_imbalance)
             if trial.imbalance == math.inf:
                 return trial.follow(first)
             guess = trial.contacts.overlaps
@@ -220,14 +236,14 @@ class LoadStep:
         trial: Trial,
         most_steps: int,
         guess: Array | None = None,
-        accepted: float = 0.0,
+        most_imbalance: float = 0.0,
         part: float = 0.0,
         patience: int | None = None,
     ) -> Trial:
         """Return the trial after at most ``most_steps`` steps of Newton's method from a ``trial``.
 
         The iteration ends if the trial is in balance; if its ``imbalance`` and ``load_error`` are
-        at most ``accepted``; if the residual is less than a ``part`` of that of the first
+        at most ``most_imbalance``; if the residual is less than a ``part`` of that of the first
         ``trial``; if ``patience`` steps, by default ``options.patience``, have not halved the
         residual; and if the balls have come apart or the residual is not finite. With a ``guess``
         of the overlaps the stiffness against slip and Coulomb's limit are fixed there.
@@ -236,13 +252,13 @@ class LoadStep:
         patience = patience or options.patience
         last_size = math.inf
         hold = 1.0  # added stiffness, over the usual one
-        is_slow = False  # whether the last step was a whole one and left much
+        is_slow = False  # whether the last step was a whole one, and slow
         aim = part * trial.size
         for count in range(most_steps):
             has_come_apart = trial.imbalance == math.inf
             if trial.is_balanced or trial.size < aim or has_come_apart:
                 break
-            if max(trial.imbalance, trial.load_error) <= accepted:
+            if max(trial.imbalance, trial.load_error) <= most_imbalance:
                 break
             if count % patience == 0:
                 if trial.size > 0.5 * last_size:
@@ -250,7 +266,7 @@ class LoadStep:
                 last_size = trial.size
             motion, iterations = self._find_newton_step(trial, hold)
             after, length = self._search_line(trial, motion, guess, is_slow)
-            is_slow = length == 1.0 and self._leaves_much(after, trial)
+            is_slow = length == 1.0 and self._is_slow(after, trial)
             after_turns = self._turn_loose(after, guess)
             # if contacts of turned balls change, the turns may undo the step, and would do so after
             # each step: then balls are not turned
@@ -265,26 +281,26 @@ class LoadStep:
         return trial
 
     @staticmethod
-    def _leaves_much(after: Trial, before: Trial) -> bool:
-        """Return whether a whole step leaves much of the residual: more than half of the part that
-        it leaves if a ball loses its last contact (:data:`_LEFT_BY_LOOSE`). The trials are those
-        ``before`` and ``after`` the step.
+    def _is_slow(after: Trial, before: Trial) -> bool:
+        """Return whether a whole step is slow: it leaves more than half of the part of the residual
+        that it leaves if a ball loses its last contact (:data:`_LOOSE_RESIDUAL`). The trials are
+        those ``before`` and ``after`` the step.
         """
-        return bool(after.size > 0.5 * _LEFT_BY_LOOSE * before.size)
+        return bool(after.size > 0.5 * _LOOSE_RESIDUAL * before.size)
 
     def _search_line(
-        self, trial: Trial, motion: Motion, guess: Array | None, is_slow: bool
+        self, trial: Trial, motion: Motion, guess: Array | None, was_slow: bool
     ) -> tuple[Trial, float]:
         """Return the best trial along the ``motion`` of a step of Newton's method from a ``trial``,
         and the length of the step over the whole one.
 
         The whole step is halved until a step of the length l leaves less than 1 - l/10 of the
-        residual. At most ``options.lengths`` lengths are tried, and the best trial is the one with
-        the least residual. With a ``guess`` of the overlaps, at which Coulomb's limit is fixed,
-        forces are derivatives of an energy: a trial is then accepted, as the best, also if the
-        energy rises there less than half as steeply as it falls at the start. If the step before
-        was slow, ``is_slow``, a step that is longer than the whole one is tried too; its length is
-        returned as one.
+        residual, or until ``options.lengths`` lengths have been tried; the best trial is the one
+        with the least residual. With a ``guess`` of the overlaps, at which Coulomb's limit is
+        fixed, forces are derivatives of an energy: halving then also ends at a trial where the
+        energy rises less than half as steeply as it falls at the start, and the trial at which
+        halving ends is the best. If the step before was slow, as ``was_slow`` says, and the whole
+        step is slow again, a longer step is tried too; its length is returned as one.
         """
 
         def try_length(length: float) -> Trial:
@@ -317,7 +333,7 @@ class LoadStep:
             if after.size < best.size:
                 best = after
                 best_length = length
-        if is_slow and best_length == 1.0 and self._leaves_much(best, trial):
+        if was_slow and best_length == 1.0 and self._is_slow(best, trial):
             longer = try_length(hertz.EXPONENT)
             best = longer if longer.size < best.size else best
         return best, best_length
@@ -335,8 +351,8 @@ class LoadStep:
         on_balls = place.push(*self._add_dashpots(contacts, overlap))
         pull = self._geometry.collect_forces(*on_balls)
         push = place.overlaps.size * find_lack(self._load, place, contacts.forces, contacts.shears)
-        largest = float(np.max([find_greatest_length(vectors) for vectors in on_balls]))
-        imbalance, load_error = self._measure_imbalance(contacts, largest, push)
+        largest_force = float(np.max([find_greatest_length(vectors) for vectors in on_balls]))
+        imbalance, load_error = self._measure_imbalance(contacts, largest_force, push)
         return Trial(
             place=place,
             balls=balls,
@@ -362,44 +378,46 @@ class LoadStep:
         return contacts.damp(self._here.contacts, overlap_change, self._drag, eta)
 
     def _measure_imbalance(
-        self, contacts: Contacts, largest: float, push: float
+        self, contacts: Contacts, largest_force: float, push: float
     ) -> tuple[float, float]:
         """Return ``imbalance`` and ``load_error`` of a :class:`Trial` with these ``contacts``.
-        ``largest`` is the largest force or torque on a ball, and ``push`` that of the trial.
+        ``largest_force`` is the largest force or torque on a ball, and ``push`` that of the trial.
         """
         force = float(np.mean(contacts.forces))
         unit = max(force, self._drag)
-        # balls that have come apart are far from balance
+        # without a force there is no balance to be found; dashpots are a unit of force themselves
         has_come_apart = not self._options.tolerance * self._here.force < unit < math.inf
         if has_come_apart:
             return math.inf, 0.0
-        return largest / unit, abs(push) / (contacts.forces.size * unit)
+        return largest_force / unit, abs(push) / (contacts.forces.size * unit)
 
     def _find_newton_step(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the motion of a step of Newton's method from a ``trial``, and the number of
         iterations of GMRES that it took.
 
-        Far from balance, stiffness is added to contacts, and sliding contacts get a part of their
-        secant stiffness; both are in proportion to ``hold``, which is usually one. Motions of balls
-        that go far are made shorter, each ball by itself.
+        Stiffness is added to contacts, and sliding contacts get a part of their secant stiffness.
+        Both are in proportion to the distance from balance times ``hold``, which is usually one, up
+        to a limit far from balance. Motions of balls that go far are made shorter, each ball by
+        itself.
         """
         options = self._options
         distance = max(trial.imbalance, trial.load_error)
         is_free = self._load.overlap is None
-        mean = float(np.mean(trial.tangent.stiffness)) + self._drag
+        unit = float(np.mean(trial.tangent.stiffness)) + self._drag  # of stiffness
         eta = self._stencils.mindlin_ratio
-        added = OPTIONS.added_stiffness * min(1.0, distance * hold) * mean
-        # in a plane, where balls whose contacts all slide are turned by themselves, the share of
-        # the secant stiffness is in proportion to the distance in units of the friction coefficient
-        unit = self._law.friction_coefficient / options.secant_share if self._spins else 1.0
-        share = min(1.0, distance * hold / unit)
-        tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
+        added = OPTIONS.added_stiffness * min(1.0, distance * hold) * unit
+        # distance from which on sliding contacts have all of their secant stiffness: in a plane,
+        # where balls whose contacts all slide are turned by themselves, it is in proportion to the
+        # friction coefficient
+        limit = self._law.friction_coefficient / options.secant_share if self._can_spin else 1.0
+        share = min(1.0, distance * hold / limit)
+        tangent = trial.tangent.regularise(added, eta, share, self._drag, unit)
         product = trial.place.linearise(
-            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean, free=is_free
+            tangent, trial.contacts.forces / unit, trial.contacts.shears / unit, is_free=is_free
         )
-        push = trial.push / mean if is_free else None
+        push = trial.push / unit if is_free else None
         motion, iterations = self._linear.solve(
-            product, tangent, trial.pull / mean, push, self._choose_reduction(distance)
+            product, tangent, trial.pull / unit, push, self._choose_reduction(distance)
         )
         rms_overlap = math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
         balls = self._shorten(motion.balls, options.farthest * rms_overlap)
@@ -415,8 +433,8 @@ class LoadStep:
 
     def _shorten(self, balls: Array, farthest: float) -> Array:
         """Return the motions ``balls`` (fields, L1, ..., Lp); the motion of a ball that goes too
-        far is made shorter by a factor, so that no component of its displacement is above
-        ``farthest`` in magnitude, and none of its rotation above twice as much.
+        far is made shorter by a factor, so that no coordinate of its displacement is above
+        ``farthest`` in magnitude, and no component of its rotation above twice as much.
 
         Balls that are about to lose their hold and fall would otherwise be moved far.
         """
@@ -437,13 +455,13 @@ class LoadStep:
         themselves to where their torques vanish.
 
         The ``trial`` itself is returned with dashpots, in space, or if no contact can slide; if the
-        trial is in balance or its balls have come apart; and if the torques on loose balls are less
-        than what the linear equations of the next step leave.
+        trial is in balance or its balls have come apart; and if the torques on loose balls are no
+        more than what the linear equations of the next step leave.
 
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
         there.
         """
-        if not self._spins or trial.imbalance == math.inf or trial.is_balanced:
+        if not self._can_spin or trial.imbalance == math.inf or trial.is_balanced:
             return trial
         stencils = self._stencils
         loose = self._find_loose(trial)
@@ -453,7 +471,21 @@ class LoadStep:
         part = self._choose_reduction(max(trial.imbalance, trial.load_error))
         if not dot(torque, torque) > (part * trial.size) ** 2:
             return trial
-        around, arms = self._list_around(loose, turning)
+        balls = trial.balls.copy()
+        rotations = balls.reshape(stencils.n_balls, count, *stencils.shape)[:, turning]
+        rotations[loose] += self._find_loose_turns(trial, guess, *self._list_around(loose, turning))
+        return self._make_trial(balls, trial.overlap, guess)
+
+    def _find_loose_turns(
+        self, trial: Trial, guess: Array | None, around: tuple[Index, ...], arms: Array
+    ) -> Array:
+        """Return the angles (balls,) by which the loose balls of a ``trial`` turn, each to where
+        its torque vanishes while all other balls are held; zero for a ball that touches a loose
+        ball with a greater torque.
+
+        ``around`` and ``arms`` are those of :meth:`_list_around` of the loose balls, and ``guess``
+        is that of :meth:`_turn_loose`.
+        """
         start = self._here.contacts
         end = trial.contacts
         # the contacts around each loose ball, (contacts, balls), as the start of the step has them
@@ -466,11 +498,7 @@ class LoadStep:
         )
         turns = _find_turns(shears[0], springs * arms, limits, arms)
         torques = np.abs(np.sum(arms * np.clip(shears[0], -limits, limits), axis=0))
-        turns = np.where(self._have_greatest_torque(around, arms, torques), turns, 0.0)
-        balls = trial.balls.copy()
-        rotations = balls.reshape(stencils.n_balls, count, *stencils.shape)[:, turning]
-        rotations[loose] += turns
-        return self._make_trial(balls, trial.overlap, guess)
+        return np.where(self._have_greatest_torque(around, arms, torques), turns, 0.0)
 
     def _have_greatest_torque(
         self, around: tuple[Index, ...], arms: Array, torques: Array
@@ -498,7 +526,7 @@ class LoadStep:
         stencils = self._stencils
         tangent = trial.tangent
         least_ratio = self._options.loose_stiffness * self._law.mindlin_ratio
-        # below zero for a contact that slides, and far above zero for any other
+        # below zero for a contact that slides, zero for an open one, and else far above zero
         surplus = tangent.springs[0] - least_ratio * tangent.stiffness
         return stencils.by_ball(stencils.sum_around(surplus)) < 0.0
 
@@ -534,8 +562,8 @@ class LinearSteps:
     """Solver of the linear equations of the steps of Newton's method in one step of the load; it
     keeps the patch of weakly held balls from step to step.
 
-    ``is_damped`` says whether there are dashpots: few balls of such arrays touch; ``options`` are
-    the numbers of the loading.
+    ``is_damped`` says whether there are dashpots, which act above all where few balls touch;
+    ``options`` are the numbers of the loading.
     """
 
     def __init__(self, patches: Patches, is_damped: bool, options: LoadingOptions) -> None:
@@ -544,9 +572,9 @@ class LinearSteps:
         self._patches = patches
         self._is_damped = is_damped
         #: numbers of the balls of the patch
-        self._weak: Index = np.empty(0, np.intp)
+        self._weak_balls: Index = np.empty(0, np.intp)
         #: approximate inverse of the patch; None where there is no patch, or it has no inverse
-        self._put: Put | None = None
+        self._invert_patch: MotionSetter | None = None
 
     def solve(
         self,
@@ -603,19 +631,30 @@ class LinearSteps:
             product_of_solution = np.empty(right.size, np.float32)
             apply(solution.astype(np.float32), product_of_solution)
             residual = right - product_of_solution
-            worst = self._patches.find_worst(residual[:size].reshape(pull.shape))
-            weak = self._patches.join(self._weak, worst)
-            grows = weak.size > self._weak.size
-            if grows or (weak.size and not is_renewed):
-                self._weak = weak
-                self._put = self._patches.invert(weak, product)
+            if self._renew_patch(residual[:size].reshape(pull.shape), product, is_renewed):
                 is_renewed = True
             else:
                 # a new inverse would be that of the same patch: only iterations are left
                 most = options.most_iterations - iterations
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), iterations
 
-    def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
+    def _renew_patch(self, residual: Array, product: PressedTangent, is_renewed: bool) -> bool:
+        """Add the balls on which the largest forces of a ``residual`` (fields, L1, ..., Lp) act to
+        the patch, and invert its matrix. Return whether the inverse is a new one.
+
+        It is not if the patch has no balls, or if it has not grown and its matrix has been inverted
+        with this ``product`` before, as ``is_renewed`` says.
+        """
+        worst_balls = self._patches.find_worst_balls(residual)
+        balls = self._patches.join(self._weak_balls, worst_balls)
+        has_grown = balls.size > self._weak_balls.size
+        if not has_grown and (is_renewed or not balls.size):
+            return False
+        self._weak_balls = balls
+        self._invert_patch = self._patches.invert(balls, product)
+        return True
+
+    def invert(self, tangent: Tangent, product: PressedTangent) -> MotionSetter:
         """Return an approximate inverse of C^T D C: a function of a force and a motion, both
         (fields, L1, ..., Lp), that sets the motion.
 
@@ -632,13 +671,13 @@ class LinearSteps:
         def apply(force: Single, motion: Single) -> None:
             """Set ``motion`` to the approximate motion under a ``force``."""
             pull = force.reshape(fields)
-            moved = motion.reshape(fields)
-            moved[:] = 0.0
-            grid_product.add_block_products(inverses, pull, moved)
-            grid_product.find_residual(product.product, pull, moved, residual)
-            if self._put is not None:
-                self._put(force, motion)
-                grid_product.find_residual(product.product, pull, moved, residual)
+            motions = motion.reshape(fields)
+            motions[:] = 0.0
+            grid_product.add_block_products(inverses, pull, motions)
+            grid_product.find_residual(product.product, pull, motions, residual)
+            if self._invert_patch is not None:
+                self._invert_patch(force, motion)
+                grid_product.find_residual(product.product, pull, motions, residual)
             # to the motion of single balls that by Green's function is added, under the forces that
             # are left. Where few balls touch, it would carry these forces too far: there it is that
             # under the whole force
@@ -649,17 +688,19 @@ class LinearSteps:
 
 def _find_turns(forces: Array, slopes: Array, limits: Array, arms: Array) -> Array:
     """Return the angles (balls,) by which balls turn to where their torques vanish; zero if the
-    torque vanishes at no angle.
+    torque vanishes at no angle, or at every one.
 
     All arguments are (contacts, balls), for the contacts around each ball. The tangential force of
     a contact is that of ``forces`` plus ``slopes`` times the angle, but at least minus and at most
-    plus that of ``limits``. The torque is the sum of these forces times ``arms``. It is a piecewise
-    linear, rising function of the angle, with corners where a contact begins or ceases to slide: it
-    vanishes between two corners.
+    plus that of ``limits``. A slope has the sign of its arm, or is zero. The torque is the sum of
+    these forces times ``arms``: a piecewise linear function of the angle that never falls, with
+    corners where a contact begins or ceases to slide. It vanishes between two corners.
     """
-    is_even = slopes == 0.0  # whether the force of a contact does not depend on the angle
-    divisors = np.where(is_even, 1.0, slopes)
-    corners = [np.where(is_even, 0.0, (side * limits - forces) / divisors) for side in (-1.0, 1.0)]
+    is_constant = slopes == 0.0  # whether the force of a contact does not depend on the angle
+    divisors = np.where(is_constant, 1.0, slopes)
+    corners = [
+        np.where(is_constant, 0.0, (side * limits - forces) / divisors) for side in (-1.0, 1.0)
+    ]
     angles = np.sort(np.concatenate(corners), axis=0)
     shears = np.clip(forces + slopes * angles[:, None], -limits, limits)
     torques = np.sum(arms * shears, axis=1)

@@ -29,7 +29,7 @@ Map = Callable[[Single, Single], None]
 _LENGTH = 1024
 #: a vector is projected once more if the subtraction of its parts along the vectors before leaves
 #: less than this part of its length: one of the seven digits is then lost
-_CANCELLED = 0.1
+_CANCELLATION = 0.1
 #: part of the length of a vector that is nothing but rounding: if no more is left, the vector lies
 #: in the space of those before it
 _ROUNDING = float(np.finfo(np.float32).eps)
@@ -39,32 +39,36 @@ def solve_by_minimal_residuals(
     apply: Map, precondition: Map, right: Array, reduction: float, most_iterations: int
 ) -> tuple[Array, int]:
     """Return x (size,) with |A x - right| <= ``reduction`` |right|, and the number of iterations,
-    at most ``most_iterations``.
+    at most ``most_iterations``. The norm is that of GMRES, which may miss the last of the seven
+    digits.
 
     ``apply`` and ``precondition`` set their second array to the product of A, or of the
     preconditioner, with the first; both arrays are (size,), in single precision. If ``right``
     (size,) is zero, x is zero, and the number of iterations too. The tolerance is not reached if
-    ``most_iterations`` are not enough, or if ``right`` has a part that no product with A contains:
-    then the iteration ends early, and this part adds nothing to x.
+    ``most_iterations`` are not enough; or if ``right`` has a part that no product with A contains,
+    or a product is not finite: then the iteration ends early, and a change of x that would leave
+    more than before is not made.
     """
     right_norm = math.sqrt(dot(right, right))
     iterations = 0
     solution = np.zeros_like(right)
     if not right_norm:
         return solution, 0
-    residual = (right / right_norm).astype(np.float32)
+    residual: Single = (right / right_norm).astype(np.float32)
     norm = 1.0
     while norm > reduction and iterations < most_iterations:
         length = min(ResponseOptions().vectors, most_iterations - iterations)
         count, norm, change = _cycle(apply, precondition, residual, reduction, length)
-        if not count:  # no product with A contains the residual
-            break
-        solution += change
         iterations += count
         if norm > reduction:
             product = np.empty_like(residual)
             apply(change, product)
-            residual -= product
+            last_residual = residual
+            residual = last_residual - product
+            # if no product with A contains what is left, the change is nothing, or only rounding
+            if not dot(residual, residual) < dot(last_residual, last_residual):
+                break
+        solution += change
     return right_norm * solution, iterations
 
 
@@ -74,7 +78,8 @@ def _cycle(
     """Return the number of iterations of one cycle, at most ``length``, the norm of the residual
     after the cycle, and the change of the solution (size,).
 
-    The cycle ends early once the norm is ``reduction`` or less, or if Krylov space does not grow.
+    The cycle ends early once the norm is ``reduction`` or less, or if a further product lies in the
+    space of those before it, or is not finite.
     The ``residual`` (size,) at the start must not be zero.
 
     Arnoldi's relation is A W = V H, with the preconditioned vectors W, the orthonormal basis V of
@@ -98,13 +103,11 @@ def _cycle(
         apply(directions[column, :size], vector[:size])
         vector[size:] = 0.0
         entries, height = _make_orthogonal(basis[: column + 1], vector)
-        for row, (c, s) in enumerate(rotations):
-            upper = entries[row]
-            lower = entries[row + 1]
-            entries[row] = c * upper + s * lower
-            entries[row + 1] = c * lower - s * upper
+        product_length = math.hypot(*entries, height)
+        _rotate(entries, rotations)
         diagonal = math.hypot(entries[column], height)
-        if not 0.0 < diagonal < math.inf:  # the product adds nothing, or is not finite
+        # the product adds nothing but rounding to the products before, or is not finite
+        if not _ROUNDING * product_length < diagonal < math.inf:
             break
         c = entries[column] / diagonal
         s = height / diagonal
@@ -120,6 +123,17 @@ def _cycle(
     return count, abs(turned_right[count]), _combine(weights, directions[:count])[:size]
 
 
+def _rotate(entries: list[float], rotations: list[tuple[float, float]]) -> None:
+    """Turn the ``entries`` of a column, in place, by Givens rotations: each turns two entries, the
+    first rotation the first two, and is given by the cosine and the sine of its angle.
+    """
+    for row, (c, s) in enumerate(rotations):
+        upper = entries[row]
+        lower = entries[row + 1]
+        entries[row] = c * upper + s * lower
+        entries[row + 1] = c * lower - s * upper
+
+
 def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]:
     """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
     size). Return the list of the n parts, and the length of what remains: zero if only rounding
@@ -129,7 +143,7 @@ def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]
     whole_length = math.hypot(*parts, length)
     last_length = whole_length
     # if little remains, rounding has left parts along the basis, which are subtracted once more
-    while _ROUNDING * whole_length < length < _CANCELLED * last_length:
+    while _ROUNDING * whole_length < length < _CANCELLATION * last_length:
         last_length = length
         more_parts, length = _project(basis, vector)
         parts = [part + more_part for part, more_part in zip(parts, more_parts, strict=True)]

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 #: function of a force and an array of motions that sets motions of some balls, or of all, in the
 #: array to those under the force
-Put = Callable[[Array, Array], None]
+MotionSetter = Callable[[Array, Array], None]
 
 
 class Patches:
@@ -73,7 +73,7 @@ class Patches:
         balls = self._ends.ravel()[order]
         return contacts, np.searchsorted(balls, np.arange(self._n_balls + 1))
 
-    def find_worst(self, forces: Array) -> Index:
+    def find_worst_balls(self, forces: Array) -> Index:
         """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
         act, and of their neighbours, sorted.
 
@@ -91,13 +91,14 @@ class Patches:
         worst_balls = worst_balls[: int(np.searchsorted(sums, goal)) + 1]
         return np.unique(self._ends[:, self._find_contacts(worst_balls)])
 
-    def join(self, balls: Index, added: Index) -> Index:
-        """Return the numbers of the ``balls`` of a patch and of the balls ``added`` to it, sorted.
+    def join(self, balls: Index, more_balls: Index) -> Index:
+        """Return the numbers of the ``balls`` of a patch and of ``more_balls``, sorted.
 
         A patch of more than half of all balls becomes that of all balls, if a patch may hold as
-        many. If the patch would be too large, nothing is added.
+        many. If the patch would be too large,
+        it stays that of the ``balls``.
         """
-        union = np.union1d(balls, added)
+        union = np.union1d(balls, more_balls)
         if 2 * union.size > self._n_balls and self._n_balls <= self._most_balls:
             return np.arange(self._n_balls)
         return union if union.size <= self._most_balls else balls
@@ -111,7 +112,7 @@ class Patches:
         offsets = np.repeat(starts[balls] - (np.cumsum(counts) - counts), counts)
         return np.unique(contacts[offsets + np.arange(offsets.size)])
 
-    def invert(self, balls: Index, tangent: PressedTangent) -> Put | None:
+    def invert(self, balls: Index, tangent: PressedTangent) -> MotionSetter | None:
         """Return a function ``put(force, motion)`` that sets the motions of the ``balls`` of a
         patch, in ``motion``, to those under a force while all other balls are held; None if the
         matrix of the patch has no inverse. Motions of other balls stay as they are.

@@ -225,15 +225,15 @@ class PressedPlace:
         forces: Array,
         shears: Array,
         precision: DTypeLike = np.float32,
-        free: bool = True,
+        is_free: bool = True,
     ) -> PressedTangent:
         """Return what resists small motions, in a ``precision``: minus the changes of the forces of
         :meth:`pull`, and of the sum of the normal forces.
 
         The changes follow from the ``tangent`` of the law of friction. If contacts turn, they also
         follow from the forces that act: the normal ``forces`` (n_c, L1, ..., Lp) and the tangential
-        ones, ``shears`` (n_s, n_c, L1, ..., Lp). ``free`` says whether the overlap y is a motion
-        too; otherwise it is held.
+        ones, ``shears`` (n_s, n_c, L1, ..., Lp). ``is_free`` says whether the overlap y is a
+        motion too; otherwise it is held.
         """
         geometry = self.geometry
         stencils = geometry.stencils
@@ -241,7 +241,7 @@ class PressedPlace:
         m = stencils.motions.count
         diagonal = np.zeros((m, m, balls))
         forward, backward = np.empty((2, m, m, len(geometry.contacts.i)), precision)
-        ahead, back = np.zeros((2, m, balls if free else 0))
+        ahead, back = np.zeros((2, m, balls if is_free else 0))
         corner = fill_tangent(
             geometry.contacts,
             self.configuration,
@@ -299,10 +299,10 @@ class PressedTangent:
             forces.reshape(fields),
         )
 
-    def invert_blocks_of_balls(self, added: float) -> NDArray[Any]:
+    def invert_blocks_of_balls(self, spring: float) -> NDArray[Any]:
         """Return the inverses (m, m, n) of the blocks :attr:`diagonal`, in the precision of
-        ``product``. The stiffness ``added`` is first added to the diagonal of each block.
+        ``product``. The stiffness ``spring`` is first added to the diagonal of each block.
         """
         inverses = np.empty_like(self.product.diagonal)
-        invert_blocks(self.diagonal, added, 1.0, inverses)
+        invert_blocks(self.diagonal, spring, 1.0, inverses)
         return inverses

@@ -56,7 +56,8 @@ class PressedEquilibrium(Equilibrium):
 
     Attributes
     ----------
-    rotations : (n r, L1, ..., Lp) rotations about each of r axes, W over the diameter.
+    rotations : (n r, L1, ..., Lp) rotations of the n balls of a cell about each of r axes, W over
+        the diameter.
     shears : (n_s, n_c, L1, ..., Lp) tangential forces along the n_s slips of each contact; n_s is 1
         in a plane, 2 in space.
     mindlin_ratio, friction_coefficient : eta and mu.
@@ -309,7 +310,8 @@ class PressedSample(Sample):
         that slide have the ratio mu. Over all ratios the density integrates to one; over the bins
         it integrates to less if there are ratios above ``largest``. Raises
         :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
-        million, or if ``largest`` is not above zero and finite.
+        million, if ``largest`` is not above zero and finite, or if bins would be so narrow that
+        their edges or densities are no numbers.
         """
         contacts = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
@@ -376,8 +378,9 @@ class PressedSample(Sample):
         for tensor, steps_ahead in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
             rise = f * math.expm1(steps_ahead * STEP)
             stiffnesses.append(self._average_stiffness(tensor, f + rise, self.overlap + rise / k))
-        slope_in_log = (stiffnesses[1] - stiffnesses[0]) / (2.0 * STEP)
-        return slope_in_log * k / f
+        # d log k / d log f changes little along the path: for equal balls it is 1/3 everywhere
+        exponent = math.log(stiffnesses[1] / stiffnesses[0]) / (2.0 * STEP)
+        return exponent * k * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
         """Return df/d(delta), N/m: the derivative of the mean force with respect to the overlap, at

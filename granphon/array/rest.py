@@ -43,7 +43,7 @@ from granphon.statics.rest import Rest
 _LOAD_PART = 1e-3
 #: in the true geometry, largest force that may be left on a ball over W/d times the mean force: the
 #: forces on loose balls are of the order of W/d times the mean force
-_OF_RATIO = 1e-4
+_PART_OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 LEAST_TOLERANCE = 1e-12
 
@@ -63,17 +63,18 @@ def bring_to_rest(
     ----------
     deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) if a cell has n > 1
         balls.
-    load : overlap, mean contact force or pressure, reduced. In the true geometry the overlap y is
-        that by which the cell is compressed, and the force is the mean normal force over all
-        contacts. In the directions of the lattice a pressure is the same as its mean force.
+    load : overlap, mean contact force or pressure, reduced; a force or pressure is above zero. In
+        the true geometry the overlap y is that by which the cell is compressed, and the force is
+        the mean normal force over all contacts. In the directions of the lattice a pressure is the
+        same as its mean force.
     stencils : stencils of the array; by default those of the triangular lattice.
     start : equilibrium from which to begin, for example that of the same balls under a similar
         load; by default balls begin on their sites, or, in the true geometry, at the equilibrium on
         the lattice under the same load.
-    tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. In the
-        directions of the lattice it is over the rms difference of contact forces if that is less:
-        at high loads the effect of disorder is only a small part of the force. In the true geometry
-        1e-4 W/d takes the place of a tolerance that is larger.
+    tolerance : largest force left on a ball, over the mean contact force; None or zero, by default:
+        1e-10. In the directions of the lattice it is over the rms difference of contact forces if
+        that is less: at high loads the effect of disorder is only a small part of the force. In the
+        true geometry 1e-4 W/d, but at least 1e-12, takes the place of a tolerance that is larger.
     ratio : W/d, from zero to 0.2, in the true geometry, which at zero is that of the lattice. None,
         by default: contacts keep the directions of the lattice.
 
@@ -137,7 +138,7 @@ def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions
     """
     if not ratio:
         return RestOptions(grid_tolerance=tolerance, workers=workers)
-    required = min(tolerance, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
+    required = min(tolerance, max(LEAST_TOLERANCE, _PART_OF_RATIO * ratio))
     return RestOptions(
         # the aim is a tenth below the requirement, so that the state at the end meets it
         tolerance=0.9 * required,
@@ -152,14 +153,14 @@ def _explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
     """Return the error of a search that has not led to rest; ``nearest`` is the state at its end,
     and ``overlap`` its overlap y.
     """
-    turns = nearest.turned_normal is not None
-    where = " in its true geometry" if turns else ""
+    is_true = nearest.turned_normal is not None
+    where = " in its true geometry" if is_true else ""
     return ConvergenceError(
         f"the sample has not come to rest{where} after {nearest.steps} steps",
         f"At an overlap of {overlap:.6g} widths a force of {find_residual(nearest):.2g} of the"
         " mean contact force is left on a ball",
         "Raise the load, take fewer balls, or take geometry: lattice"
-        if turns
+        if is_true
         else "Raise the load, or take fewer balls",
     )
 

@@ -18,7 +18,7 @@ from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import COUNTED_FORCE
 from granphon.balls.lattices import BALL, Lattice
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief, needing
 from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units, WidthUnits
@@ -107,8 +107,8 @@ class Sample(Result):
         """(L1, ..., Lp, p) displacements, m, from the sites, which follow the compressed cell.
         Balls that nothing holds are where the iteration left them.
         """
-        reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
-        return self._units.width * np.moveaxis(self._order(reduced), 0, -1)
+        in_widths = self.equilibrium.stencils.displacements(self.equilibrium.balls)
+        return self._units.width * np.moveaxis(self._order(in_widths), 0, -1)
 
     @property
     def contact_overlaps(self) -> Array:
@@ -149,12 +149,17 @@ class Sample(Result):
 
     @property
     def normal_stiffness(self) -> float:
-        """Normal stiffness df/d(delta), N/m."""
+        """Normal stiffness df/d(delta), N/m.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the linear response is not found.
+        """
         return self._units.stiffness * self.equilibrium.stiffness
 
     @property
     def stiffness_slope(self) -> float:
-        """Slope of the normal stiffness, d^2f/d(delta)^2, N/m^2."""
+        """Slope of the normal stiffness, d^2f/d(delta)^2, N/m^2; raised is the error of
+        :attr:`normal_stiffness`.
+        """
         return self._units.stiffness_slope * self.equilibrium.stiffness_slope
 
     @property
@@ -199,8 +204,9 @@ class Sample(Result):
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
         density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is
-        no whole number from 1 to a million, or unless ``least`` and ``largest`` are finite and
-        ``largest`` is the greater.
+        no whole number from 1 to a million; unless ``least`` and ``largest`` are finite and
+        ``largest`` is the greater; or if bins would be so narrow, or so wide, that their edges or
+        densities are no numbers.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > COUNTED_FORCE * self.equilibrium.force] / self.equilibrium.force
@@ -210,6 +216,8 @@ class Sample(Result):
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: (3, 3), Pa, of a layer one diameter thick; (6, 6), Pa; (1,
         1), N, of a chain.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the linear response is not found.
         """
         return self._compute_elastic_tensor(self.equilibrium)
 
@@ -219,6 +227,7 @@ class Sample(Result):
         the mean force.
 
         This takes two more equilibria, each started from this one, and their linear responses.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if one of these is not found.
         """
         equilibrium = self.equilibrium
         loads = [ReducedLoad(force=equilibrium.force * math.exp(step)) for step in (-STEP, STEP)]
@@ -254,23 +263,11 @@ class Sample(Result):
         i, j, shift = _number_ends(structure, self.shape)
         stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
         is_loaded = stiffness.reshape(i.shape) > 0.0
-
-        def select(values: Array) -> Array:
-            """Return the ``values`` (L1, ..., Lp, n_c, ...) of the contacts that carry load, with
-            one axis in place of the first ones.
-            """
-            return np.asarray(values.reshape(*i.shape, *values.shape[p + 1 :])[is_loaded])
-
         normal, arm_i, arm_j = (values[is_loaded] for values in self._find_frames(i.shape))
-        force = select(self.contact_forces)
-        spring = select(stiffness)
+        force = self.contact_forces.reshape(i.shape)[is_loaded]
+        spring = stiffness.reshape(i.shape)[is_loaded]
         eta = packing.mindlin_ratio if shear is None else shear
-        ratio = select(np.broadcast_to(eta, stiffness.shape))
-        across = None
-        if tangential is not None or self.is_exact:
-            across = np.zeros((len(force), 3))
-        if across is not None and tangential is not None:
-            across[:, :p] = select(tangential)
+        ratio = np.broadcast_to(eta, stiffness.shape).reshape(i.shape)[is_loaded]
         positions = self._find_positions()
         mass = np.full(len(positions), packing.mass)
         twist = packing.find_torsion(force, spring)
@@ -297,12 +294,27 @@ class Sample(Result):
             prestress=self.is_exact,
             lattice=None if self.is_exact else structure,
             shape=None if self.is_exact else self.shape,
-            tangential_force=across,
+            tangential_force=self._list_tangential(tangential, is_loaded),
             contact_model=ContactModel.of(packing),
         )
 
+    def _list_tangential(self, tangential: Array | None, is_loaded: Flags) -> Array | None:
+        """Return the ``tangential`` forces of :meth:`_make_network` of the contacts where
+        ``is_loaded`` (cells, n_c) is true, (contacts, 3), N. Without them these are zeros in the
+        true geometry, and None otherwise.
+        """
+        if tangential is None and not self.is_exact:
+            return None
+        forces = np.zeros((np.count_nonzero(is_loaded), 3))
+        if tangential is not None:
+            p = tangential.shape[-1]
+            forces[:, :p] = tangential.reshape(*is_loaded.shape, p)[is_loaded]
+        return forces
+
     def _find_positions(self) -> Array:
-        """Return the centres (balls, 3) of the balls in the compressed cell, m."""
+        """Return the centres (balls, 3) of the balls, m. The cell is compressed in the true
+        geometry; otherwise the sites are those of the lattice.
+        """
         p = self.packing.structure.periods
         sites = self.packing.diameter * self.sites @ self._deformation
         positions = np.zeros((self.equilibrium.deviations.size, 3))
@@ -310,16 +322,16 @@ class Sample(Result):
         return positions
 
     def _find_cell(self) -> Array:
-        """Return the vectors (3, 3) of the compressed cell of the array, m; the rows from p on are
-        zeros if the array has fewer than three periods.
+        """Return the vectors (3, 3) of the cell of the array, m: compressed in the true geometry,
+        and otherwise those of the lattice. The rows from p on are zeros if the array has fewer than
+        three periods.
         """
         structure = self.packing.structure
         p = structure.periods
         cell = np.zeros((3, 3))
         lengths = np.array(self.shape)[:, None]  # in cells of the lattice
-        cell[:p, :p] = self.packing.diameter * structure.vectors[:, :p] * lengths
-        if self.is_exact:
-            cell[:p, :p] = cell[:p, :p] @ self._deformation
+        vectors = self.packing.diameter * structure.vectors[:, :p] * lengths
+        cell[:p, :p] = vectors @ self._deformation
         return cell
 
     def _find_frames(self, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
@@ -447,15 +459,23 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
     bins to less than one.
 
     Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
-    million, or unless ``least`` and ``largest`` are finite and ``largest`` is the greater.
+    million; unless ``least`` and ``largest`` are finite and ``largest`` is the greater; or if bins
+    would be so narrow, or so wide, that their edges or densities are no numbers.
     """
     number = whole_number("bins", bins, 1, 1_000_000)
     low = real_number(least)
     high = real_number(largest)
+    ends = f"{brief(least)} and {brief(largest)}"
     if not -math.inf < low < high < math.inf:
+        raise InputError(f"there are no bins between {ends}", mend="Give a larger upper end")
+    with np.errstate(over="ignore", invalid="ignore"):
+        widths = np.diff(np.linspace(low, high, number + 1))
+        are_distinct = np.all(widths > 0.0) and np.all(np.isfinite(1.0 / widths))
+    if not (are_distinct and math.isfinite(high - low)):
         raise InputError(
-            f"there are no bins between {brief(least)} and {brief(largest)}",
-            mend="Give a larger upper end",
+            f"there are no {number} bins between {ends}",
+            "Double precision does not tell their edges apart, or does not hold their widths",
+            "Give other ends, or fewer bins",
         )
     counts, edges = np.histogram(values, number, (low, high))
     return edges, counts / values.size / np.diff(edges)
@@ -472,9 +492,9 @@ def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Ind
     cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
     cells = cells.reshape(-1, 1, p)
     cells_of_j = cells + table.shift
-    wrapped = np.moveaxis(np.mod(cells_of_j, shape), -1, 0)
+    cells_in_array = np.moveaxis(np.mod(cells_of_j, shape), -1, 0)
     shift = np.zeros((*cells_of_j.shape[:2], 3), int)
     shift[..., :p] = np.floor_divide(cells_of_j, shape)
     i = n * np.arange(len(cells))[:, None] + table.i
-    j = n * np.ravel_multi_index(tuple(wrapped), shape) + table.j
+    j = n * np.ravel_multi_index(tuple(cells_in_array), shape) + table.j
     return i, j, shift

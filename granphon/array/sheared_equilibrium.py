@@ -25,7 +25,7 @@ from granphon.array.equilibrium import (
     explain_no_load,
     explain_too_small,
 )
-from granphon.array.geometry import LOAD_TOLERANCE
+from granphon.array.geometry import LOAD_TOLERANCE, require_small
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import (
     LEAST_TOLERANCE,
@@ -67,9 +67,11 @@ def equilibrate_sheared(
 
     Raises
     ------
-    InputError : the sample carries no load at this overlap or force.
+    InputError : the sample carries no load at this overlap or force; or the ratio is below zero or
+        too large.
     ConvergenceError : a search does not come to rest, or no pressure is found for the load.
     """
+    require_small(ratio)
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
         # a line cannot shear, and the stress of equal balls is hydrostatic already
         return bring_to_rest(deviations, load, stencils, ratio=ratio or None)
@@ -109,7 +111,7 @@ class _PressureSearch:
         self._stencils = stencils
         # in the directions of the lattice nothing depends on the diameter
         self._assembly: Assembly = assemble(deviations, stencils, ratio or 1.0)
-        self._last: Rest | None = None
+        self._last_rest: Rest | None = None
         self._steps = 0
         self._iterations = 0
 
@@ -127,7 +129,7 @@ class _PressureSearch:
         load = replace(load, shears=True)
         options = _OPTIONS.loosen() if self._ratio else _OPTIONS
         try:
-            rest = find_rest(self._assembly, load, "lattice", "stress", self._last, options)
+            rest = find_rest(self._assembly, load, "lattice", "stress", self._last_rest, options)
         except InputError as error:
             raise explain_no_load(overlap) from error
         return self._keep(rest)
@@ -138,7 +140,7 @@ class _PressureSearch:
         """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        rest = find_rest(self._assembly, load, geometry, "stress", self._last, _OPTIONS)
+        rest = find_rest(self._assembly, load, geometry, "stress", self._last_rest, _OPTIONS)
         return self.make_state(self._keep(rest))
 
     def find(
@@ -146,16 +148,16 @@ class _PressureSearch:
         guess: float,
         measure: Callable[[Equilibrium], float],
         goal: float,
-        too_small: InputError,
+        no_load: InputError,
     ) -> Equilibrium:
         """Return the equilibrium whose ``measure``, an overlap in W, is the ``goal``.
 
-        The search begins at the pressure ``guess``, given as f*. It goes by secants: the unknown is
-        the overlap that equal balls have under the pressure, and the measure is a nearly linear
-        function of it.
+        The search begins at the pressure ``guess``, given as f* above zero. It goes by secants: the
+        unknown is the overlap that equal balls have under the pressure, and the measure is a nearly
+        linear function of it.
 
-        Raises ``too_small`` where a pressure is so small that the sample carries no load, and
-        :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.
+        Raises the error ``no_load`` where a pressure is so small that the sample carries no load,
+        and :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.
         """
         overlap = hertz.overlap_of(guess)  # of equal balls
         slope = 1.0  # derivative of this overlap with respect to the measure
@@ -163,7 +165,7 @@ class _PressureSearch:
         for _ in range(_MOST_PRESSURES):
             force = hertz.force_of(overlap)
             if force < THRESHOLD_FORCE:
-                raise too_small
+                raise no_load
             state = self.press(force)
             lack = goal - measure(state)
             if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
@@ -183,7 +185,7 @@ class _PressureSearch:
         """Keep a ``rest`` as the start of the next search, add its steps and iterations to those of
         all searches, and return the rest.
         """
-        self._last = rest
+        self._last_rest = rest
         self._steps += rest.steps
         self._iterations += rest.iterations
         return rest
@@ -226,6 +228,7 @@ def split_strain(strain: Array, ratio: float) -> tuple[float, Array]:
         overlap = -math.expm1(float(np.mean(logarithms))) / ratio
     else:
         overlap = -float(np.trace(strain)) / p
+    overlap += 0.0  # makes a zero below zero one without a sign
     return overlap, strain / (ratio or 1.0) + overlap * np.eye(p)
 
 

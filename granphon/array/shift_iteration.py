@@ -45,7 +45,7 @@ class ShiftIteration(GridIteration):
 
     def __init__(self, stencils: Stencils, springs: Array) -> None:
         self._stencils = stencils
-        self._mean = float(np.mean(springs[: stencils.n_contacts]))
+        self._mean_stiffness = float(np.mean(springs[: stencils.n_contacts]))
         p = len(stencils.shape)
         by_gradients = stencils.strains()
         # (s, rows) deformations by unit strains
@@ -61,9 +61,9 @@ class ShiftIteration(GridIteration):
         spring_sums = np.sum(springs, axis=tuple(range(1, 1 + p)))
         self.corner = (by_strains * spring_sums) @ by_strains.T
         # over the mean stiffness: single precision has no numbers below 1e-38
-        scaled = springs / self._mean
-        self._product = stencils.hessian(scaled)
-        self._inverse = _find_inverse(stencils, scaled.astype(np.float32))
+        ratios = springs / self._mean_stiffness
+        self._product = stencils.hessian(ratios)
+        self._inverse = _find_inverse(stencils, ratios.astype(np.float32))
 
     def _shape(self, fields: Values) -> Values:
         """Return ``fields`` (f, 1, cells) as an array (f, L1, ..., Lp)."""
@@ -75,11 +75,11 @@ class ShiftIteration(GridIteration):
 
     def lay_forces(self, forces: Array) -> Array:
         """Return ``forces`` (n, m, 1) as fields (f, 1, cells)."""
-        return self._flatten(self._stencils.gather_forces(forces[..., 0] / self._mean))
+        return self._flatten(self._stencils.gather_forces(forces[..., 0] / self._mean_stiffness))
 
     def list_forces(self, fields: Array) -> Array:
         """Return forces, fields (f, 1, cells), as (n, m, 1)."""
-        return self._mean * self._stencils.list_forces(self._shape(fields))[..., None]
+        return self._mean_stiffness * self._stencils.list_forces(self._shape(fields))[..., None]
 
     def list_motions(self, fields: Array) -> Array:
         """Return motions, fields (f, 1, cells), as (n, m, 1)."""

@@ -56,7 +56,8 @@ def compose(
 
 def share_places(matrices: Iterable[Any]) -> list[Any]:
     """Return a list that begins with a sparse matrix (CSC) of zeros, the shared one, and goes on
-    with an array for each of the square sparse ``matrices``, of which there must be at least one.
+    with an array for each of the real sparse ``matrices``, (n, n) each, of which there must be at
+    least one.
 
     The shared matrix stores an entry wherever one of the ``matrices`` does. An array has the
     entries of its matrix in the order of the shared one, and zeros where its matrix stores none. So
@@ -68,14 +69,16 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
     size = triplets[0].shape[0]
     # the place of an entry in a matrix that is read column by column
     places = [matrix.col.astype(np.int64) * size + matrix.row for matrix in triplets]
-    stored = np.unique(np.concatenate(places))
-    starts = np.searchsorted(stored, np.arange(size + 1) * size)
-    shared: Any = csc_array((np.zeros(stored.size), stored % size, starts), shape=(size, size))
+    stored_places = np.unique(np.concatenate(places))
+    starts = np.searchsorted(stored_places, np.arange(size + 1) * size)
+    pattern: Any = csc_array(
+        (np.zeros(stored_places.size), stored_places % size, starts), shape=(size, size)
+    )
     entries = []
     for matrix, places_of_matrix in zip(triplets, places, strict=True):
-        numbers = np.searchsorted(stored, places_of_matrix)
-        entries.append(np.bincount(numbers, matrix.data, stored.size))
-    return [shared, *entries]
+        numbers = np.searchsorted(stored_places, places_of_matrix)
+        entries.append(np.bincount(numbers, matrix.data, stored_places.size))
+    return [pattern, *entries]
 
 
 def estimate_factors(motions: int, dimension: int, contacts: float) -> tuple[float, float]:

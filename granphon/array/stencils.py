@@ -33,14 +33,14 @@ from granphon.statics.options import RestOptions
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
-CACHED = 2**15
+_CACHE_ELEMENTS = 2**15
 #: numbers of preconditioners on a grid, which have one table with those of the search for rest
 OPTIONS = RestOptions()
 #: difference of a coefficient of C from a whole number up to which it is rounding
-_ROUNDED = 1e-12
+_ROUNDING = 1e-12
 #: least sine of the angle between a normal and the space of the normals chosen before, for
 #: displacements to be projected on this normal too
-_INDEPENDENT = 0.1
+_LEAST_SINE = 0.1
 
 
 class Motion(NamedTuple):
@@ -57,9 +57,10 @@ class Stencils:
     length is the diameter.
 
     C also has slips, twists or rolls if ``mindlin_ratio`` eta, ``torsion`` or ``bending`` is above
-    zero, and then balls have rotations. The stiffness against a slip, twist or roll is that number
-    times the normal stiffness k of the contact, for ``torsion`` and ``bending`` times k d^2.
-    ``workers`` threads share each Fourier transform.
+    zero, and then balls have rotations; on a line they have none, and in a plane nothing twists.
+    The stiffness against a slip, twist or roll is that number times the normal stiffness k of the
+    contact, for ``torsion`` and ``bending`` times k d^2. ``workers`` threads share each Fourier
+    transform.
     """
 
     def __init__(
@@ -143,7 +144,7 @@ class Stencils:
                 values = in_space @ to_space  # (n_c, m)
                 # whole numbers without rounding, so that motions of the whole deform nothing
                 rounded = np.rint(values)
-                values = np.where(np.abs(values - rounded) < _ROUNDED, rounded, values)
+                values = np.where(np.abs(values - rounded) < _ROUNDING, rounded, values)
                 for contact, ball in enumerate(balls):
                     fields = slice(m * ball, m * (ball + 1))
                     coefficients[end, number * n + contact, fields] = values[contact]
@@ -348,8 +349,8 @@ class Stencils:
 
     @cached_property
     def _green(self) -> NDArray[Any]:
-        """(fields, fields, L1, ..., Lp/2 + 1) the lattice Green's function: the inverse of C^T K C
-        of equal contacts of stiffness one, for each of the waves of a real Fourier transform.
+        """(fields, fields, L1, ..., Lp // 2 + 1) the lattice Green's function: the inverse of C^T K
+        C of equal contacts of stiffness one, for each of the waves of a real Fourier transform.
 
         Entries are zero for translations of the whole array, and for other waves that deform no
         contact: where no ring of contacts is odd, balls can turn like gears, each against its
@@ -362,8 +363,8 @@ class Stencils:
         counts = (*shape[:-1], shape[-1] // 2 + 1)  # of waves along each axis
         entries = np.zeros((fields, fields, *counts), float if is_real else complex)
         translations = self._project_on_translations()
-        # layers of waves along the first axis, which together have about OPTIONS.grid.batch waves
-        step = max(1, OPTIONS.grid.batch * shape[0] // math.prod(counts))
+        # layers of waves along the first axis: one, or as many as have OPTIONS.grid.batch waves
+        step = max(1, OPTIONS.grid.batch * counts[0] // math.prod(counts))
         for first in range(0, counts[0], step):
             waves = [np.arange(count) for count in counts]  # numbers of the waves along each axis
             waves[0] = waves[0][first : first + step]
@@ -496,9 +497,11 @@ class Stencils:
         def apply(force: NDArray[Any]) -> NDArray[Any]:
             """Return the motion under a ``force``, both (fields, L1, ..., Lp), wave by wave."""
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
-            moved = multiply_waves(table, softness, waves)
+            motion_waves = multiply_waves(table, softness, waves)
             return np.asarray(
-                fft.irfftn(moved, self.shape, axes=axes, workers=self.workers, overwrite_x=True)
+                fft.irfftn(
+                    motion_waves, self.shape, axes=axes, workers=self.workers, overwrite_x=True
+                )
             )
 
         return apply
@@ -549,28 +552,20 @@ class Stencils:
         entries += spring_entries.reshape(-1, *(1,) * len(self.shape))
         inverses = []
         first_entries = np.cumsum([len(pairs) for pairs in pairs_of_groups])[:-1]
-        entries_of_groups = np.split(entries, first_entries)
-        for group, pairs, triangle in zip(
-            self._groups, pairs_of_groups, entries_of_groups, strict=True
-        ):
+        triangles = np.split(entries, first_entries)
+        for group, triangle in zip(self._groups, triangles, strict=True):
             size = group.stop - group.start
             _invert_symmetric(triangle, size)
-            inverse = np.empty((size, size, *self.shape), stiffness.dtype)
-            for entry, (a, b) in zip(triangle, pairs, strict=True):
-                row = a - group.start
-                column = b - group.start
-                inverse[row, column] = entry
-                inverse[column, row] = entry
-            inverses.append((group, inverse))
+            inverses.append((group, _unfold(triangle, size, stiffness.dtype)))
         return inverses
 
     def _slabs(self) -> Iterator[slice]:
         """Yield slices of layers along the first axis. A slice has one layer, or as many as have
-        :data:`CACHED` elements at most: those of all fields together in space, and those of one
-        field on a line or in a plane.
+        :data:`_CACHE_ELEMENTS` elements at most: those of all fields together in space, and those
+        of one field on a line or in a plane.
         """
         n_fields = self.n_fields if len(self.shape) == 3 else 1
-        step = max(1, CACHED // (n_fields * math.prod(self.shape[1:])))
+        step = max(1, _CACHE_ELEMENTS // (n_fields * math.prod(self.shape[1:])))
         for first, end in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(first, end)
 
@@ -658,17 +653,30 @@ def _invert_symmetric(entries: Array, size: int) -> None:
             entry[...] = cofactor * one_over
 
 
+def _unfold(triangle: Array, size: int, precision: DTypeLike) -> NDArray[Any]:
+    """Return symmetric matrices (size, size, ...) in a ``precision``; the first axis of
+    ``triangle`` (entries, ...) runs over their upper triangle, row after row.
+    """
+    matrices = np.empty((size, size, *triangle.shape[1:]), precision)
+    places = combinations_with_replacement(range(size), 2)
+    for entry, (row, column) in zip(triangle, places, strict=True):
+        matrices[row, column] = entry
+        matrices[column, row] = entry
+    return matrices
+
+
 def _choose_independent(normals: Array) -> Array:
     """Return p independent ones of the ``normals`` (n_c, p), as rows (p, p).
 
     A normal is chosen if the sine of its angle with the space of those chosen before is above
-    :data:`_INDEPENDENT`. The normals of a rigid lattice contain p such normals.
+    :data:`_LEAST_SINE`. The normals of a rigid lattice contain p such normals; of normals that do
+    not, fewer are returned.
     """
     p = normals.shape[1]
     basis = np.empty((0, p))
     for normal in normals:
         orthonormal = np.linalg.qr(basis.T)[0].T  # vectors of the space of the normals chosen
         across = normal - (orthonormal @ normal) @ orthonormal
-        if len(basis) < p and np.linalg.norm(across) > _INDEPENDENT:
+        if len(basis) < p and np.linalg.norm(across) > _LEAST_SINE:
             basis = np.append(basis, [normal], axis=0)
     return basis

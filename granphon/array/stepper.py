@@ -123,62 +123,94 @@ class Stepper:
         state is not an equilibrium of the contacts alone.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if no load is left on the balls, or
-        no balance is found however short the steps.
+        if no balance is found: in steps that ``options.halvings`` halvings make the shortest, or
+        after ``options.tries`` failures in steps of any length.
         """
-        # with small friction Newton's method finds a balance only in stages of softer contacts,
-        # which steps with dashpots do not have: so balls are not slowed by dashpots then
         options = self.options
-        relaxes = not drag and self.law.friction_coefficient >= options.small_friction
         loads_ahead = [load]  # loads still to be reached, the nearest last
-        halvings = 0  # of the present step
+        # number of times that the step to the nearest load has been halved; the second half of a
+        # step counts as the whole step, whose end it reaches
+        halvings = 0
         n_failed = 0  # number of steps without a balance
         while loads_ahead:
-            state = trail[-1]
-            # halves of a step are first tried without finding limits of sliding anew, which takes
-            # long and has failed in the whole step
-            finds_limits = not relaxes or not 0 < halvings < options.halvings // 2
-            balls, overlap = self._extrapolate(trail, loads_ahead[-1])
-            step = self._make_step(state, loads_ahead[-1], drag)
-            # where friction alone holds balls, shorter steps of the load help sooner
-            trial = step.solve(balls, overlap, finds_limits, is_patient=not self.from_gas)
-            at_rest = None
-            if not trial.is_balanced and relaxes and trial.imbalance < math.inf:
-                at_rest = self.relax_overdamped(trail, loads_ahead[-1])
-            if trial.is_balanced:
-                end = self._damp(trail, trial) if drag else self._arrive(state, trial)
-                trail = [*trail[-2:], end]
-            elif at_rest is not None:
-                trail = [at_rest]
-            else:
-                if trial.imbalance == math.inf and state.force < THRESHOLD_FORCE:
-                    raise self._explain_loss(load, state)
-                has_no_length = self.measure(state, loads_ahead[-1]) == find_aim(loads_ahead[-1])
-                is_shortest = has_no_length or halvings == options.halvings
-                if is_shortest or n_failed == options.tries:
-                    raise self._explain_failure(load, state)
-                halvings += 1
-                n_failed += 1
-                loads_ahead.append(self.halve(state, loads_ahead[-1]))
+            next_load = loads_ahead[-1]
+            trial = self._try_step(trail, next_load, drag, halvings)
+            next_trail = self._extend(trail, trial, next_load, drag)
+            if next_trail is not None:
+                trail = next_trail
+                halvings = max(0, halvings - 1)
+                loads_ahead.pop()
                 continue
-            halvings = max(0, halvings - 1)
-            loads_ahead.pop()
+            state = trail[-1]
+            if trial.imbalance == math.inf and state.force < THRESHOLD_FORCE:
+                raise self._explain_loss(load, state)
+            has_no_length = self.measure(state, next_load) == find_aim(next_load)
+            is_shortest = has_no_length or halvings == options.halvings
+            if is_shortest or n_failed == options.tries:
+                raise self._explain_failure(load, state)
+            halvings += 1
+            n_failed += 1
+            loads_ahead.append(self.halve(state, next_load))
         return trail[-1]
+
+    def _can_relax(self, drag: float) -> bool:
+        """Return whether balls may be slowed by dashpots if Newton's method fails in a step with
+        the ``drag``.
+
+        With small friction Newton's method finds a balance only in stages of softer contacts, which
+        steps with dashpots do not have.
+        """
+        return not drag and self.law.friction_coefficient >= self.options.small_friction
+
+    def _try_step(
+        self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float, halvings: int
+    ) -> Trial:
+        """Return the trial to which Newton's method leads from the last state of the ``trail``
+        under a ``load`` with a ``drag``, in balance or not; ``halvings`` are those of the step.
+        """
+        # halves of a step are first tried without finding limits of sliding anew, which takes long
+        # and has failed in the whole step
+        has_few_halvings = 0 < halvings < self.options.halvings // 2
+        wants_limits = not self._can_relax(drag) or not has_few_halvings
+        balls, overlap = self._extrapolate(trail, load)
+        step = self._make_step(trail[-1], load, drag)
+        # where friction alone holds balls, shorter steps of the load help sooner
+        return step.solve(balls, overlap, wants_limits, is_patient=not self.from_gas)
+
+    def _extend(
+        self, trail: Sequence[PressedArray], trial: Trial, load: ReducedLoad, drag: float
+    ) -> Sequence[PressedArray] | None:
+        """Return the trail that goes on from the last state of the ``trail`` under a ``load``; None
+        if there is no balance.
+
+        If the ``trial`` with the ``drag`` is in balance, its state follows the last two of the
+        trail. Otherwise balls are slowed by dashpots, where they may be and have not come apart;
+        the state in which they come to rest begins a trail, as they fell to it.
+        """
+        if trial.is_balanced:
+            end = self._damp(trail, trial) if drag else self._arrive(trail[-1], trial)
+            return [*trail[-2:], end]
+        if not self._can_relax(drag) or trial.imbalance == math.inf:
+            return None
+        at_rest = self.relax_overdamped(trail, load)
+        return None if at_rest is None else [at_rest]
 
     def settle(
         self,
         trail: Sequence[PressedArray],
         load: ReducedLoad,
         drag: float,
-        finds_limits: bool = False,
+        wants_limits: bool = False,
     ) -> PressedArray | None:
         """Return the state to which balls come from the last state of the ``trail`` in one step to
-        a ``load``, slowed by dashpots of stiffness ``drag``; None if no balance is found.
+        a ``load``, slowed by dashpots of stiffness ``drag``, of which zero stands for none; None if
+        no balance is found.
 
-        Unlike :meth:`step`, this method takes no shorter steps. If ``finds_limits`` is true, limits
+        Unlike :meth:`step`, this method takes no shorter steps. If ``wants_limits`` is true, limits
         of sliding are found anew where Newton's method does not come to a balance.
         """
         balls, overlap = self._extrapolate(trail[-1:], load)
-        trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, finds_limits)
+        trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, wants_limits)
         return self._damp(trail, trial) if trial.is_balanced else None
 
     def relax_overdamped(
@@ -313,11 +345,11 @@ class Stepper:
                 break
             n_states += 1
         weights = weigh_states(loads[-n_states:], aim)
-        weighted = list(zip(weights, trail[-n_states:], strict=True))
-        balls = np.sum([weight * state.balls for weight, state in weighted], axis=0)
+        pairs = list(zip(weights, trail[-n_states:], strict=True))
+        balls = np.sum([weight * state.balls for weight, state in pairs], axis=0)
         overlap = load.overlap
         if overlap is None:
-            overlap = sum(weight * state.overlap for weight, state in weighted)
+            overlap = sum(weight * state.overlap for weight, state in pairs)
         return balls, float(overlap)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
@@ -425,28 +457,28 @@ class Stepper:
         stencils = self.geometry.stencils
         n_around = 2 * stencils.n_contacts // stencils.n_balls
         ratio = self.geometry.ratio
-        is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, n_around * ratio * state.force) if is_pushed else 0.0
+        is_pushed = ratio > 0.0 and len(stencils.shape) == 3
+        least_drag = min(drag, n_around * ratio * state.force) if is_pushed else 0.0
         for _ in range(options.tries):
             last_drag = drag
             last_motion = motion
-            drag = max(options.weakening * drag, weakest)
-            settled = self.settle([state], load, drag, finds_limits=True)
+            drag = max(options.weakening * drag, least_drag)
+            settled = self.settle([state], load, drag, wants_limits=True)
             if settled is None or settled.force < 0.5 * options.standing_force:
                 return None
             motion = settled.measure_motion(state)
             state = settled
-            moves_faster = motion > last_motion
-            if drag == last_drag and moves_faster:
+            is_faster = motion > last_motion
+            if drag == last_drag and is_faster:
                 return None
             if is_pushed:
                 is_still = drag == last_drag and motion < options.still_motion
             else:
                 is_still = drag * motion < options.still_force * state.force
             if is_still:
-                at_rest = self.settle([state], load, 0.0, finds_limits=True)
-                stands = at_rest is not None and at_rest.force >= 0.5 * options.standing_force
-                return at_rest if stands else None
+                at_rest = self.settle([state], load, 0.0, wants_limits=True)
+                is_standing = at_rest is not None and at_rest.force >= 0.5 * options.standing_force
+                return at_rest if is_standing else None
         return None
 
 
@@ -462,8 +494,8 @@ def goes_on(loads: Sequence[float], similar: float) -> bool:
 
 
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
-    """Return the weights with which values at different ``loads`` add up to the value at a
-    ``load``, on the polynomial of Lagrange through all of them.
+    """Return the weights with which values at ``loads``, no two of which are equal, add up to the
+    value at a ``load``, on the polynomial of Lagrange through all of them.
     """
     weights = []
     for node in loads:

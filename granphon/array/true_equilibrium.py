@@ -39,7 +39,7 @@ from granphon.statics.response import ListResponse
 
 #: least force that holds a ball which a contact pushes aside, over W/d times the force of that
 #: contact. This ratio is the least distance, in W, by which such a ball lies aside
-_ASIDE = 1e-2
+_LEAST_DISTANCE = 1e-2
 
 
 @result_class
@@ -64,7 +64,7 @@ class TrueEquilibrium(Equilibrium):
         """
         least_force = CARRIED_FORCE * self.residual * self.force
         # whether the least force that holds its balls could be told from the residual
-        is_told = _ASIDE * self.ratio * self.forces > least_force
+        is_told = _LEAST_DISTANCE * self.ratio * self.forces > least_force
         signed_forces = np.where(is_told, self.forces, -self.forces)
         return np.asarray(signed_forces * (self.stiffnesses > 0.0))
 
@@ -92,12 +92,14 @@ class TrueEquilibrium(Equilibrium):
             contacts.columns, contacts.axes, np.zeros((0, 3, 3)), contacts.n_balls
         )
         # most balls cannot go aside: the bounds of their eigenvalues are not below zero
-        doubtful = np.flatnonzero(bound_lowest(tangent.diagonal) < 0.0)
-        blocks = np.moveaxis(tangent.diagonal[..., doubtful], -1, 0)
-        goes_aside = np.zeros(contacts.n_balls, bool)
-        goes_aside[doubtful] = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
-        must_hold = (goes_aside[contacts.i] | goes_aside[contacts.j]).reshape(signed_forces.shape)
-        return np.where(must_hold, -np.abs(signed_forces), signed_forces)
+        doubtful_balls = np.flatnonzero(bound_lowest(tangent.diagonal) < 0.0)
+        blocks = np.moveaxis(tangent.diagonal[..., doubtful_balls], -1, 0)
+        can_go_aside = np.zeros(contacts.n_balls, bool)
+        can_go_aside[doubtful_balls] = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
+        is_holding = can_go_aside[contacts.i] | can_go_aside[contacts.j]
+        return np.where(
+            is_holding.reshape(signed_forces.shape), -np.abs(signed_forces), signed_forces
+        )
 
     def _follow(self) -> tuple[SmallMotions, Array]:
         """Return the small motions of the balls, and the displacements (contacts, 3) of balls j
@@ -109,8 +111,8 @@ class TrueEquilibrium(Equilibrium):
         # the cached property would make the small motions once more
         if "_balls_slope" not in vars(self):
             vars(self)["_balls_slope"] = self._find_balls_slope(motions)
-        displacements = list_displacements(self.stencils, self._balls_slope)
-        return motions, motions.even + motions.separate(displacements)
+        slopes = list_displacements(self.stencils, self._balls_slope)
+        return motions, motions.even + motions.separate(slopes)
 
     @cached_property
     def _balls_slope(self) -> Array:
@@ -141,12 +143,14 @@ class TrueEquilibrium(Equilibrium):
     def response(self) -> Array:
         """Return the derivatives (n_c, L1, ..., Lp) of the overlaps of contacts with respect to y,
         while balls stay in balance. They are computed anew at each call.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found.
         """
         if self.strain is not None:
             course = self._find_course()
-            return -self.place.lose(course.moved) / course.growth[0]
-        _, moved = self._follow()
-        return -self.place.lose(moved)
+            return -self.place.lose(course.displacements) / course.growth[0]
+        _, displacements = self._follow()
+        return -self.place.lose(displacements)
 
     def _find_derivatives(self, order: int) -> dict[int, float]:
         """Return derivatives of the mean force of contacts with respect to y, reduced, by their
@@ -157,15 +161,15 @@ class TrueEquilibrium(Equilibrium):
             stiffness, slope = self._find_course().find_derivatives()
             return {1: stiffness, 2: slope}
         place = self.place
-        motions, moved = self._follow()
-        loss = place.lose(moved)
+        motions, displacements = self._follow()
+        loss = place.lose(displacements)
         stiffnesses = self.stiffnesses
         first = float(np.mean(-stiffnesses * loss))
         if order == 1:
             return {1: first}
-        # if balls moved straight on, overlaps would have the second derivative `bend`, and forces
+        # if balls went straight on, overlaps would have the second derivative `bend`, and forces
         # `push`; the second derivative of the motion of balls balances these forces
-        bend, push = place.curve(moved, self.forces, stiffnesses, self.stiffness_slopes)
+        bend, push = place.curve(displacements, self.forces, stiffnesses, self.stiffness_slopes)
         push_on_balls, _ = motions.collect(push)
         balancing = motions.separate(motions.find(push_on_balls))
         overlap_curvature = bend - place.lose(balancing)
@@ -186,13 +190,13 @@ class TrueEquilibrium(Equilibrium):
         force.
         """
         ratio = np.asarray(shear, float)
-        turns = bool(np.any(ratio))
-        if not turns:
+        can_turn = bool(np.any(ratio))
+        if not can_turn:
             # only shear turns balls that are strained: without it twist and roll store nothing
             torsion = 0.0
             bending = 0.0
-        forces = self._sign_forces_at_rest(ratio if turns else None)
-        return list_exact_contacts(self, forces, ratio, torsion, bending, turns)
+        forces = self._sign_forces_at_rest(ratio if can_turn else None)
+        return list_exact_contacts(self, forces, ratio, torsion, bending, can_turn)
 
 
 class SmallMotions:
@@ -211,14 +215,14 @@ class SmallMotions:
         self._response = ListResponse(self._contacts, np.zeros((0, 3, 3)))
         self.even = -self._directions
 
-    def resist(self, moved: Array) -> Array:
+    def resist(self, displacements: Array) -> Array:
         """Return the forces (contacts, 3) on balls j that displace them against balls i by small
-        ``moved`` (contacts, 3); contacts exert the opposite forces.
+        ``displacements`` (contacts, 3); contacts exert the opposite forces.
         """
         contacts = self._contacts
-        push = np.empty_like(moved)
+        push = np.empty_like(displacements)
         springs = (contacts.normal_stiffness, contacts.side_stiffness)
-        measure_resistance(contacts.normal, moved, *springs, push)
+        measure_resistance(contacts.normal, displacements, *springs, push)
         return push
 
     def collect(self, push: Array) -> tuple[Array, Array]:
@@ -249,9 +253,9 @@ class SmallMotions:
         (n, p) of balls.
         """
         contacts = self._contacts
-        moved = np.zeros((contacts.n_contacts, 3))
-        moved[:, : contacts.dimension] = motions[contacts.j] - motions[contacts.i]
-        return moved
+        displacements = np.zeros((contacts.n_contacts, 3))
+        displacements[:, : contacts.dimension] = motions[contacts.j] - motions[contacts.i]
+        return displacements
 
     def strain(self, strain: Array) -> Array:
         """Return the displacements (contacts, 3) of balls j less those of balls i under a
@@ -283,7 +287,7 @@ class HydrostaticCourse:
 
     Attributes
     ----------
-    moved : (contacts, 3) displacements of contacts by a unit of t.
+    displacements : (contacts, 3) displacements of contacts by a unit of t.
     """
 
     def __init__(self, state: TrueEquilibrium, motions: SmallMotions, even: Array) -> None:
@@ -303,15 +307,15 @@ class HydrostaticCourse:
         # changes of the stress S F^T by each unit shear, and by the even strain: the first term is
         # the change of F, the second that of S
         shear_stresses = [
-            eps * forces @ unit + self._change_forces(moved) @ self._cell
-            for unit, moved in zip(self._units, self._shear_displacements, strict=True)
+            eps * forces @ unit + self._change_forces(displacements) @ self._cell
+            for unit, displacements in zip(self._units, self._shear_displacements, strict=True)
         ]
         #: (s, s) work on each unit shear (first axis) of the change of stress by each unit shear
         #: (second axis)
         self._resistance = self._project(shear_stresses).T
         even_stress = -eps * forces + self._change_forces(even) @ self._cell
         shears = self._balance(even_stress)
-        self.moved = self._add(even, shears)
+        self.displacements = self._add(even, shears)
         #: (p, p) first derivative of F
         self._cell_slope = eps * (np.einsum("s,sab->ab", shears, self._units) - np.eye(p))
 
@@ -331,14 +335,14 @@ class HydrostaticCourse:
         # the first derivative of the motion, continued in a straight line, would leave forces and a
         # stress of second order: the second derivative moves balls and shears the cell so that
         # balls are in balance and the stress is hydrostatic
-        bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
+        bend, push = place.curve(self.displacements, state.forces, stiffness, slopes)
         ball_forces, force_sum = self._motions.collect(push)
         balancing = self._motions.separate(self._motions.find(ball_forces))
         stress = (force_sum + self._change_forces(balancing)) @ self._cell
-        stress += 2.0 * self._change_forces(self.moved) @ self._cell_slope.T
+        stress += 2.0 * self._change_forces(self.displacements) @ self._cell_slope.T
         shears = self._balance(stress)
         overlap_curvature = bend - place.lose(self._add(balancing, shears))
-        loss = place.lose(self.moved)
+        loss = place.lose(self.displacements)
         first = float(np.mean(-stiffness * loss))
         second = float(np.mean(slopes * loss**2 + stiffness * overlap_curvature))
         cell_curvature = state.ratio * np.einsum("s,sab->ab", shears, self._units)
@@ -360,17 +364,17 @@ class HydrostaticCourse:
         size_curvature = float(np.trace(inverse @ cell_curvature) - np.trace(rate @ rate))
         return first, -size_curvature * spacing / (p * eps) - eps * first**2 / spacing
 
-    def _add(self, moved: Array, shears: Array) -> Array:
-        """Return the displacements ``moved`` (contacts, 3) plus those by the amounts ``shears``
-        (s,) of the unit shears of the cell.
+    def _add(self, displacements: Array, shears: Array) -> Array:
+        """Return the ``displacements`` (contacts, 3) plus those by the amounts ``shears`` (s,) of
+        the unit shears of the cell.
         """
-        for shear, displacements in zip(shears, self._shear_displacements, strict=True):
-            moved = moved + shear * displacements
-        return moved
+        for shear, by_unit in zip(shears, self._shear_displacements, strict=True):
+            displacements = displacements + shear * by_unit
+        return displacements
 
-    def _change_forces(self, moved: Array) -> Array:
-        """Return the change (p, p) of the sum S by displacements ``moved`` (contacts, 3)."""
-        _, sum_of_resistances = self._motions.collect(self._motions.resist(moved))
+    def _change_forces(self, displacements: Array) -> Array:
+        """Return the change (p, p) of the sum S by ``displacements`` (contacts, 3)."""
+        _, sum_of_resistances = self._motions.collect(self._motions.resist(displacements))
         return -sum_of_resistances
 
     def _project(self, stresses: Any) -> Array:
@@ -392,7 +396,7 @@ def list_exact_contacts(
     shear: Array,
     torsion: ArrayLike,
     bending: float,
-    turns: bool = True,
+    can_turn: bool = True,
     shears: Array | None = None,
 ) -> ContactList:
     """Return the contacts of a ``state`` at rest in the true geometry, with the forces that act.
@@ -400,14 +404,15 @@ def list_exact_contacts(
     ``forces`` (n_c, L1, ..., Lp) are the normal forces, with a negative sign if they hold balls
     against going aside. ``shears`` (contacts, 3) are the tangential forces of balls j on balls i
     along the axes of space, None without friction. ``shear``, ``torsion`` and ``bending`` are those
-    of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. ``turns`` says whether balls
-    turn in answer to slips; if not, the list has rotations only if torsion or bending resist them.
+    of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. ``can_turn`` says whether
+    balls turn in answer to slips; if not, the list has rotations only if torsion or bending resist
+    them.
     """
     normal = state.stiffnesses
     springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)
     return list_in_true_directions(
         state.place,
-        select_resisted(state.lattice, float(turns), torsion, bending),
+        select_resisted(state.lattice, float(can_turn), torsion, bending),
         springs,
         np.abs(forces),
         forces < 0.0,

@@ -30,7 +30,7 @@ from granphon.base.arrays import Array
 from granphon.media.array_options import REST, FrictionHistory, reduce_load
 from granphon.media.medium import SIMULATION
 
-#: the media of the table, the cheapest first
+#: the media of the table but simulations, the cheapest first
 AVERAGES = ("ala", "afa", "ema")
 #: number of standard deviations of a sample that count as the expected error of a simulation
 DEVIATIONS = 1.9

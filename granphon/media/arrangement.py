@@ -76,7 +76,8 @@ class Arrangement:
     friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`; torsion and bending
         are pure numbers.
     on_site : springs to the ground of each ball: one stiffness of displacements, N/m, or names of
-        motions, each with its stiffness; None without springs.
+        motions, each with its stiffness; of a given crystal the stiffnesses of each ball; None
+        without springs.
     seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample,
         :meth:`Crystal.sample`.
     deviations : of the diameters of the balls of a given :meth:`Crystal.sample` from those of their
@@ -335,8 +336,8 @@ class Arrangement:
         return (*names, *list_spring_parameters(self.crystal.named_motions))
 
     def list_own_parameters(self, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
-        """Return the names of parameters that can be changed one by one, so that no two of them
-        change the same number.
+        """Return the names of parameters of which no two change the same number, also where balls
+        may not have another diameter, as their places are given (:meth:`change`).
 
         A wall of the material of a kind changes with the kind, and is left out. A kind of ball has
         "mass" if its mass was given, and otherwise "density". ``kinds_of_walls`` are names of kinds
@@ -426,10 +427,11 @@ class Arrangement:
         """Return the arrangement with other ``values`` of :attr:`parameters`, in SI units:
         {"A.diameter": 8e-3}, m.
 
-        A mass that was given stays if the material or the diameter changes. The diameter of a kind
-        changes the distances of balls, so that balls must lie on a named lattice. A stiffness is
-        that of the springs of all balls. Raises :class:`~granphon.base.errors.InputError` for a
-        parameter that the crystal does not have, and for balls that make no crystal.
+        A mass or a moment of inertia that was given stays if the material or the diameter changes.
+        The diameter of a kind changes the distances of balls, so that balls must lie on a named
+        lattice. A stiffness is that of the springs of all balls. Raises
+        :class:`~granphon.base.errors.InputError` for a parameter that the crystal does not have,
+        for a number that the parameter may not be, and for balls that make no crystal.
         """
         balls = dict(self.kinds)
         walls = dict[str, Wall]()
@@ -582,8 +584,8 @@ class LoadedCrystal(NetworkState):
     """The states of a crystal as scenes and sweeps take them: one number at each load for the many
     contacts.
 
-    The numbers are means over the contacts that carry load, zero where none does; of a sample, over
-    all contacts. Attributes have the shape of the load.
+    The numbers are means over the closed contacts, which have a normal stiffness, and zero where
+    all are open; of a sample, over all contacts. Attributes have the shape of the load.
 
     Parameters
     ----------

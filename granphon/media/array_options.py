@@ -66,7 +66,7 @@ REFERENCE_OPTIONS = ("friction_history", "friction_coefficient", "shear_response
 
 def reduce_load(packing: Packing, load: Load) -> Array:
     """Return f* of each value of an applied load, or a* of a load that is given as an overlap, with
-    the shape of the load.
+    the shape of the load. Their unit of length is the width or, of equal balls, the diameter.
     """
     units = packing.width_units
     with np.errstate(all="ignore"):  # beyond the floating range f* and a* are infinite
@@ -79,11 +79,12 @@ def reduce_load(packing: Packing, load: Load) -> Array:
 
 
 def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[ReducedLoad]:
-    """Return the prescribed force or overlap, in reduced units of the width, of each value of an
-    applied load, in C order.
+    """Return the force, pressure or overlap that an applied load prescribes, in the units of
+    :func:`reduce_load`: one :class:`~granphon.array.options.ReducedLoad` for each value, in C
+    order.
 
-    In the exact geometry (``is_exact``) the boundary on which a pressure acts shrinks with the
-    cell.
+    A pressure is a mean force, but in the exact geometry (``is_exact``), where the boundary on
+    which a pressure acts shrinks with the cell.
     """
     if load.kind == "overlap":  # not a*, which would lose the digits of a small overlap
         overlaps = packing.width_units.reduced_overlap(load.array).ravel().tolist()
@@ -121,7 +122,7 @@ class FrictionHistory:
     step_tolerance : relative change of f* below which steps of the load are not halved again.
     ordered : whether loads come in the order given; otherwise they rise from the start.
 
-    Raises :class:`~granphon.base.errors.InputError` for a value out of range.
+    Raises :class:`~granphon.base.errors.InputError` for a value out of range or of another kind.
     """
 
     friction_coefficient: float | None = None
@@ -243,16 +244,19 @@ def read_friction_coefficient(value: Any) -> float | None:
     coefficient = math.inf if is_infinite else real_number(value)
     if not coefficient >= 0.0:
         raise Refused(show(value), "a number, zero or above, or inf")
-    return coefficient
+    return abs(coefficient)  # a zero has no sign
 
 
 def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | str:
     """Return the start of a loading: a reduced spacing a*, a load, or "gas".
 
-    ``value`` is a number, a :class:`~granphon.balls.loads.Load`, a block such as {force: ...},
-    {pressure: ...} or {overlap: ...}, the word "gas", or None for the default start, a* = 1/2. The
-    function ``load(kind, value)`` reads the value of a block and returns it in SI; if it is None,
-    the value is a plain number in SI. The function is a rule of :mod:`granphon.base.validation`.
+    ``value`` is a number from -1 to 1e6; a single :class:`~granphon.balls.loads.Load`; a block
+    {force: ...}, {pressure: ...} or {overlap: ...}; the word "gas"; or None for the default start,
+    a* = 1/2. The function ``load(kind, value)`` reads the value of a block and returns it in SI; if
+    it is None, the value is a plain number in SI. Whether a packing bears the load is not known
+    here: the simulation looks at that.
+
+    The function is a rule of :mod:`granphon.base.validation`.
     """
     if isinstance(value, Load):
         if value.size != 1:
@@ -274,8 +278,10 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
 def _read_start_load(
     block: Mapping[Any, Any], read_load: Callable[[str, Any], float] | None
 ) -> Load:
-    """Return the start of a loading from a block {force: ...}, {pressure: ...} or {overlap: ...},
-    whose value ``read_load`` reads; without it the value is a plain number in SI.
+    """Return the start of a loading from a ``block`` {force: ...}, {pressure: ...} or {overlap:
+    ...}, whose value ``read_load`` reads; without it the value is a plain number in SI.
+
+    Raises :class:`~granphon.base.errors.Refused` for another block, or a value that is no load.
     """
     kinds = ("force", "pressure", "overlap")
     if len(block) != 1 or next(iter(block)) not in kinds:

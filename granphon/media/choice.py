@@ -524,16 +524,17 @@ class MediumChoice:
             return self.simulates and self.history.is_loaded
         return bool(geometry == EXACT)
 
-    def has_finite_overlap(self, packing: Balls, asked: bool) -> bool:
+    def has_finite_overlap(self, packing: Balls, wants_terms: bool) -> bool:
         """Return whether the states of the medium of a ``packing`` have the terms of relative order
-        delta/d if the user has ``asked`` for them, or not, see :meth:`Medium.has_finite_overlap`.
+        delta/d, where ``wants_terms`` says whether the user asks for them; see
+        :meth:`Medium.has_finite_overlap`.
         """
         # no simulation has another geometry than the one that is named, and a fit may begin with
         # equal balls, which have no medium in the exact geometry
         geometry = self.settings.get("geometry")
         if geometry is not None:
             return bool(geometry == EXACT)
-        return self.of(packing).has_finite_overlap(asked)
+        return self.of(packing).has_finite_overlap(wants_terms)
 
     def by_geometry(
         self, packing: Balls, load: Load, finite_overlap: bool = False
@@ -687,11 +688,11 @@ class ServingMedium:
         state: ContactState = medium.at(load, finite_overlap=finite_overlap or None)
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
-    def has_finite_overlap(self, asked: bool) -> bool:
-        """Return whether the states have the terms of relative order delta/d, see
-        :meth:`Medium.has_finite_overlap`.
+    def has_finite_overlap(self, wants_terms: bool) -> bool:
+        """Return whether the states have the terms of relative order delta/d, where ``wants_terms``
+        says whether the user asks for them; see :meth:`Medium.has_finite_overlap`.
         """
-        return self.medium.has_finite_overlap(self.packing, asked)
+        return self.medium.has_finite_overlap(self.packing, wants_terms)
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
         """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`, also

@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would
 #: need a hundred days
 MOST_SECONDS = 10_000 * 86400.0
-#: time of a unit of any work, s, on any machine: a unit takes microseconds, or a millisecond
-_SLOWEST_UNIT = 0.1
-#: time of a ball of an array that comes to rest without friction, s, on any machine, beside the
-#: factors by which few and many balls are slower: 1 to 24 microseconds were seen, of 4 to 4096
+#: most time of a unit of any work, s, on any machine: a unit takes microseconds, or a millisecond
+_MOST_UNIT_SECONDS = 0.1
+#: most time of a ball of an array that comes to rest without friction, s, on any machine, beside
+#: the factors by which few and many balls are slower: 1 to 24 microseconds were seen, of 4 to 4096
 #: balls under f* = 1 to 5e-4
-_SLOWEST_BALL = 2e-4
-#: time in which a number is written as text, s, on any machine: 0.2 microseconds were seen
-_SLOWEST_NUMBER = 1e-5
-#: words for a time, each up to so many s
+_MOST_BALL_SECONDS = 2e-4
+#: most time in which a number is written as text, s, on any machine: 0.2 microseconds were seen
+_MOST_NUMBER_SECONDS = 1e-5
+#: words for a time, each up to and with so many s
 _WORDS = ((60.0, "seconds"), (3600.0, "minutes"), (2 * 86400.0, "hours"), (math.inf, "days"))
 #: time for which a small piece of work is repeated, s; the shortest repetition counts
 _REPEATED_SECONDS = 0.05
@@ -65,7 +65,7 @@ _SMALL_LOADS = 12
 _SMALL_MATRIX = 500
 #: number of balls of an array that takes twice as long as its balls alone, since arrays of few
 #: balls are slow: counted between 16^2 and 1024^2
-_FEW_BALLS = 2000.0
+_OVERHEAD_BALLS = 2000.0
 #: least exponent by which the time per ball of a loading with friction grows with the balls
 _LOADED_GROWTH = 0.25
 #: that exponent for a load that the small array does not bear
@@ -111,12 +111,12 @@ class Units(NamedTuple):
     """Equal units of work, such as balls brought to rest.
 
     ``number`` says how many there are. The function ``measure`` times one unit and returns its
-    time, s. ``slowest`` is the time, s, that a unit takes at most on any machine.
+    time, s. ``most_seconds`` is the time, s, that a unit takes at most on any machine.
     """
 
     number: float
     measure: Callable[[], float]
-    slowest: float = _SLOWEST_UNIT
+    most_seconds: float = _MOST_UNIT_SECONDS
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class Cost:
         """Return whether the time on one processor is above ``seconds``, s. Nothing is timed if the
         units are so few that even on the slowest machine it is not.
         """
-        longest = sum(unit.number * unit.slowest for unit in self.units)
+        longest = sum(unit.number * unit.most_seconds for unit in self.units)
         return longest > seconds and self.seconds > seconds
 
     @property
@@ -204,7 +204,7 @@ class Cost:
         """The estimate as one line of text: what is done, memory, and the time in one word."""
         descriptions = list(self.parts)
         if self.equilibria:
-            simulation = f"simulation of {self.balls:,} balls"
+            simulation = f"simulation of {_count(self.balls, 'ball')}"
             if self.equilibria > 1:
                 simulation += f", {self.equilibria} equilibria"
             descriptions.insert(0, simulation)
@@ -212,7 +212,7 @@ class Cost:
         if self.memory >= 1e9:
             memory = f"{_write_digits(self.memory / 1e9)} GB"
         seconds = self.seconds
-        duration = next(word for most, word in _WORDS if seconds < most)
+        duration = next(word for most, word in _WORDS if seconds <= most)
         return f"{'; '.join(descriptions)}: about {memory} and {duration}"
 
 
@@ -236,6 +236,14 @@ def _write_digits(value: float) -> str:
     """
     rounded_value = float(f"{value:.2g}")
     return f"{rounded_value:.2g}" if rounded_value < 100.0 else f"{rounded_value:,.0f}"
+
+
+def _count(number: int, one: str, many: str = "") -> str:
+    """Return the ``number`` of things as a text with commas between thousands, "1,200 balls"; the
+    words are those of :func:`~granphon.base.text.counted`.
+    """
+    _, noun = counted(number, one, many).split(" ", 1)
+    return f"{number:,} {noun}"
 
 
 # -- what is timed ---------------------------------------------------------------------------------
@@ -284,15 +292,15 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
         )
     small_seconds, growth = _time_array(small_simulation, load)
     size_ratio = balls / small_simulation.balls
-    few_balls_factor = _few_balls_factor(balls) / _few_balls_factor(small_simulation.balls)
-    return small_seconds / small_simulation.balls * few_balls_factor * math.pow(size_ratio, growth)
+    overhead_ratio = _find_overhead(balls) / _find_overhead(small_simulation.balls)
+    return small_seconds / small_simulation.balls * overhead_ratio * math.pow(size_ratio, growth)
 
 
-def _few_balls_factor(balls: int) -> float:
+def _find_overhead(balls: int) -> float:
     """Return the time per ball of an array of so many ``balls``, over that of a ball alone: a part
     of the time of an array does not depend on the balls.
     """
-    return 1.0 + _FEW_BALLS / balls
+    return 1.0 + _OVERHEAD_BALLS / balls
 
 
 def _limit_ball(simulation: DirectSimulation) -> float:
@@ -302,10 +310,10 @@ def _limit_ball(simulation: DirectSimulation) -> float:
     their number: at most as the root, as if half of the contacts were open.
     """
     if simulation.history.is_loaded:
-        return _SLOWEST_UNIT
+        return _MOST_UNIT_SECONDS
     balls = simulation.balls
     growth = math.pow(max(balls / _SMALL_BALLS, 1.0), _UNKNOWN_GROWTH)
-    return _SLOWEST_BALL * _few_balls_factor(balls) * growth
+    return _MOST_BALL_SECONDS * _find_overhead(balls) * growth
 
 
 @lru_cache(maxsize=32)
@@ -358,7 +366,7 @@ def _measure_number() -> float:
 
 
 #: units of work for a number of numbers that are written as text
-_written_numbers = partial(Units, measure=_measure_number, slowest=_SLOWEST_NUMBER)
+_written_numbers = partial(Units, measure=_measure_number, most_seconds=_MOST_NUMBER_SECONDS)
 
 
 @cache
@@ -416,7 +424,7 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, n_parameter
         # no ball is brought to rest again: both numbers count what the states themselves take
         work=0.0,
         equilibria=0,
-        parts=(f"derivatives by {counted(n_parameters, 'parameter')}",),
+        parts=(f"derivatives by {_count(n_parameters, 'parameter')}",),
     )
 
 
@@ -456,7 +464,8 @@ _BAND_NUMBERS = 275.0
 _FREQUENCY_NUMBERS = 0.2
 _VECTOR_NUMBERS = 1.2
 _WRITTEN_VECTOR_NUMBERS = 30.0
-#: largest part of the points of a mesh with equal sides that symmetry leaves
+#: part of the points of a mesh with equal sides that symmetry is taken to leave, the largest that
+#: was measured
 _PART_BY_SYMMETRY = 0.125
 #: wave vectors of a mesh whose matrices are held at a time
 _MESH_POINTS_AT_ONCE = 4096.0
@@ -476,7 +485,7 @@ _MODE_NUMBERS = 4.0
 _PART_BELOW_GAPS = 0.1
 _PART_BELOW_GAPS_OF_NETWORKS = 0.5
 _EDGE_SOLVES = 60.0
-_FEW_MATRIX_ROWS = 24
+_MATRIX_BRANCHES = 24
 #: bytes for each pair of atoms while force constants are made; and their time in numbers of text:
 #: the number of atoms times a factor, to a power
 _PAIR_BYTES = 20.0
@@ -501,7 +510,7 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     ``eigenvectors``, and then with the lines of a ``file`` if one is written.
 
     Memory and time of a wave vector grow as the square of the number of ``branches``, as measured
-    with 2, 3 and 9 branches; the time is that in which a number of numbers is written as text. With
+    with 2, 3 and 9 branches; the unit of time is that in which a number is written as text. With
     more than :data:`~granphon.dynamics.linalg.MANY_COLUMNS` branches the time of the eigenvalues is
     added, which grows as the cube of the number of branches: a small matrix is timed.
     """
@@ -515,10 +524,10 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
         numbers = _BAND_NUMBERS + vector_numbers * square
     units = [_written_numbers(points * numbers)]
     result = "bands" if eigenvectors else "frequencies"
-    description = f"{result} at {points:,} wave {'vector' if points == 1 else 'vectors'}"
+    description = f"{result} at {_count(points, 'wave vector')}"
     working = 0.0
     if branches > MANY_COLUMNS:
-        description += f" with {branches:,} branches"
+        description += f" with {_count(branches, 'branch', 'branches')}"
         cubes = points * float(branches) ** 3
         units.append(Units(cubes, partial(_measure_matrix, eigenvectors)))
         working = (_VECTORS_BYTES if eigenvectors else BYTES) * square
@@ -530,8 +539,8 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     wave vectors, given by the numbers of points along its sides.
 
     Each point of the mesh needs phonopy's tables of the grid. Each point that symmetry leaves needs
-    its modes, whose matrices are held for 4096 points at a time. Symmetry leaves at most an eighth
-    of the points if two sides of the mesh are equal, and may leave all of another mesh. Bytes, and
+    its modes, whose matrices are held for 4096 points at a time. Symmetry is taken to leave an
+    eighth of the points if two sides of the mesh are equal, and all of another mesh. Bytes, and
     the numbers of text that take as long to write as a point, were measured on the triangular,
     kagome, fcc and hcp lattice, with 60 x 61 to 400^2 and 24^3 to 48^3 wave vectors.
     """
@@ -568,10 +577,10 @@ def band_edges(
     n_solves = states * (0.5 * points + _EDGE_SOLVES * n_gaps)
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
     units = [_written_numbers(n_solves * numbers_of_point)]
-    if branches > _FEW_MATRIX_ROWS:
+    if branches > _MATRIX_BRANCHES:
         units.append(Units(n_solves * float(branches) ** 3, partial(_measure_matrix, True)))
     working = _FREQUENCY_BYTES * points * branches
-    description = f"edges of {branches:,} bands"
+    description = f"edges of {_count(branches, 'band')}"
     return Cost(working, units=tuple(units), parts=(description,))
 
 
@@ -610,7 +619,7 @@ def array_waves(
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
     ball_products = products * balls + readings * _READING_ROWS / rows
     units = Units(ball_products, measure)
-    return Cost(memory, units=(units,), parts=(f"waves in {balls:,} balls",))
+    return Cost(memory, units=(units,), parts=(f"waves in {_count(balls, 'ball')}",))
 
 
 def motion_memory(balls: int, contacts: int, frames: int) -> float:
@@ -623,7 +632,7 @@ def motion_memory(balls: int, contacts: int, frames: int) -> float:
 
 def motion(
     measure: Callable[[], float],
-    steps: float,
+    steps: int,
     balls: int,
     contacts: int,
     frames: int,
@@ -645,7 +654,7 @@ def motion(
     products = steps * products_of_step + frames * _FRAME_PRODUCTS
     units = Units(products * balls, measure)
     memory = motion_memory(balls, contacts, frames)
-    description = f"motion of {balls:,} balls in {steps:,.0f} steps"
+    description = f"motion of {_count(balls, 'ball')} in {_count(steps, 'step')}"
     return Cost(memory, units=(units,), parts=(description,), libraries=NUMBA_BYTES)
 
 
@@ -664,8 +673,8 @@ def response(
     whose time per ball, s, is ``measure()``. The whole response takes :data:`_RESPONSE_PRODUCTS`
     times as long. ``factors`` is the memory of the factors of the matrix, bytes.
     """
-    noun = "frequency" if frequencies == 1 else "frequencies"
-    description = f"response of {balls:,} balls at {frequencies:,} {noun}"
+    count_of_frequencies = _count(frequencies, "frequency", "frequencies")
+    description = f"response of {_count(balls, 'ball')} at {count_of_frequencies}"
     memory = _CONTACT_BYTES * contacts + factors
     units = Units(_RESPONSE_PRODUCTS * products * balls, measure)
     return Cost(memory, units=(units,), parts=(description,))
@@ -681,9 +690,9 @@ def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
     to 1e7 frequencies.
     """
     states = cases * loads
-    description = f"{states:,} states"
+    description = _count(states, "state")
     if frequencies:
-        description += f" with {frequencies:,} frequencies each"
+        description += f" with {_count(frequencies, 'frequency', 'frequencies')} each"
     bytes_of_state = _STATE_BYTES + _STATE_FREQUENCY_BYTES * frequencies
     memory = _CASE_BYTES * cases + states * bytes_of_state + _SWEEP_FREQUENCY_BYTES * frequencies
     numbers = _CASE_NUMBERS * cases + states * (_STATE_NUMBERS + frequencies)

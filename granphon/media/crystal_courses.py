@@ -50,7 +50,7 @@ class CrystalFollower:
             self._pressure = find_pressure(lambda size: self._pose(crystal, load, size), rest)
         problem = self._pose(crystal, load, self._pressure)
         self._follower = RestFollower(problem, rest)
-        self._is_counted = _find_counted(rest, crystal)
+        self._is_counted = _find_counted_contacts(rest, crystal)
         self._under_mean: PressureFollower | None = None
         if load.kind in _MEANS:
             self._under_mean = PressureFollower(
@@ -135,7 +135,7 @@ def _restore(state: CrystalState, problem: Problem) -> Rest:
     return replace(rest, overlap=overlap)
 
 
-def _find_counted(rest: Rest, crystal: Crystal) -> Flags:
+def _find_counted_contacts(rest: Rest, crystal: Crystal) -> Flags:
     """Return (n_c + n_s,) whether each of the n_c contacts counts in the mean force and overlap.
     The n_s springs to the ground, which come last, do not.
     """

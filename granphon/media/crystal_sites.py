@@ -27,12 +27,12 @@ _LEAST_CELL = 1e-3
 def list_balls(balls: Any) -> list[Any]:
     """Return ``balls``, the argument of a public call, as a list; one ball is a list of one.
 
-    Raises :class:`~granphon.base.errors.InputError` for an argument without an order.
+    Raises :class:`~granphon.base.errors.InputError` for an argument without an order, or a text.
     """
-    if isinstance(balls, Ball):
-        return [balls]
     sequence = balls.tolist() if isinstance(balls, np.ndarray) else balls
-    has_no_order = isinstance(sequence, str | Mapping | set | frozenset)
+    if isinstance(sequence, Ball):
+        return [sequence]
+    has_no_order = isinstance(sequence, str | bytes | Mapping | set | frozenset)
     if has_no_order or not isinstance(sequence, Iterable):
         raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
     return list(sequence)
@@ -101,8 +101,11 @@ def name_kinds(
 
 
 def read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
-    """Return the centres (n, d) and the vectors (p, d) of a cell, m; InputError if their shapes do
-    not fit, or a number is not finite.
+    """Return the centres (n, d) and the vectors (p, d) of a cell, m, with p <= d <= 3; an empty
+    ``cell`` has none.
+
+    Raises :class:`~granphon.base.errors.InputError` if their shapes do not fit, there is no centre,
+    or an entry is no finite real number.
     """
     centres = real_array("positions", positions)
     vectors = real_array("cell", cell)

@@ -71,7 +71,8 @@ _OPEN_CONTACTS = {
 
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* (n,) of each value of an applied load. At overlaps below the least
-    a* of :data:`_CURVES` it is the f* of that a*.
+    a* of :data:`_CURVES` it is the f* of that a*; at overlaps above the greatest, and on a line, it
+    is that of equal balls.
     """
     reduced_load = np.ravel(reduce_load(packing, load))  # f*, or a* of an overlap
     if load.kind != "overlap":

@@ -76,7 +76,7 @@ _LIMITS = {
     "places": _Limit(
         LEFT_OUT_LIMIT,
         "part by which a velocity depends on the numbering of the balls",
-        "velocities depend on the numbering of the balls, by some {percent}",
+        "velocities depend on the numbering of the balls, by {about}",
         "loose balls float in their cages as the array is pressed from the gas. Use geometry:"
         " exact",
     ),

@@ -41,18 +41,19 @@ def require_load(packing: Packing, load: Load, largest_excess: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample of a
     packing can bear.
 
-    Refused are loads that crystals alone bear, loads beyond the range of the law of equal balls,
-    and those that press equal balls together by a whole diameter. Where balls differ, two kinds of
-    loads are refused too: forces and pressures below f* = 1e-8 (on a line also overlaps with such a
-    force), and overlaps at which not even two of the largest balls touch. ``largest_excess`` is the
-    excess of the largest diameter over the mean, m.
+    Refused are loads that crystals alone bear, loads under which equal balls do not press each
+    other, loads beyond the range of the law of equal balls, and those that press equal balls
+    together by a whole diameter. Where balls differ, forces and pressures below f* = 1e-8 are
+    refused too. Overlaps of such balls may be zero or below, but not so small that not even two of
+    the largest balls touch; on a line, where all contacts have one force, overlaps are refused as
+    forces are. ``largest_excess`` is the excess of the largest diameter over the mean, m.
     """
     require_of_packing(load)
     equal_balls = AveragedLattice(replace(packing, spread=None))
     # on a line balls that differ have the law of equal balls, and overlaps are treated as forces
     if load.kind == "overlap" and packing.spread_matters:
         greatest_overlap = np.max(load.array)
-        if greatest_overlap > packing.width:
+        if greatest_overlap >= packing.diameter:
             equal_balls.at(Load("overlap", greatest_overlap))  # raises for too large an overlap
         # two of the largest balls touch where the overlap of mean balls is minus their excess
         if np.min(load.array) <= -largest_excess:
@@ -175,8 +176,7 @@ class LoadedSample:
         load in the path; None if the start is not found, or if the error does not know its load.
         """
         samples: list[PressedSample] = []
-        balls_differ = bool(np.ptp(self.deviations))
-        yield_equilibria = self._press_different if balls_differ else self._press_equal
+        yield_equilibria = self._press_different if self._has_spread else self._press_equal
         response = self.history.shear_response
         try:
             for equilibrium in yield_equilibria(path):
@@ -197,10 +197,14 @@ class LoadedSample:
         Nothing is raised for equal balls, nor for loads in the order of the user, which may go
         below the start.
         """
-        balls_differ = bool(np.ptp(self.deviations))
-        if balls_differ and not self.history.ordered:
+        if self._has_spread and not self.history.ordered:
             history, start = self._begin()
             self._require_above(history, start, path)
+
+    @property
+    def _has_spread(self) -> bool:
+        """Whether the balls of the sample differ."""
+        return bool(np.ptp(self.deviations))
 
     def _make_stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
         """Return new stencils of the sample for contacts with a ``mindlin_ratio`` kappa/k, by

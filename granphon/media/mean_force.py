@@ -24,7 +24,7 @@ _MEAN_TOLERANCE = 4e-15
 #: force
 _SAMPLE_TOLERANCE = 1e-11
 #: relative error of a mean that is put down to rounding where no better one is found
-_ROUNDED_MEAN = 1e-13
+_MEAN_ROUNDING = 1e-13
 
 
 class MeanGoal(NamedTuple):
@@ -55,8 +55,8 @@ class PressureSearch:
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
     found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
-    :meth:`extrapolate`, and ``last_error``, the size of its relative error, to that of
-    :meth:`choose`.
+    :meth:`extrapolate`, and ``last_excess``, the excess of its mean (:meth:`find_excess`), to that
+    of :meth:`choose`; it is infinite before the first.
     """
 
     def __init__(
@@ -69,7 +69,12 @@ class PressureSearch:
         self.high = math.inf
         self.last_pressure = 0.0
         self.last_mean = math.nan
-        self.last_error = math.inf
+        self.last_excess = math.inf
+
+    @property
+    def last_error(self) -> float:
+        """The size of the relative error of the last trial; infinite before the first."""
+        return abs(self.last_excess)
 
     def find_excess(self, mean: float) -> float:
         """Return how far a ``mean`` is above the goal, relative to the goal."""
@@ -84,12 +89,12 @@ class PressureSearch:
         return error <= self.tolerance or is_rounded
 
     def is_stuck(self, mean: float, rounding: float) -> bool:
-        """Return whether a ``mean`` is above the goal, and as far from the goal as the mean of the
-        trial before, to the relative error ``rounding``: less pressure changes nothing. It does if
-        the pressure may be below zero.
+        """Return whether a ``mean`` is above the goal, by as much as the mean of the trial before,
+        to the part ``rounding`` of the excess: less pressure changes nothing. It does if the
+        pressure may be below zero.
         """
         excess = self.find_excess(mean)
-        is_equal = abs(excess - self.last_error) <= rounding * excess
+        is_equal = abs(excess - self.last_excess) <= rounding * excess
         return self.low >= 0.0 and excess > 0.0 and is_equal
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
@@ -114,7 +119,7 @@ class PressureSearch:
         ``pressure`` has changed by its own size.
         """
         excess = self.find_excess(mean)
-        self.last_error = abs(excess)
+        self.last_excess = excess
         if excess < 0.0:
             self.low = pressure
         else:
@@ -211,7 +216,7 @@ class MeanContacts(NamedTuple):
         ``balls_differ`` says whether balls differ in diameter, ``contacts_adhere`` whether contacts
         adhere.
         """
-        rounding = _ROUNDED_MEAN
+        rounding = _MEAN_ROUNDING
         if balls_differ:
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts
@@ -225,5 +230,6 @@ class MeanContacts(NamedTuple):
         if goal.kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:
-            terms = np.abs(self.force / np.where(self.is_counted, self.stiffness, np.inf))
+            # open contacts, which have neither force nor stiffness, have no such part
+            terms = np.abs(self.force / np.where(self.stiffness != 0.0, self.stiffness, np.inf))
         return rounding * max(1.0, float(np.mean(terms[self.is_counted])) / goal.value)

@@ -125,14 +125,15 @@ class Medium(ABC, Generic[StateT]):
         """
         return
 
-    def has_finite_overlap(self, asked: bool) -> bool:
-        """Return whether the states of the medium have the terms of relative order delta/d if the
-        user has ``asked`` for them, or not.
+    def has_finite_overlap(self, wants_terms: bool) -> bool:
+        """Return whether the states of the medium have the terms of relative order delta/d, where
+        ``wants_terms`` says whether the user asks for them. States of this medium have them just
+        then.
 
-        Of a simulation that names no geometry, and is not asked for the terms, the load decides,
-        and the answer is False; the media of :meth:`by_geometry` know.
+        A simulation may have them unasked: if it names no geometry, the load decides. The answer is
+        then False, and the media of :meth:`by_geometry` know.
         """
-        return asked
+        return wants_terms
 
     def require_sound(self, pushed: bool = False) -> None:
         """Raise, before a state is found, if the lattice is known to have no sound.

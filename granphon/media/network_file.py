@@ -22,7 +22,7 @@ from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import LENGTH, STIFFNESS, TIME, TURN_STIFFNESS
+from granphon.base.quantities import LENGTH, STIFFNESS, TIME, TURN_STIFFNESS, WAY
 from granphon.base.settings import (
     IN_PYTHON,
     Block,
@@ -33,6 +33,7 @@ from granphon.base.settings import (
     setting,
     whole_from,
     with_unit,
+    with_unit_unless_zero,
     word_of,
     write_block,
 )
@@ -60,23 +61,20 @@ _MOTIONS = tuple(
 def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
     """Return the periods of a cell, m, from the ``value`` in a scene: a tuple of lengths, or a
     tuple of vectors, each a tuple of components. The ``context`` says whether lengths have units.
+
+    Components may be below zero, and a component of zero needs no unit.
     """
-    read_length = with_unit(LENGTH).rule(context)
     if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
-
-        def read_component(component: Any) -> float:
-            """Return a component of a vector, m; a zero needs no unit."""
-            return 0.0 if component == 0 else read_length(component)
-
-        return each(value, lambda row: each(row, read_component, "lengths"), "vectors")
-    return each(value, read_length, "lengths")
+        read_vector = listed(with_unit_unless_zero(WAY), "lengths").rule(context)
+        return each(value, read_vector, "vectors")
+    return each(value, with_unit(LENGTH).rule(context), "lengths")
 
 
 def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:
     """Return the periods of a cell, m, as a scene has them, with units; see :func:`_read_cell`."""
     if isinstance(cell[0], tuple):
         return [
-            [LENGTH.write(component) if component else 0 for component in vector] for vector in cell
+            [WAY.write(component) if component else 0 for component in vector] for vector in cell
         ]
     return [LENGTH.write(length) for length in cell]
 
@@ -102,12 +100,14 @@ def _read_rolling(value: Any, context: Any) -> float | str:
 
 
 def _read_columns(value: Any) -> Any:
-    """Return names of columns from a list, or headings by the names of columns from a block. The
-    function is a rule of :mod:`granphon.base.validation`.
+    """Return names of columns from a list, or headings by the names of columns from a block; either
+    has at least one. The function is a rule of :mod:`granphon.base.validation`.
     """
-    if isinstance(value, Mapping):
-        return {text(name): read_inside(name, text, heading) for name, heading in value.items()}
-    return each(value, text, "names of columns")
+    if not isinstance(value, Mapping):
+        return each(value, text, "names of columns")
+    if not value:
+        raise Refused("an empty block", "a block of columns and headings, as {radius: R (mm)}")
+    return {text(name): read_inside(name, text, heading) for name, heading in value.items()}
 
 
 def _read_frozen(value: Any) -> dict[str, Any]:
@@ -115,7 +115,8 @@ def _read_frozen(value: Any) -> dict[str, Any]:
     rule of :mod:`granphon.base.validation`.
     """
     if not isinstance(value, Mapping) or not value:
-        raise Refused(show(value), "a block of columns and values, as {type: 2}")
+        found = "an empty block" if isinstance(value, Mapping) else show(value)
+        raise Refused(found, "a block of columns and values, as {type: 2}")
     return {text(name): entry for name, entry in value.items()}
 
 
@@ -126,17 +127,23 @@ def _read_file(value: Any, context: Any) -> Path:
     return Path(context.folder / (value if isinstance(value, Path) else text(value)))
 
 
-#: kinds of settings: a file, words, and a stiffness in N/m
+#: kind of a setting that is a file
 _FILE = Kind(_read_file, lambda path, _: str(path.resolve()))
 
 
 def _read_words(value: Any) -> tuple[str, ...]:
-    """Return the words of a text, or of a list of words. The function is a rule of
+    """Return the words, at least one, of a text or of a list of words. The function is a rule of
     :mod:`granphon.base.validation`.
     """
-    return tuple(value.split()) if isinstance(value, str) else each(value, text, "names")
+    if not isinstance(value, str):
+        return each(value, text, "names")
+    words = tuple(value.split())
+    if not words:
+        raise Refused(show(value), "one or more names")
+    return words
 
 
+#: kinds of settings: words, and a stiffness, N/m
 _WORDS = Kind.plain(_read_words, list)
 _STIFFNESS = with_unit(STIFFNESS)
 
@@ -424,7 +431,8 @@ class NetworkFiles(Block, kw_only=True):
         ratios = self.network.shear_stiffness / self.network.normal_stiffness
         if not ratios.size:
             return None
-        has_one_ratio = np.ptp(ratios) <= 1e-9 * np.max(ratios)  # to rounding
+        # to the rounding of ratios of doubles, with room for stiffnesses that were computed
+        has_one_ratio = np.ptp(ratios) <= 1e-9 * np.max(ratios)
         return float(ratios[0]) if has_one_ratio else None
 
     def describe(self) -> list[tuple[str, Any, str]]:
@@ -515,7 +523,7 @@ class LoadedNetwork(NetworkState):
 
     @property
     def contact_fraction(self) -> float:
-        """Fraction of the contacts that carry load."""
+        """Fraction of the contacts that are pressed, with a normal force above zero."""
         return float(np.mean(self.network.normal_force > 0.0))
 
     @property
@@ -557,8 +565,10 @@ class NetworkMedium(Medium[Any]):
     def require_sound(self, pushed: bool = False) -> None:
         """Raise nothing, ``pushed`` or not: what the contacts hold is found with the state."""
 
-    def has_finite_overlap(self, asked: bool) -> bool:
-        """Return whether the files have static forces that act as prestress, ``asked`` or not."""
+    def has_finite_overlap(self, wants_terms: bool) -> bool:
+        """Return whether the files have static forces that act as prestress; what the user wants,
+        ``wants_terms``, changes nothing.
+        """
         return bool(self.packing.network.prestress)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> LoadedNetwork:

@@ -42,7 +42,8 @@ def write_force(packing: Any, reduced_force: float) -> str:
 
 def write_newtons(error: GranphonError, packing: Any) -> GranphonError:
     """Return an error with the contact forces of a ``packing`` in the place of reduced forces in
-    its text; the same error if its text has none.
+    its text. The same error is returned if its text has none, and if there is no packing or its
+    balls are equal.
     """
     text = str(error)
     if "f* = " not in text or not getattr(packing, "width", 0.0):

@@ -1132,12 +1132,13 @@ class DirectSimulation(Medium[SimulatedState]):
         """
         return self.geometry == EXACT
 
-    def has_finite_overlap(self, asked: bool) -> bool:
+    def has_finite_overlap(self, wants_terms: bool) -> bool:
         """Return whether the states have the terms of relative order delta/d, see
-        :meth:`Medium.has_finite_overlap`. If the simulation names a geometry, the geometry decides;
-        otherwise the states have the terms if the user has ``asked`` for them.
+        :meth:`Medium.has_finite_overlap`. If the simulation names a geometry, the geometry decides,
+        whether the user asks for the terms (``wants_terms``) or not. Otherwise they are there if
+        the user asks for them; if not, the load decides, and the answer is False.
         """
-        return asked if self.geometry is None else self.is_exact
+        return wants_terms if self.geometry is None else self.is_exact
 
     @property
     def ratio(self) -> float:

@@ -124,8 +124,9 @@ class Problem:
     The unknowns x (size,) are lengths, m: the displacements of n balls along d axes, those of k
     walls along their lines, and s strains of the cell times :attr:`length`. ``geometry`` says
     whether contacts turn, and ``boundary`` which strains are unknowns where the load has a stress:
-    all, or the one that changes the size of the cell and not its shape. Where a strain is given,
-    they are the shears of a load that ``shears``, and otherwise there are none.
+    all, or the one that changes the size of the cell and not its shape. Where contacts are given a
+    mean force, that one is the only unknown strain. Where a strain is given, the unknown strains
+    are the shears of a load that ``shears``, and otherwise there are none.
 
     Attributes
     ----------
@@ -404,16 +405,17 @@ class Configuration:
 
     @cached_property
     def growth(self) -> float:
-        """Length, area or volume of the deformed cell over that at touch; 1 without a period, and
-        at most 0 of a cell that is turned inside out.
+        """Determinant of :attr:`deformed`: the length, area or volume of the deformed cell over
+        that at touch; 1 without a period. It is zero of a cell that is squeezed to nothing, and
+        below zero of one that is turned inside out along one axis or three.
         """
         return float(np.linalg.det(self.deformed)) if len(self.strain) else 1.0
 
     @cached_property
     def load_force(self) -> Array:
         """(size,) forces of the load on the unknowns, N; in exact directions those on the cell as
-        it is deformed. A stress does not act on a cell that is turned inside out, which no search
-        accepts (:attr:`is_sound`).
+        it is deformed. A stress does not act where the :attr:`growth` is not above zero, which no
+        search accepts (:attr:`is_sound`).
         """
         problem = self.problem
         load = problem.load
@@ -517,9 +519,11 @@ class Configuration:
     @cached_property
     def is_sound(self) -> bool:
         """Whether the configuration is possible: the unknowns are finite, contacts have a length
-        and their forces a size (:attr:`force_size`), and the cell is not turned inside out.
+        and their forces a size (:attr:`force_size`) that is finite, and the cell is not turned
+        inside out.
         """
-        if not (self.force_size and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
+        has_size = 0.0 < self.force_size < math.inf
+        if not (has_size and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
             return False
         return not len(self.strain) or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
 

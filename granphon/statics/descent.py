@@ -40,7 +40,8 @@ class Trail(Generic[P]):
     Attributes
     ----------
     least_residual : least residual of all places; infinite at first.
-    n_stalled : number of places since a place had at most half of the least residual before it.
+    n_stalled : number of places since one has come nearer to rest than all before it, by
+        :attr:`nearer_residual`.
     nearest : the place that is kept; None at first.
     """
 
@@ -56,17 +57,25 @@ class Trail(Generic[P]):
         return math.inf if self.nearest is None else self.nearest.residual
 
     @property
+    def nearer_residual(self) -> float:
+        """Residual up to which a further place counts as nearer to rest: half of the least one."""
+        # near rest a step of Newton's method leaves far less than half; where more is left, each
+        # digit would take over three steps
+        return 0.5 * self.least_residual
+
+    @property
     def is_level(self) -> bool:
-        """Whether the last three places or more have not halved the least residual: what is left
-        then is rounding if the residual is small.
+        """Whether the last three places or more have come no nearer to rest: what is left then is
+        rounding if the residual is small.
         """
+        # one step, or two, may gain nothing because a contact opens and closes again
         return self.n_stalled >= 3
 
     def add(self, place: P) -> None:
         """Enter the next ``place`` of the way."""
         residual = place.residual
-        has_halved = residual <= 0.5 * self.least_residual
-        self.n_stalled = 0 if has_halved else self.n_stalled + 1
+        is_nearer = residual <= self.nearer_residual
+        self.n_stalled = 0 if is_nearer else self.n_stalled + 1
         if residual < self.least_residual or not self._keeps_nearest:
             self.nearest = place
         self.least_residual = min(self.least_residual, residual)
@@ -108,7 +117,8 @@ class Descent(ABC, Generic[P]):
 
         Steps and iterations are counted, and places added to the trail. From rest at a saddle of
         the energy the way goes on downhill, with a new trail. After ``options.steps`` steps, or
-        where the way is stuck, the nearest place is at rest if it has the required residual.
+        where the way is stuck, the nearest place counts as at rest if it has the required residual,
+        and is not asked whether it is a saddle.
         """
         place = self.begin(start)
         for _ in range(self.options.steps):
@@ -162,7 +172,7 @@ class Descent(ABC, Generic[P]):
         """Return the place along the ``way`` of a step at which the energy hardly falls any more,
         and the length of the step, 1 for a whole step. There the slope is at most a ``part`` of
         that at the start, by default ``options.slope``, unless ``options.slopes`` lengths find no
-        such place.
+        such place or the energy still falls at the greatest length of the way.
         """
         options = self.options
         return follow(way, options.slope if part is None else part, options.slopes)

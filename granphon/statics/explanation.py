@@ -50,30 +50,17 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     which they could. The sentence is empty if they can, and if no such pressure is found. A load
     counts as borne unless it is proven to be too much.
 
-    A linear programme seeks forces of contacts that balance the load, none with more tension than
-    its contact bears. A second one seeks the least pressure that makes such forces possible.
+    A linear programme seeks forces of contacts that balance the load (:func:`_seek_forces`). A
+    second one seeks the least pressure that makes such forces possible.
     """
-    from scipy.optimize import linprog
     from scipy.sparse import csr_array, hstack
 
     assembly = problem.assembly
     # (size, n_c) matrix from forces of contacts to the forces of a load that they balance
     balance = -problem.make_losses().T
-    size = float(np.max(np.abs(problem.force), initial=0.0)) or 1.0
-    right_side = problem.force / size
-    least_forces = -assembly.laws.tension / size
-
-    def search(columns: Any, cost: Array) -> Any:
-        """Return the answer for forces of least ``cost`` whose ``columns`` add up to the load; the
-        columns after those of the contacts belong to numbers that are zero or above.
-        """
-        bounds = [(bound, None) for bound in least_forces.tolist()]
-        bounds += [(0.0, None)] * (columns.shape[1] - len(least_forces))
-        return linprog(cost, A_eq=columns, b_eq=right_side, bounds=bounds, method="highs")
-
     # status 2: there are no such forces; another status: such forces are found, or the search has
     # failed
-    if search(balance, np.zeros(balance.shape[1])).status != 2:
+    if _seek_forces(problem, balance, np.zeros(balance.shape[1])).status != 2:
         return True, ""
     if not len(problem.unit_strains):
         return False, ""
@@ -85,16 +72,41 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     )
     cost = np.zeros(balance.shape[1] + 1)
     cost[-1] = 1.0
-    answer = search(hstack([balance, csr_array(sides[:, None])]), cost)
+    answer = _seek_forces(problem, hstack([balance, csr_array(sides[:, None])]), cost)
     if not answer.success:
         return False, ""
-    pressure = answer.x[-1] * size / assembly.measure
+    pressure = answer.x[-1] * _find_largest_force(problem) / assembly.measure
     # where contacts have no force but rounding, the pressure only takes the load off, and more
-    # pressure is needed
-    presses = np.max(np.abs(answer.x[:-1])) > 1e-9 * answer.x[-1]
-    word = "of" if presses else "above"
+    # pressure is needed. Of the mean force that the pressure alone would make, rounding is about
+    # 1e-16, and a force that is needed is far more than 1e-9
+    force_of_pressure = answer.x[-1] / (assembly.n_contacts * assembly.mean_distance)
+    is_pressed = np.max(np.abs(answer.x[:-1])) > 1e-9 * force_of_pressure
+    word = "of" if is_pressed else "above"
     unit = _UNITS[assembly.periods]
     return False, (f"A pressure {word} {pressure:.4g} {unit} from all sides in addition would do")
+
+
+def _seek_forces(problem: Problem, columns: Any, cost: Array) -> Any:
+    """Return SciPy's answer to a linear programme: the numbers x of least ``cost`` @ x with which
+    the ``columns`` add up to the load.
+
+    The first n_c columns are those of the contacts, and their numbers the forces: none has more
+    tension than its contact bears. The numbers of further columns are zero or above. All are over
+    the largest force of the load.
+    """
+    from scipy.optimize import linprog
+
+    size = _find_largest_force(problem)
+    least_forces = -problem.assembly.laws.tension / size
+    bounds = [(bound, None) for bound in least_forces.tolist()]
+    bounds += [(0.0, None)] * (columns.shape[1] - len(least_forces))
+    right_side = problem.force / size
+    return linprog(cost, A_eq=columns, b_eq=right_side, bounds=bounds, method="highs")
+
+
+def _find_largest_force(problem: Problem) -> float:
+    """Return the size of the largest force of the load on an unknown, N; 1 without a force."""
+    return float(np.max(np.abs(problem.force), initial=0.0)) or 1.0
 
 
 def explain(

@@ -132,9 +132,9 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
 
 def _make_detour(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:
     """Return the rest in exact directions that is found from ``start`` by a detour: first to rest
-    under more load, by each factor of ``detours`` in turn, and from there back to the load of the
-    problem. None if no detour leads to rest, or the load cannot be raised. Loose balls at low loads
-    may bar the straight way.
+    under more load, by each factor of ``options.detours`` in turn, and from there back to the load
+    of the problem. None if no detour leads to rest, or the load cannot be raised. Loose balls at
+    low loads may bar the straight way.
     """
     for factor in options.detours:
         heavier = _press_more(problem, start, factor)
@@ -157,7 +157,9 @@ def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | No
     """
     load = problem.load
     assembly = problem.assembly
-    if np.any(load.force) or not load.has_strain:
+    if np.any(load.force):
+        return None
+    if load.stress is not None or load.mean_force is not None:
         return load.scale(factor)
     laws = assembly.laws
     configuration = problem.start_at(find_unknowns(problem, rest))

@@ -54,8 +54,10 @@ class GreenFunction:
         fft = load_transforms()
         axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
-        moved = multiply_waves(self._table, forces.dtype.type(scale), waves)
-        motions = fft.irfftn(moved, self._shape, axes=axes, workers=self._workers, overwrite_x=True)
+        waves_of_motions = multiply_waves(self._table, forces.dtype.type(scale), waves)
+        motions = fft.irfftn(
+            waves_of_motions, self._shape, axes=axes, workers=self._workers, overwrite_x=True
+        )
         return np.asarray(motions.reshape(forces.shape))
 
 
@@ -114,14 +116,8 @@ def _find_table(
             if is_real:
                 # |exp(i angle) - 1|^2
                 matrix += (4.0 * np.sin(0.5 * angle) ** 2)[..., None, None] * projection
-                continue
-            at_i = slice(d * i, d * (i + 1))
-            at_j = slice(d * j, d * (j + 1))
-            ahead = np.exp(1j * angle)[..., None, None] * projection
-            matrix[..., at_i, at_i] += projection
-            matrix[..., at_j, at_j] += projection
-            matrix[..., at_i, at_j] -= ahead
-            matrix[..., at_j, at_i] -= np.conj(ahead)
+            else:
+                _add_contact(projection, i, j, angle, matrix)
         if low == 0:  # nothing resists translations: unit springs make the matrix invertible
             matrix[(0,) * d] += translations
         inverse = invert_hermitian(matrix)
@@ -131,6 +127,21 @@ def _find_table(
     flat = table.reshape(n_fields, n_fields, -1)
     flat.flags.writeable = False
     return flat
+
+
+def _add_contact(projection: Values, i: int, j: int, angle: Any, matrix: Values) -> None:
+    """Add to the ``matrix`` (..., f, f) of all waves the tangent of a contact of stiffness one from
+    ball ``i`` of a cell to ball ``j``, with the ``projection`` (d, d) on its direction; ``angle``
+    (...), rad, is the phase of each wave from the cell of the first to that of the second.
+    """
+    d = len(projection)
+    at_i = slice(d * i, d * (i + 1))
+    at_j = slice(d * j, d * (j + 1))
+    ahead = np.exp(1j * angle)[..., None, None] * projection
+    matrix[..., at_i, at_i] += projection
+    matrix[..., at_j, at_j] += projection
+    matrix[..., at_i, at_j] -= ahead
+    matrix[..., at_j, at_i] -= np.conj(ahead)
 
 
 def list_phases(shape: tuple[int, ...], waves: list[Any]) -> list[Any]:

@@ -121,7 +121,7 @@ class GridPlace:
         push = self.common_push + self._sums[:, 0] @ problem.strained
         # where overlaps are small, near the rigidity threshold and on a line, the spacing of
         # doubles at the common overlap and at the displacements is too coarse to meet the load
-        largest = max(float(np.max(self.common)), float(np.max(np.abs(self.balls))))
+        largest = max(float(np.max(np.abs(self.common))), float(np.max(np.abs(self.balls))))
         rounding = 8.0 * math.ulp(self.force) + math.ulp(largest) * self.level
         return np.asarray(push * (np.abs(push) * problem.weight > rounding))
 
@@ -152,7 +152,8 @@ class GridPlace:
         """The largest force left on a ball, over the scale to which tolerances refer: the mean
         force of contacts, or the standard deviation of their forces if that is less, but at least
         that of ``options.least_difference``. If the force left on the strains, over the mean force
-        and the tolerance of the cell, is larger, the residual is that force.
+        and the tolerance of the cell, is larger, the residual is that force. Contacts must
+        carry something.
         """
         problem = self.problem
         options = self.options
@@ -161,19 +162,29 @@ class GridPlace:
         variance = max(0.0, self.square / self.excess.size - mean_excess**2)
         least = self.level * options.least_difference * problem.spread
         scale = min(self.force, max(math.sqrt(variance), least))
-        # on a line displacements add up, as in a random walk, and all that is left in the end is
-        # their rounding
-        moved = float(np.max(np.abs(self.balls))) if len(problem.grid.shape) == 1 else 0.0
-        is_rounding = self.largest_pull <= options.move_rounding * math.ulp(moved) * self.level
         push = float(np.max(np.abs(self.push), initial=0.0)) * problem.weight
         of_strains = push / (problem.problem.load.cell_tolerance * self.force) if push else 0.0
-        return max(0.0 if is_rounding else self.largest_pull / scale, of_strains)
+        of_balls = 0.0 if self._has_rounded_pull else self.largest_pull / scale
+        return max(of_balls, of_strains)
+
+    @property
+    def _has_rounded_pull(self) -> bool:
+        """Whether no force is left on balls, or, on a line, none but what the rounding of
+        displacements explains: there displacements add up, as in a random walk.
+        """
+        is_line = len(self.problem.grid.shape) == 1
+        largest = float(np.max(np.abs(self.balls))) if is_line else 0.0
+        return self.largest_pull <= self.options.move_rounding * math.ulp(largest) * self.level
 
     @property
     def carries_nothing(self) -> bool:
-        """Whether the strain is given, some contacts are open, and the mean force of all is below
-        ``options.threshold``: then contacts carry nothing.
+        """Whether contacts carry nothing. Their mean force is then zero, or the rounding of the
+        common forces, as where a load that they cannot bear deforms the cell without end. Where a
+        strain is given and some contacts are open, a mean force below ``options.threshold`` is
+        nothing too.
         """
+        if self.force <= ROUNDING * float(np.max(self.common_force)):
+            return True
         if not self.problem.has_given_strain or self.force >= self.options.threshold:
             return False
         return not np.all(self.root)
@@ -183,9 +194,9 @@ class GridPlace:
         return self.problem.find_overlaps(self.balls, self.strains)
 
     def find_overlaps_at_rest(self) -> Array:
-        """Return the overlaps (kinds, cells) of balls at rest. A contact of balls that differ
-        counts as just open if its force may be nothing but a residual: its stiffness would hold a
-        ball that nothing holds.
+        """Return the overlaps (kinds, cells) of balls at rest. Where balls differ, that of a closed
+        contact is zero if its force may be nothing but a residual: its stiffness would hold a ball
+        that nothing holds.
         """
         overlap = self.find_overlaps()
         if self.problem.spread:

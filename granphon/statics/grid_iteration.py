@@ -174,14 +174,11 @@ class GridIteration(ABC):
             change = np.empty_like(direction)
             self.multiply(direction, change)
             curvatures, least_curvature, sum_of_curvatures = multiply_columns(direction, change)
-            lowest = direction[:, int(np.argmin(curvatures))]
-            if least_curvature < 0.0:
-                way_down = self.find_way_down(lowest)
-                has_arrived = way_down is None
-                break
-            if sum_of_curvatures == 0.0:
-                # nothing resists the direction, which leads up no more than down
-                has_arrived = self.find_way_down(lowest) is None
+            if least_curvature < 0.0 or sum_of_curvatures == 0.0:
+                judged_way = self.find_way_down(direction[:, int(np.argmin(curvatures))])
+                has_arrived = judged_way is None
+                # a direction that nothing resists leads up no more than down
+                way_down = judged_way if least_curvature < 0.0 else None
                 break
             _step_along(squares, curvatures, direction, change, motions, remaining)
             del preconditioned, change  # the preconditioner needs the memory
@@ -290,8 +287,8 @@ class TangentIteration(GridIteration):
         fft = load_transforms()
         axes = self._grid_axes
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
-        moved = multiply_waves(self._green, self._softness, waves)
-        motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
+        waves_of_motions = multiply_waves(self._green, self._softness, waves)
+        motions = fft.irfftn(waves_of_motions, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
     def lay_forces(self, forces: Array) -> Array:
@@ -342,7 +339,7 @@ def _find_green(
 
     def average(values: Array) -> tuple[Any, ...]:
         """Return the means of ``values`` for each kind of contact, flattened and rounded, so that
-        those of all samples of a packing are equal.
+        those of most samples of a packing are equal.
         """
         means = np.mean(values.reshape(kinds, cells, -1), axis=1)
         return tuple((step * np.round(means / step)).ravel().tolist())
@@ -412,13 +409,7 @@ def _find_equal_green(
         # from the cell of ball i to that of ball j, along each axis
         cells = np.subtract(np.unravel_index(end, shape), np.unravel_index(start, shape))
         angle = sum(count * phase for count, phase in zip(cells, phases, strict=True))
-        ahead = np.exp(1j * angle)[..., None, None]
-        at_i = slice(m * i, m * (i + 1))
-        at_j = slice(m * j, m * (j + 1))
-        matrix[..., at_i, at_i] += pair[:m, :m]
-        matrix[..., at_i, at_j] += ahead * pair[:m, m:]
-        matrix[..., at_j, at_i] += np.conj(ahead) * pair[m:, :m]
-        matrix[..., at_j, at_j] += pair[m:, m:]
+        _add_pair(pair, i, j, angle, matrix)
     level = float(np.mean(np.diagonal(pairs, axis1=1, axis2=2).ravel()))
     matrix += spring * level * np.eye(n_fields)
     # nothing resists translations of the whole
@@ -427,6 +418,21 @@ def _find_equal_green(
     table = np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
     table.flags.writeable = False
     return table
+
+
+def _add_pair(pair: Array, i: int, j: int, angle: Any, matrix: NDArray[Any]) -> None:
+    """Add to the ``matrix`` (..., f, f) of all waves the tangent ``pair`` (2 m, 2 m) of a contact
+    from ball ``i`` of a cell to ball ``j``, both of m motions; ``angle`` (...), rad, is the phase
+    of each wave from the cell of the first to that of the second.
+    """
+    m = len(pair) // 2
+    ahead = np.exp(1j * angle)[..., None, None]
+    at_i = slice(m * i, m * (i + 1))
+    at_j = slice(m * j, m * (j + 1))
+    matrix[..., at_i, at_i] += pair[:m, :m]
+    matrix[..., at_i, at_j] += ahead * pair[:m, m:]
+    matrix[..., at_j, at_i] += np.conj(ahead) * pair[m:, :m]
+    matrix[..., at_j, at_j] += pair[m:, m:]
 
 
 def _find_pair_blocks(

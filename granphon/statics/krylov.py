@@ -16,11 +16,11 @@ Map = Callable[[Array], Array]
 def conjugate_gradients(
     apply: Map, precondition: Map, right: Array, reduction: float, floor: float, most: int
 ) -> tuple[Array, bool]:
-    """Return x (size,) with |A x - right| <= ``reduction`` |right|, and whether ``most`` iterations
+    """Return x (size,) with |right - A x| <= ``reduction`` |right|, and whether ``most`` iterations
     find such an x; otherwise x is that of the last iteration.
 
     ``apply`` multiplies by A, and ``precondition`` by an approximate inverse of A; both are
-    symmetric and positive definite. The residual A x - right is not lowered below a norm of
+    symmetric and positive definite. The residual right - A x is not lowered below a norm of
     ``floor``, which is rounding. Where A has no curvature above zero along a direction of the
     search, the residual that is left is rounding, or along a motion that costs nothing, and x
     counts as found.

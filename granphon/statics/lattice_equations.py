@@ -77,19 +77,19 @@ class LatticeEquations:
         d = len(grid.shape)
         blocks = np.zeros((d, d, grid.n_balls * grid.n_cells))
         grid_loops.add_blocks(self._runs[np.dtype(float)], stiffness, blocks)
-        alone = np.empty(blocks.shape, stiffness.dtype)
-        grid_loops.invert_blocks(blocks, numbers.spring * mean, numbers.damping, alone)
+        inverse_blocks = np.empty(blocks.shape, stiffness.dtype)
+        grid_loops.invert_blocks(blocks, numbers.spring * mean, numbers.damping, inverse_blocks)
         del blocks
 
         def apply(force: Values) -> Values:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
             motion = np.zeros(force.shape, force.dtype)
             remaining = np.empty_like(force)
-            grid_loops.add_block_products(alone, force, motion)
+            grid_loops.add_block_products(inverse_blocks, force, motion)
             grid_loops.find_residual(runs, stiffness, force, motion, remaining)
             motion += green.apply(remaining, softness)
             grid_loops.find_residual(runs, stiffness, force, motion, remaining)
-            grid_loops.add_block_products(alone, remaining, motion)
+            grid_loops.add_block_products(inverse_blocks, remaining, motion)
             return motion
 
         return apply
@@ -125,7 +125,7 @@ class LatticeEquations:
         preconditioned = np.empty_like(remaining)
         square = grid_loops.find_scalar_product(remaining, remaining)
         largest_square = reduction**2 * square
-        product = 0.0
+        product = 0.0  # so that the first direction is the preconditioned force
         count = 0
         while square > largest_square and count < self.options.most_iterations:
             preconditioned[:n] = inverse(remaining[:n].reshape(shape)).reshape(-1)

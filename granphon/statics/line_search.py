@@ -27,10 +27,14 @@ class Way(Protocol[P]):
         """Return the place at a length."""
 
     def find_slope(self, place: P) -> float:
-        """Return the slope of the energy at a place of the way; infinite where none may be."""
+        """Return the derivative of the energy by the length at a ``place`` of the way; infinite at
+        a place that no step may lead to.
+        """
 
     def find_rise(self, place: P) -> float:
-        """Return the derivative of the slope; zero where it is not known."""
+        """Return the derivative of the slope by the length at a ``place`` of the way; zero where it
+        is not known.
+        """
 
 
 def follow(way: Way[P], part: float, most: int) -> tuple[P, float]:
@@ -85,6 +89,8 @@ def find_length(
         # outside the bracket: halve it, or, while it has no upper end, double the length
         if not low < length < high:
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        # where the slope hardly rises, as where few contacts are closed, Newton's method would go
+        # much too far: it may go as far as two doublings
         if high == math.inf:
             length = min(length, 4.0 * low, longest)
     return last_length

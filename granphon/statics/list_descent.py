@@ -80,9 +80,11 @@ class LatticeWay:
     Attributes
     ----------
     fall : fall of the energy per length at the start, J.
-    longest : the greatest length. It is infinite where no contact adheres. Otherwise it is the
-        part ``options.tear_part`` of the length at which the first contact would be torn, but at
-        least :data:`~granphon.contacts.assembly.ROUNDING`.
+    longest : the greatest length, infinite where no contact would be torn. Otherwise it is the part
+        ``options.tear_part`` of the length at which the first contact would be torn, but at least
+        :data:`~granphon.contacts.assembly.ROUNDING`. Contacts that bear no tension are not torn,
+        and may open on the way, but for those of balls that do not differ, beside springs to the
+        ground or bonds.
     """
 
     def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
@@ -94,8 +96,14 @@ class LatticeWay:
         self.longest = math.inf
         laws = start.problem.assembly.laws
         if laws.can_adhere:
-            is_parting = self._loss > 0.0
-            lengths_to_tear = (start.overlap - laws.least)[is_parting] / self._loss[is_parting]
+            # those that are open already cannot be torn
+            can_tear = (laws.tension > 0.0) & (start.overlap >= laws.least)
+            if np.any(np.isinf(laws.tension)) and not start.problem.assembly.has_offsets:
+                # springs may leave a contact of equal balls a force that is next to nothing, and
+                # rounding once it has opened: no step opens a contact, and the search tells of it
+                can_tear[:] = True
+            can_tear &= self._loss > 0.0
+            lengths_to_tear = (start.overlap - laws.least)[can_tear] / self._loss[can_tear]
             longest = options.tear_part * float(np.min(lengths_to_tear, initial=math.inf))
             # a contact that is about to be torn does not end the search at once
             self.longest = max(longest, ROUNDING)
@@ -141,14 +149,15 @@ class LatticeDescent(ListDescent):
     def begin(self, start: Rest | None) -> Configuration:
         """Return the configuration from which the way begins: that of ``start``, if there is one.
         Without a start, it is that of balls on their sites, if a strain is given or the balls press
-        each other there without a load, and otherwise that of linear springs at rest.
+        each other there without a load, and otherwise that of linear springs at rest, with the
+        errors of :meth:`_relax_springs`.
         """
         problem = self.problem
         if start is not None:
             return self._take_up(start)
         on_sites = problem.start_at(np.zeros(problem.size))
-        presses_on_sites = not problem.load.acts and on_sites.force_size > 0.0
-        if problem.load.has_strain or presses_on_sites:
+        is_pressed_on_sites = not problem.load.acts and on_sites.force_size > 0.0
+        if problem.load.has_strain or is_pressed_on_sites:
             return on_sites
         return self._relax_springs(on_sites)
 
@@ -309,8 +318,8 @@ class LatticeDescent(ListDescent):
         return error
 
     def _explain_unloaded(self, place: Configuration, contact: int) -> InputError:
-        """Return the error of a ``contact``, by number, that has no force at ``place``, since
-        springs to the ground or bonds bear the load.
+        """Return the error of a ``contact``, by number, that has no force but rounding at
+        ``place``, since springs to the ground or bonds bear the load.
         """
         laws = self.problem.assembly.laws
         never_opens = np.isinf(laws.tension)

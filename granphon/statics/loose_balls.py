@@ -13,7 +13,6 @@ motion.
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -66,14 +65,13 @@ def lead_loose_balls(
         force_at_rest=tolerance * configuration.force_size,
     )
     x = configuration.x.copy()
-    for _ in range(options.steps):
-        cages, moving = _lead_clusters(cages, sizes, options)
+    while True:
+        cages, moves = _lead_clusters(cages, sizes, options)
         x[of_loose] += cages.displacement[:-1, :d].ravel()
-        if not np.any(moving):
-            break
-        cages = cages.cut_out(moving)
-        of_loose = of_loose[np.repeat(moving, d)]
-    return configuration.move(x)
+        if not np.any(moves):
+            return configuration.move(x)
+        cages = cages.cut_out(moves)
+        of_loose = of_loose[np.repeat(moves, d)]
 
 
 class _Sizes(NamedTuple):
@@ -93,7 +91,7 @@ class _Sizes(NamedTuple):
 
 def _lead_clusters(cages: _Cages, sizes: _Sizes, options: RestOptions) -> tuple[_Cages, Flags]:
     """Return the cages in which more than three quarters of the balls have come to rest, and which
-    balls (n,) have not: the caller goes on with them, in smaller clusters. After
+    balls (n,) still move: the caller goes on with them, in smaller clusters. After
     ``options.inner_steps`` the clusters that are left are given up, and none of their balls counts
     as moving.
 
@@ -107,6 +105,8 @@ def _lead_clusters(cages: _Cages, sizes: _Sizes, options: RestOptions) -> tuple[
     for _ in range(options.inner_steps):
         largest = cages.find_largest_pulls(cluster, n_clusters)
         moves = (largest > sizes.force_at_rest)[cluster]
+        # a quarter: all assemblies that are cut out, one after the other, together have less than a
+        # third of the balls of this one, and take little time
         if 4 * int(np.count_nonzero(moves)) < n:
             return cages, moves
         relative_force = np.minimum(1.0, largest[cluster] / sizes.force)
@@ -170,10 +170,10 @@ class _Cages:
         balls.
         """
         assembly = self.assembly
-        across = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.turned.distance)
+        side_stiffness = np.where(assembly.is_flat, 0.0, np.abs(self.force) / self.turned.distance)
         steps = np.empty((assembly.n_balls, assembly.dimension))
         normal = self.turned.normal
-        contacts = Springs(assembly.i, assembly.j, normal, self.stiffness, across)
+        contacts = Springs(assembly.i, assembly.j, normal, self.stiffness, side_stiffness)
         find_cluster_steps(contacts, springs, moves, self.pull, steps)
         return steps
 
@@ -298,7 +298,8 @@ def go_down(configuration: Configuration, way: Array, options: RestOptions) -> C
     """
     largest = float(np.max(np.abs(configuration.problem.assembly.offset)))
     way = way * (options.descent * largest / float(np.max(np.abs(way))))
-    way *= math.copysign(1.0, float(configuration.pull @ way))
+    if float(configuration.pull @ way) < 0.0:
+        way = -way
     below = configuration
     length = 1.0
     while length * options.descent < 1.0:
@@ -316,7 +317,8 @@ def has_soft_motions(equations: Equations) -> bool:
 
     Balls with no more contacts than axes along which balls move are loose anyway, and are held. If
     these are all balls, there are no such motions. Motions of the free strains of the cell count
-    too.
+    too. Turning of the whole counts as free even where a body that is held resists it: as many
+    other motions may then be missed.
     """
     options = equations.options
     problem = equations.problem
@@ -326,19 +328,21 @@ def has_soft_motions(equations: Equations) -> bool:
     # the whole may move along axes that nothing hinders, and turn in each plane of two axes across
     # the periods
     n_still = len(assembly.free_axes) + (d - p) * (d - p - 1) // 2
-    free = np.flatnonzero(np.repeat(assembly.n_touching > d, d))  # motions that are not held
-    if not len(free):
+    # numbers of the motions of balls that are not held
+    motions = np.flatnonzero(np.repeat(assembly.n_touching > d, d))
+    if not len(motions):
         return False
     from scipy.sparse import eye_array
 
     start = problem.start_at(np.zeros(problem.size))
     linear = equations.linearise(start, np.ones(assembly.n_contacts), 0.0)
-    matrix: Any = linear.matrix[free][:, free] - options.soft_stiffness * eye_array(len(free))
+    shift = options.soft_stiffness * eye_array(len(motions))
+    matrix: Any = linear.matrix[motions][:, motions] - shift
     factors = factorise(matrix.tocsc())
     # eigenvalues below zero once the least stiffness that counts is taken away
     n_soft = factors.n_below
     if len(linear.corner):
-        border = linear.border[free]
+        border = linear.border[motions]
         corner = linear.corner - border.T @ np.reshape(factors.solve(border), border.shape)
         n_soft += int(np.sum(np.linalg.eigvalsh(corner) < options.soft_stiffness))
     return n_soft > n_still

@@ -201,9 +201,9 @@ class Linearisation:
         data = self._data.copy()
         leading = equations.leading
         data[leading.diagonal] += self._hold + self.level * equations.anchor + springs
-        held = leading.make_matrix(data[leading.places])
+        matrix = leading.make_matrix(data[leading.places])
         try:
-            return leading.elimination.factorise(held)
+            return leading.elimination.factorise(matrix)
         except RuntimeError:
             words = equations.problem.load.words
             what = f"the equations of balls that come to rest under {words} are singular"
@@ -286,8 +286,8 @@ def _find_side_stiffness(configuration: Configuration, turning: float) -> Array:
     problem = configuration.problem
     if not problem.turns:
         return np.zeros(problem.assembly.n_contacts)
-    pushing = -turning * configuration.force / configuration.distance
-    return np.where(problem.assembly.is_flat, 0.0, pushing)
+    side_stiffness = -turning * configuration.force / configuration.distance
+    return np.where(problem.assembly.is_flat, 0.0, side_stiffness)
 
 
 class GridStep(NamedTuple):
@@ -335,10 +335,10 @@ class GridEquations:
         self.options = options
         axes = tuple(range(problem.assembly.dimension))
         self.motions = Motions("", axes)
-        #: the stiffnesses (n_c,) of contacts before the last step, and its iteration, where that is
-        #: a step near rest with the true sign
+        #: the stiffnesses (n_c,) of contacts before the last step, and the iteration that found the
+        #: step; None unless that step was near rest, with -f/r as it is
         self._last: tuple[Array, TangentIteration] | None = None
-        #: an iteration on the same grid
+        #: the iteration that was made last, whose Green's function serves the next; None at first
         self._earlier: TangentIteration | None = None
 
     def solve(
@@ -495,17 +495,17 @@ def find_strongest_push(configuration: Configuration) -> float:
     of f/r over the contacts of a ball that press.
     """
     assembly = configuration.problem.assembly
-    pressing = np.maximum(configuration.force, 0.0) / configuration.distance
-    aside = np.where(assembly.is_flat, 0.0, pressing)
+    push = np.maximum(configuration.force, 0.0) / configuration.distance
+    push = np.where(assembly.is_flat, 0.0, push)
     ends = np.concatenate([assembly.i, assembly.j])
-    sums = np.bincount(ends, np.tile(aside, 2), assembly.n_bodies)
+    sums = np.bincount(ends, np.tile(push, 2), assembly.n_bodies)
     return 2.0 * float(np.max(sums[: assembly.n_balls], initial=0.0))
 
 
 def _draw_forces(configuration: Configuration) -> Array:
-    """Return random forces (n d,) on balls, the same at each call for the same contacts: each
-    contact pushes its balls along its direction by the root of its stiffness, and along each axis
-    by the root of f/r, each times a random number between -1/2 and 1/2.
+    """Return random forces (n d,) on balls, (N/m)^(1/2), the same at each call for the same
+    contacts: each contact pushes its balls along its direction by the root of its stiffness, and
+    along each axis by the root of |f|/r, both times random numbers from -1/2 to 1/2.
     """
     problem = configuration.problem
     assembly = problem.assembly
@@ -588,13 +588,14 @@ class IteratedEquations:
         against_walls = np.einsum("wa,wab,wb->w", lines, of_walls, lines)
         against_strains = np.einsum("cs,c,cs->s", losses, stiffness, losses)
         diagonal = np.concatenate([against_walls, against_strains]) + options.spring * level
-        alone = blocks[: assembly.n_balls] + options.grid.spring * level * np.eye(d)
-        invert_blocks(alone)
+        inverse_blocks = blocks[: assembly.n_balls] + options.grid.spring * level * np.eye(d)
+        invert_blocks(inverse_blocks)  # in place
 
         def solve(force: Array) -> Array:
             """Return the motion (size,) under a ``force`` (size,), each unknown alone."""
             motion = np.empty_like(force)
-            multiply_blocks(alone, force[:n].reshape(-1, d), motion[:n].reshape(-1, d))
+            on_balls = force[:n].reshape(-1, d)
+            multiply_blocks(inverse_blocks, on_balls, motion[:n].reshape(-1, d))
             motion[n:] = force[n:] / diagonal
             return motion
 

@@ -138,9 +138,11 @@ class RestOptions:
     most_balls : balls, at most, whose matrices are factorised: factors then take about 1 GB.
     fewest_balls : balls from which iterations are tried before factors in the directions of the
         lattice. Where most contacts are closed, 20 to 50 iterations do: of 8^3 balls of fcc they
-        take 2 ms, factors 40 ms.
+        take 2 ms, factors 40 ms. On a line there are never so many: iterations would
+        be about as many as balls, and a band is factorised at once.
     patience_of_iterations : iterations with the blocks of single balls, after which factors are
-        found: of 64^2 balls 50 take as long.
+        found: of 64^2 balls 50 take as long. On a line, where factors come first, there are
+        none.
     patience_of_factors : iterations with the factors of an earlier step, after which new ones are
         found: a solution takes a tenth of the time of factors, and near rest 2 iterations are
         enough.

@@ -437,8 +437,8 @@ class ListResponse(LinearResponse):
 
 
 def find_elastic_tensor(contacts: ContactList, options: ResponseOptions | None = None) -> Array:
-    """Return the (s, s) elastic tensor of balls at rest in a cell with p periods, in Voigt order,
-    in the unit of stiffness over that of length to the power p - 2.
+    """Return the elastic tensor (s, s) of balls at rest in a cell with p periods, s = p (p + 1)/2,
+    in Voigt order, in the unit of stiffness over that of length to the power p - 2.
 
     Under a small uniform strain each ball moves and turns until it is in balance again; the energy
     that the contacts then store is the elastic energy. With static forces it is the change of the

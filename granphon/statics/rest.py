@@ -66,8 +66,9 @@ class Rest:
         )
 
     def scale(self, factor: float) -> Rest:
-        """Return the state with all displacements, strains and overlaps times a ``factor``. Normals
-        and the residual stay: for contacts that have turned this is no state at rest.
+        """Return the state with all displacements, strains and overlaps times a ``factor``, from
+        which a search may begin. Normals and the residual stay, and the state need not be at rest
+        under any load.
         """
         return replace(
             self,

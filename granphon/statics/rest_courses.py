@@ -58,9 +58,10 @@ class RestCourse:
 
     @cached_property
     def step(self) -> float:
-        """The relative step of differences along the course: so short that the overlap of no closed
-        contact beyond that at which it opens changes by more than the part
-        ``numbers.overlap_change``, within the bounds of the options.
+        """The relative step of differences along the course: ``numbers.step``, or less where a
+        closed contact would otherwise come too near to its opening. Such a contact may lose or gain
+        the part ``numbers.overlap_change`` of the overlap that it has beyond that at which it
+        opens. The step is at least ``numbers.least_step``.
         """
         numbers = self.follower.numbers
         trial = numbers.least_step

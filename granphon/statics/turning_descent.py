@@ -148,8 +148,8 @@ class TurningDescent(ListDescent):
             if has_soft_motions(self.equations):
                 raise self._explain_mechanism()
             assembly.standing.add(n_strains)
-        heavy = configuration.force > self.options.light_force * configuration.force_size
-        self.loose = assembly.count_contacts(heavy) <= assembly.dimension
+        is_heavy = configuration.force > self.options.light_force * configuration.force_size
+        self.loose = assembly.count_contacts(is_heavy) <= assembly.dimension
         return configuration
 
     def _explain_mechanism(self) -> MechanismError:
@@ -208,14 +208,14 @@ class TurningDescent(ListDescent):
         rest, and is not to be compared with.
         """
         if self._move_in_turn:
-            changes = self.trail.n_stalled > self.options.patience_of_turns
-            if changes:
+            is_to_change = self.trail.n_stalled > self.options.patience_of_turns
+            if is_to_change:
                 # in turn again only nearer to rest than moves in turn have led
-                nearer = 0.5 * self.trail.least_residual
-                self._residual_of_turns = min(self._residual_of_turns, nearer)
+                nearer_residual = self.trail.nearer_residual
+                self._residual_of_turns = min(self._residual_of_turns, nearer_residual)
         else:
-            changes = place.residual <= self._residual_of_turns
-        if changes:
+            is_to_change = place.residual <= self._residual_of_turns
+        if is_to_change:
             self._move_in_turn = not self._move_in_turn
             self.trail = Trail()
 
@@ -258,10 +258,10 @@ class TurningDescent(ListDescent):
         if self.problem.assembly.has_offsets:
             options = self.options
             left_before = options.loosening_force * place.residual * ahead.force_size
-            part_of_worst = options.shaken_force * float(np.max(ahead.force_on_balls))
-            shaken = ahead.force_on_balls > max(left_before, part_of_worst)
-            if np.mean(shaken) <= options.shaken_part:
-                self.loose = self.loose | shaken
+            largest = float(np.max(ahead.force_on_balls, initial=0.0))
+            is_shaken = ahead.force_on_balls > max(left_before, options.shaken_force * largest)
+            if np.count_nonzero(is_shaken) <= options.shaken_part * len(is_shaken):
+                self.loose = self.loose | is_shaken
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
@@ -304,8 +304,8 @@ class TurningDescent(ListDescent):
         ahead = self._go_on(configuration, step)
         if self._is_within_reach(ahead):
             return ahead
-        # -f/r has the other sign alone: with the true sign, a step along which there is hardly any
-        # curvature has no end
+        # with the other sign of -f/r alone: with the true sign, a step along which there is hardly
+        # any curvature has no end
         return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
 
     def _go_on(self, configuration: Configuration, step: Array) -> Configuration:
@@ -355,13 +355,14 @@ class TurningDescent(ListDescent):
         ):
             stiffness = configuration.stiffness
             linear = self.equations.linearise(configuration, stiffness)
+            # with weak springs a curvature below zero that is rounding does not count
             springs = options.curvature * find_strongest_push(configuration)
             factors = linear.factorise(springs)
             self._factored = None
             if factors.n_below:
                 return None
-            row = find_mean_row(configuration, stiffness)
-            invert = linear.invert(configuration.load_slope, row, factors)
+            mean_row = find_mean_row(configuration, stiffness)
+            invert = linear.invert(configuration.load_slope, mean_row, factors)
             factored = Factored(stiffness, residual, invert)
         self._factored = factored._replace(residual=residual)
         return self.problem.remove_drift(factored.invert(configuration.pull))
@@ -371,9 +372,9 @@ class TurningDescent(ListDescent):
         that iterations take less time, or there are too many balls for factors.
         """
         assembly = self.problem.assembly
-        closed = int(np.count_nonzero(configuration.stiffness))
-        motions = assembly.n_balls * assembly.dimension
-        return closed >= self.options.grid.rigidity * motions or not self.is_factored
+        n_closed = int(np.count_nonzero(configuration.stiffness))
+        n_motions = assembly.n_balls * assembly.dimension
+        return n_closed >= self.options.grid.rigidity * n_motions or not self.is_factored
 
     @property
     def _most_iterations(self) -> int:
@@ -394,7 +395,8 @@ class TurningDescent(ListDescent):
         options = self.options
         residual = configuration.residual
         stiffness = configuration.stiffness
-        added = options.added_stiffness * min(1.0, residual) * float(np.mean(stiffness))
+        part = options.added_stiffness * min(1.0, residual)
+        stiffness = stiffness + part * float(np.mean(stiffness))
         load_slope = configuration.load_slope
         least = options.grid.margin * self.tolerance / residual
         # where hardly a contact opens or closes, two accurate steps take less time than three rough
@@ -404,7 +406,7 @@ class TurningDescent(ListDescent):
         for turning in turnings:
             solution = self.grid_equations.solve(
                 configuration,
-                stiffness + added,
+                stiffness,
                 configuration.pull,
                 turning,
                 reduction,
@@ -417,9 +419,7 @@ class TurningDescent(ListDescent):
             if solution.has_arrived or not self.is_factored:
                 return solution.step
             break
-        return self.equations.solve(
-            configuration, stiffness + added, configuration.pull, -1.0, load_slope
-        )
+        return self.equations.solve(configuration, stiffness, configuration.pull, -1.0, load_slope)
 
     def _find_step(self, configuration: Configuration) -> Array:
         """Return the step (size,) of Newton's method, by factors; for too many balls for factors, a
@@ -439,11 +439,11 @@ class TurningDescent(ListDescent):
         for factors, leave f/r out.
         """
         stiffness = configuration.stiffness
-        distance = min(1.0, configuration.residual)
-        added = self.options.added_stiffness * distance * float(np.mean(stiffness))
+        part = self.options.added_stiffness * min(1.0, configuration.residual)
+        stiffness = stiffness + part * float(np.mean(stiffness))
         if not self.is_factored:
-            return self._find_iterated_step(configuration, stiffness + added)
-        return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)
+            return self._find_iterated_step(configuration, stiffness)
+        return self.equations.solve(configuration, stiffness, configuration.pull, -1.0)
 
     def _find_iterated_step(self, configuration: Configuration, stiffness: Array) -> Array:
         """Return a step (size,) for contacts of a ``stiffness`` (n_c,), N/m, without -f/r, by

@@ -4,6 +4,7 @@ own symmetries.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -547,6 +548,18 @@ def test_loads_next_to_nothing(seed):
     platform.libc_ver()[0] != "glibc",
     reason="the memory of other C libraries is kept in other ways",
 )
+@pytest.mark.parametrize("force", [1e-7, 1e-6])
+@pytest.mark.parametrize("shape", [(1, 2), (2, 2), (1, 3)])
+def test_few_balls_rest_just_above_the_threshold(shape, force):
+    """The spacing of doubles at the overlap, which is below zero, is as coarse as the load."""
+    for seed in range(6):
+        x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
+        state = bring_to_rest(x - np.mean(x), ReducedLoad(force=force))
+        assert state.overlap < 0.0
+        assert state.force == pytest.approx(force, rel=1e-9)
+        assert state.residual <= 1e-10
+
+
 def test_memory_of_arrays_is_kept_for_the_next_ones():
     """Pages that the system has to give again and again cost more than the arithmetic."""
     program = (
@@ -562,3 +575,17 @@ def test_memory_of_arrays_is_kept_for_the_next_ones():
         [sys.executable, "-c", program], check=True, stdout=subprocess.PIPE, text=True
     )
     assert int(done.stdout) < 1000  # of 10,240 pages
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"strain": np.zeros((3, 3))}, "strain of the shape"),
+        ({"balls": np.zeros((1, 4, 4))}, "no array of the triangular"),
+    ],
+)
+def test_arrays_that_belong_to_no_balls_on_the_lattice_are_refused(changes, said):
+    state = bring_to_rest(balls((4, 4)), ReducedLoad(overlap=0.5))
+    data = dataclasses.replace(state, **changes).to_dict()
+    with pytest.raises(InputError, match=said):
+        Equilibrium.from_dict(data)

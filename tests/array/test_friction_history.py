@@ -1008,6 +1008,26 @@ def test_a_solution_that_repeats_itself_or_cannot_be_reached_ends():
     assert taken == 0
 
 
+def test_a_part_that_no_product_contains_is_not_made_larger():
+    size = 50
+    draw = np.random.default_rng(2)
+    right = draw.normal(size=size)
+    axes, _ = np.linalg.qr(draw.normal(size=(size, size)))
+    stiffness = draw.uniform(0.5, 2.0, size)
+    stiffness[-1] = 0.0
+    matrix = (axes * stiffness) @ axes.T
+
+    def multiply(vector, out):
+        out[:] = matrix @ vector
+
+    def copy(vector, out):
+        out[:] = vector
+
+    found, taken = solve_by_minimal_residuals(multiply, copy, right, 1e-3, size)
+    assert taken <= size
+    assert np.linalg.norm(matrix @ found - right) <= np.linalg.norm(right)
+
+
 def test_where_the_array_stands_no_step_is_taken():
     first, again, last = run(
         history((6, 6), 0.2), [ReducedLoad(overlap=y) for y in (0.1, 0.1, 0.2)]

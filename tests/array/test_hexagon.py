@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 import granphon as gp
+from granphon.base.errors import ConvergenceError
 from granphon.waves.operator import WaveOperator
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -187,3 +188,10 @@ def test_a_contact_that_is_no_small_spot_is_a_warning(wall):
     )
     assert pressed.contact_radius == pytest.approx(max(between, leant), rel=1e-6)
     assert f"contact is {100 * pressed.contact_radius:.4g} %" in pressed.warnings[0]
+
+
+def test_a_hexagon_that_does_not_come_to_rest_says_what_helps():
+    """Overlaps of 1e-16 m beside differences of 1e-6 m: hardly a ball is held."""
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2e-6))
+    with pytest.raises(ConvergenceError, match="Raise the side force"):
+        gp.Hexagon(packing, 3).at_side_force(1e-12)

@@ -209,7 +209,7 @@ def test_a_patch_is_inverted_as_the_whole_resists(ratio):
     stiffness = draw.uniform(0.5, 1.5, shape)
     coupling = draw.uniform(-0.3, 0.3, (1, *shape))
     tangent = Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], coupling)
-    product = place.linearise(tangent, stiffness, 0.2 * stiffness[None], free=False)
+    product = place.linearise(tangent, stiffness, 0.2 * stiffness[None], is_free=False)
     balls = np.array([0, 1, 2, 7, 8, 20, 35])
     put = Patches(stencils).invert(balls, product)
     assert put is not None
@@ -225,7 +225,7 @@ def test_a_patch_is_inverted_as_the_whole_resists(ratio):
 class NoPatches(Patches):
     """No balls are found."""
 
-    def find_worst(self, rest):
+    def find_worst_balls(self, rest):
         return np.empty(0, int)
 
 
@@ -248,7 +248,7 @@ def test_weakly_held_balls_are_found_and_save_iterations(push):
         left = np.hypot(np.linalg.norm(back - pull), 0.0 if push is None else force - push)
         # vectors are in single precision
         assert left <= 1.1e-3 * np.hypot(np.linalg.norm(pull), push or 0.0)
-        return taken, steps._weak
+        return taken, steps._weak_balls
 
     taken, weak = solve(Patches(stencils))
     weakest = [at for at, factor in PAIRS.items() if factor <= 1e-3]

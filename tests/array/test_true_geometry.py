@@ -1503,9 +1503,19 @@ def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lat
     )
     slope = (high.force - low.force) / (high.overlap - low.overlap)
     assert here.normal_stiffness == pytest.approx(slope, rel=1e-6)
-    # the slope of it is a difference ahead, a tenth further in the logarithm of the force
     bend = (high.normal_stiffness - low.normal_stiffness) / (high.overlap - low.overlap)
-    assert here.stiffness_slope == pytest.approx(bend * math.exp(0.1 / 3.0), rel=2e-3)
+    assert here.stiffness_slope == pytest.approx(bend, rel=2e-3)
+
+
+def test_the_slope_of_the_stiffness_of_one_ball_is_that_of_hertz():
+    """All contacts of an array of one ball are alike, whatever the width."""
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(2e-6))
+    options = {"friction_history": True, "friction_coefficient": 0.3}
+    simulation = gp.DirectSimulation(packing, (1, 1), **options)
+    sample = simulation.at_force(10.0).sample
+    assert sample.stiffness_slope == pytest.approx(
+        sample.normal_stiffness**2 / (3.0 * sample.force), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("width", [1e-12, 1e-18])

@@ -212,7 +212,7 @@ def test_the_time_of_a_large_array_follows_from_a_small_one(clock):
     guess = estimate(simulation((1000, 1000)), Load("force", 500.0))
     small = 32 * 32
     assert clock[0] == 0  # nothing is timed before the time is asked for
-    few = (1.0 + cost._FEW_BALLS / 1e6) / (1.0 + cost._FEW_BALLS / small)
+    few = (1.0 + cost._OVERHEAD_BALLS / 1e6) / (1.0 + cost._OVERHEAD_BALLS / small)
     assert guess.seconds == pytest.approx(1e6 * few)
     assert clock[0] == small
     _ = guess.seconds, estimate(simulation((2000, 1000)), Load("force", 500.0)).times(3).seconds
@@ -222,7 +222,7 @@ def test_the_time_of_a_large_array_follows_from_a_small_one(clock):
 def test_the_time_grows_faster_than_the_balls_where_contacts_are_open(clock):
     load = Load("force", 0.03 * simulation().packing.width_units.force)
     small, large = (estimate(simulation((side, side)), load).seconds for side in (32, 320))
-    few = (1.0 + cost._FEW_BALLS / 320**2) / (1.0 + cost._FEW_BALLS / 32**2)
+    few = (1.0 + cost._OVERHEAD_BALLS / 320**2) / (1.0 + cost._OVERHEAD_BALLS / 32**2)
     opened = 1.0 - simulation((32, 32)).at(load).contact_fraction
     assert 0.2 < opened < 0.35
     assert large / small == pytest.approx(100.0 * few * 100.0**opened)

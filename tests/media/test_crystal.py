@@ -24,6 +24,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
 from granphon.media import crystal as crystal_module
+from granphon.media.mean_force import MeanGoal, PressureSearch
 from granphon.media.state import as_state
 
 G = 9.81
@@ -755,6 +756,16 @@ def test_exact_statics_tend_to_those_of_small_overlap():
 # -- edges, gravity --------------------------------------------------------------------------------
 
 
+def test_a_search_that_steps_over_its_goal_is_not_stuck():
+    goal = MeanGoal("force", 1.0)
+    search = PressureSearch(goal, balls_differ=False, contacts_adhere=False, has_gravity=True)
+    search.choose(1.0, 0.9, 2.0)
+    assert not search.is_stuck(1.1, 1e-9)
+    search.choose(2.0, 1.1, 1.5)
+    assert search.is_stuck(1.1, 1e-9)
+    assert search.last_error == pytest.approx(0.1)
+
+
 @pytest.mark.parametrize("follows", [False, True])
 def test_a_column_carries_its_weight(follows):
     column = gp.Crystal.on("chain", [S, A]).cut(0, 4, ("floor", "free"))
@@ -1015,6 +1026,7 @@ def test_a_state_is_plain_data_and_back(law):
 
 SQUARE = gp.Crystal.on("square", [PLAIN])
 ERRORS = {
+    "text of bytes": (lambda: gp.Crystal(b"x", [[8e-3]], [[0.0]]), "the balls are b.x"),
     "ball": (lambda: gp.Crystal(["x"], [[8e-3]], [[0.0]]), "'x' is not a ball"),
     "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 positions"),
     "cell": (lambda: gp.Crystal([S], [[8e-3, 0.0]], [[0.0]]), "the cell has the shape"),

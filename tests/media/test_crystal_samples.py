@@ -198,6 +198,21 @@ def test_means_are_over_all_contacts_and_are_met(follows):
     assert_allclose(np.mean(state.overlap), 1e-6, rtol=2e-11)
 
 
+def test_a_mean_overlap_of_balls_that_adhere_is_met_where_contacts_are_open():
+    crystal = gp.Crystal.on("triangular", [BALL], law=gp.DMT(0.05)).sample((4, 4), seed=3)
+    state = crystal.at_overlap(1e-7)
+    assert np.any(state.normal_stiffness == 0.0)
+    assert_allclose(np.mean(state.overlap), 1e-7, rtol=2e-11)
+
+
+def test_a_layer_that_is_held_as_a_whole_comes_to_rest_in_the_true_geometry():
+    """No ball moves by itself: the clamp alone moves, and the cell strains."""
+    layer = gp.Crystal.on("triangular", [BALL]).sample((4, 4), seed=3)
+    layer = layer.cut(1, 1, edges=("floor", "clamped"))
+    force = layer.at_force(2.0, finite_overlap=True).normal_force
+    assert_allclose(force, layer.at_force(2.0, finite_overlap=False).normal_force, atol=1e-2)
+
+
 @pytest.mark.parametrize(("lattice", "shape"), [("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))])
 def test_a_mean_overlap_is_found_from_far_away(lattice, shape):
     state = gp.Crystal.on(lattice, [BALL]).sample(shape, seed=1).at_overlap(2e-7)
@@ -303,6 +318,14 @@ def cluster():
             r"drawn by crystal\.sample",
         ),
         (lambda: square(WIDTH).sample((2, 2), -1), "seed"),
+        (
+            lambda: (
+                gp.Crystal.on("honeycomb", [BALL])
+                .sample((4, 4), seed=3)
+                .at_stress(np.diag([-1e3, -1.2e3]))
+            ),
+            "cannot bear",
+        ),
         (lambda: cluster().sample((2,)), "has no period"),
         (lambda: square(WIDTH).sample((2, 2), diameters=np.full((2, 2, 2), D)), "and no shape"),
         (

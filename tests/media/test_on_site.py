@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,18 @@ def test_a_load_that_springs_bear_alone_is_refused(springs, pressure):
     row = gp.Crystal.on("chain", [BALL], on_site=springs).repeat(6).cut(0, 1, ("floor", "free"))
     with pytest.raises(InputError, match=r"no force .* ground .* stiffest contact"):
         row.at_pressure(pressure)
+
+
+def test_springs_do_not_keep_contacts_of_balls_that_differ_closed():
+    """Springs that are next to nothing leave the forces as they are, where contacts are open."""
+    ball = replace(BALL, spread=gp.Uniform(4e-6))
+    forces = []
+    for springs in (None, 1e-3):
+        crystal = gp.Crystal.on("triangular", [ball], on_site=springs, friction=False)
+        forces.append(crystal.sample((4, 4), seed=3).at_pressure(100.0).normal_force)
+    without, with_springs = forces
+    assert np.any(without == 0.0)
+    assert_allclose(with_springs, without, atol=1e-5 * np.max(without))
 
 
 @pytest.mark.claim("on-site-motion")

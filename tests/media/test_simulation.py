@@ -105,6 +105,13 @@ def test_a_spread_without_width_is_none(steel, none):
 # -- units -----------------------------------------------------------------------------------------
 
 
+def test_an_overlap_of_a_diameter_is_refused_however_wide_the_spread(steel):
+    packing = gp.Packing(steel, D, spread=gp.Uniform(1.25 * D))
+    simulation = gp.DirectSimulation(packing, (4, 4), seed=0)
+    with pytest.raises(InputError, match="diameters"):
+        simulation.at_overlap(1.1 * D)
+
+
 def test_a_sample_is_its_equilibrium_in_si(spread):
     sample = simulate(spread, (7, 6), seed=3).at_overlap(0.1 * WIDTH).sample
     x = (sample.diameters - D) / WIDTH
@@ -400,6 +407,9 @@ def test_distribution_of_forces_integrates_to_one(spread):
         {"largest": 0.0},
         {"largest": math.nan},
         {"least": 7.0},
+        {"least": 1.0, "largest": 1.0 + 3e-16},  # the edges of bins are one number
+        {"least": -1e308, "largest": 1e308},  # the width of the range is no number
+        {"largest": 1e-320},  # densities are no numbers
     ):
         with pytest.raises(InputError, match="bins"):
             sample.force_distribution(**wrong)

@@ -400,13 +400,35 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
         np.array([""]),
         np.array([None]),
         np.array([2**31]),
+        np.zeros((1, 0)),
     ],
-    ids=["tensor", "complex", "blank", "empty", "object", "long"],
+    ids=["tensor", "complex", "blank", "empty", "object", "long", "narrow"],
 )
 def test_write_extxyz_refuses_what_no_reader_reads(tmp_path, values):
     balls = gp.atoms(at_overlap())
     balls.set_array("extra", values)
     with pytest.raises(InputError, match="extra"):
+        gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a:b", 'a"b', "a[b", "a\\b", "symbols", "pos", "Z"])
+def test_write_extxyz_refuses_names_of_arrays_that_no_reader_finds(tmp_path, name):
+    balls = gp.atoms(at_overlap())
+    balls.arrays[name] = np.ones(len(balls))
+    with pytest.raises(InputError, match="of the name"):
+        gp.write_extxyz(tmp_path / "balls.extxyz", balls)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("", 1), (3, 1), ("pbc", "x"), ("a=b", 1), ("a\nb", 1), ("a", ""), ("a", "b\nc"), ("a", "\\")],
+)
+def test_write_extxyz_refuses_info_that_would_not_be_read_back(tmp_path, key, value):
+    balls = gp.atoms(at_overlap())
+    balls.info[key] = value
+    with pytest.raises(InputError, match="read back"):
         gp.write_extxyz(tmp_path / "balls.extxyz", balls)
     assert not list(tmp_path.iterdir())
 
@@ -538,3 +560,36 @@ def test_vibrations_data_from_force_constants(name):
     )
     np.testing.assert_allclose((energies / unit).real[2:], expected[2:], rtol=1e-12)
     np.testing.assert_allclose(np.abs(energies / unit)[:2], 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("like", [3, "x", [None]])
+def test_adopt_refuses_like_that_is_no_atoms(like):
+    state = at_overlap()
+    with pytest.raises(InputError, match=r"like is .* ase\.Atoms"):
+        gp.HertzMindlin(state).adopt(gp.atoms(state), like=like)
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "said"),
+    [
+        ("granphon_kind", 5, "entry 5"),
+        ("granphon_kind", 0.5, "entry 0.5"),
+        ("diameter_deviations", "a", "of the type"),
+    ],
+)
+def test_arrays_that_no_balls_have_are_refused(name, entry, said):
+    state = at_overlap()
+    balls = gp.atoms(state)
+    balls.set_array(name, None)
+    balls.set_array(name, np.array([entry]))
+    balls.calc = gp.HertzMindlin(state)
+    with pytest.raises(InputError, match=said):
+        balls.get_potential_energy()
+
+
+def test_scales_that_are_no_numbers_are_refused():
+    state = at_overlap()
+    balls = gp.atoms(state)
+    balls.info["granphon_length_m"] = "long"
+    with pytest.raises(InputError, match="'long'"):
+        gp.HertzMindlin(state).adopt(balls)

@@ -1374,6 +1374,24 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "'keywords'",
         "rolling_stiffness",
     ),
+    "walls without a name": (
+        edit("format: lammps", 'format: liggghts\n  walls: ""', NETWORK),
+        "4: network.walls",
+        "''",
+        "one or more names",
+    ),
+    "frozen balls without a column": (
+        edit("  format", "  frozen: {}\n  format", NETWORK),
+        "3: network.frozen",
+        "an empty block",
+        "{type: 2}",
+    ),
+    "columns without a name": (
+        edit("  format", "  columns: {}\n  format", NETWORK),
+        "3: network.columns",
+        "an empty block",
+        "R (mm)",
+    ),
     "a load beside files": (
         edit("observe:", "load: {force: 3 N}\nobserve:", NETWORK),
         "6: load",

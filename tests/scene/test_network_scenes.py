@@ -122,6 +122,24 @@ def test_a_run_keeps_its_packing_and_is_found_again(result):
     assert not is_complete(other, result.folder)
 
 
+def test_vectors_of_a_cell_may_point_backwards(tmp_path):
+    """The second vector of a hexagonal cell has a component below zero."""
+    ball = gp.Ball(packings.MATERIAL, 8e-3)
+    network = gp.Crystal.on("triangular", [ball]).repeat((3, 3)).at_force(10.0).network
+    network.write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    height = 12.0 * 3.0**0.5
+    text = f"""
+network:
+  format: tables
+  files: [{tmp_path}/balls.csv, {tmp_path}/contacts.csv]
+  cell: [[24 mm, 0], [-12 mm, {height!r} mm]]
+observe: [modes]
+"""
+    scene = make(text)
+    np.testing.assert_allclose(scene.state().network.cell, network.cell, atol=1e-15)
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
+
+
 def test_a_scene_of_a_packing_is_written_as_it_was_read():
     scene = make()
     assert gp.Scene.from_text(scene.to_yaml()) == scene

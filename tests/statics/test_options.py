@@ -34,7 +34,7 @@ OUTSIDE = {
         array.sample._TOLERANCE contacts.friction.SLIDING_RATIO
         """,
     "elements that a loop or a cache holds, and the columns of a loop": """
-        array.minimal_residuals._LENGTH array.stencils.CACHED contacts.grid._KEPT_BALLS
+        array.minimal_residuals._LENGTH array.stencils._CACHE_ELEMENTS contacts.grid._KEPT_BALLS
         contacts.grid._SHARED_CELLS
         contacts.grid_loops._CONTACTS_AT_ONCE contacts.grid_loops._CONTACTS_IN_CACHE
         contacts.grid_loops._LANES contacts.grid_product._PLACES_AT_ONCE
@@ -50,16 +50,16 @@ OUTSIDE = {
         array.sparse_matrices._FACTORS_BYTES array.sparse_matrices._LIBRARY_BYTES
         """,
     "rounding, and numbers of a formula": """
-        array.load_step._LEFT_BY_LOOSE array.minimal_residuals._CANCELLED array.stencils._ROUNDED
-        array.stencils._INDEPENDENT contacts.assembly.ROUNDING contacts.grid._ROUNDING
-        contacts.motion_laws._GAUSS_POINT contacts.motion_laws._GAUSS_RANGE
+        array.load_step._LOOSE_RESIDUAL array.minimal_residuals._CANCELLATION
+        array.stencils._ROUNDING array.stencils._LEAST_SINE contacts.assembly.ROUNDING
+        contacts.grid._ROUNDING contacts.motion_laws._GAUSS_POINT contacts.motion_laws._GAUSS_RANGE
         contacts.sliding._LEAST_DIVISOR
         contacts.slips._SERIES_SQUARE statics.grid_problem._WIDTH_OVER_RMS
         """,
     "how exactly an array is at rest": """
-        array.equilibrium.REST_TOLERANCE array.rest._LOAD_PART array.rest._OF_RATIO
+        array.equilibrium.REST_TOLERANCE array.rest._LOAD_PART array.rest._PART_OF_RATIO
         array.rest.LEAST_TOLERANCE array.sheared_equilibrium._MOST_PRESSURES
-        array.true_equilibrium._ASIDE
+        array.true_equilibrium._LEAST_DISTANCE
         """,
 }
 ALLOWED = {name for names in OUTSIDE.values() for name in names.split()}

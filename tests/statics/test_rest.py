@@ -71,6 +71,24 @@ def test_shears_keep_the_size_of_a_cell_and_are_orthogonal(periods, count):
     assert_allclose(products, np.diag(np.diagonal(products)), atol=0.0)
 
 
+@pytest.mark.parametrize("law", [gp.DMT(1e-9), gp.JKR(1e-9)])
+def test_contacts_that_adhere_do_not_keep_others_closed(law):
+    """Adhesion that is next to nothing leaves the forces as they are, where contacts open too."""
+    kinds = [replace(BALL, name="A"), replace(BALL, name="B")]
+    cell = np.diag([D, 2.0 * D])
+    sites = [[0.0, 0.0], [0.0, D]]
+    forces = []
+    for between in (gp.Hertz(), law):
+        laws = {("A", "A"): gp.Hertz(), ("B", "B"): gp.Hertz(), ("A", "B"): between}
+        sample = gp.Crystal(kinds, cell, sites, law=laws, friction=False).sample((6, 3), seed=1)
+        assembly = sample._assembly
+        rest = find_rest(assembly, press(assembly, 100.0))
+        forces.append(assembly.laws.force(rest.overlap))
+    without, with_adhesion = forces
+    assert 0 < np.count_nonzero(without > 0.0) < len(without)
+    assert_allclose(with_adhesion, without, atol=1e-6 * np.max(without))
+
+
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 def test_forces_left_are_derivatives_of_the_energy_and_the_tangent_theirs(geometry):
     assembly = make_slab()._assembly
