@@ -510,7 +510,7 @@ def ends(repeats: int) -> list[Row]:
         shares /= np.sum(shares)
         xi = local_field(mindlin_ratio=float(draw.uniform(0.0, 4.0 / 3.0))).xi
         curve = effective_curve(gp.Discrete(tuple(DIAMETER + 1e-6 * off), tuple(shares)).shape, xi)
-        if curve.stiffness_vanishes:
+        if curve.has_zero_stiffness:
             found.append(curve.least_force)
             if curve.least_force > 1e-4:
                 rarest = max(rarest, float(np.min(shares)))
