@@ -365,7 +365,7 @@ def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
     )
     assert sum(of_scene.values()) <= 3600
     assert len(of_scene) <= 49
-    assert sum(of_python.values()) <= 520
+    assert sum(of_python.values()) <= 540
     assert len(of_python) <= 29
 
 
