@@ -246,16 +246,16 @@ def require_lying(balls: Atoms, periods: int) -> None:
     """
     if periods == 3:
         return
-    where, layer = ("line", "one row along x")
+    where, array = ("line", "one row along x")
     if periods == 2:
-        where, layer = ("plane", "one layer in x and y")
+        where, array = ("plane", "one layer in x and y")
     if np.any(np.abs(np.asarray(balls.cell)[:periods, periods:]) > _TILT):
-        raise InputError(f"the cell is tilted out of the {where}", f"The array is {layer}")
+        raise InputError(f"the cell is tilted out of the {where}", f"The array is {array}")
     if np.any(balls.pbc[periods:]):
         allowed = tuple(axis < periods for axis in range(3))
         raise InputError(
             f"the balls are periodic across the {where}",
-            f"The array is {layer}",
+            f"The array is {array}",
             f"Set pbc = {allowed}",
         )
 

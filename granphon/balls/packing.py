@@ -517,6 +517,7 @@ class Axis:
         """
         _require_parameter(name)
         entries = argument if isinstance(argument, list | tuple) else (argument,)
+        # among numbers a torsion may be the word "mindlin", which a list of numbers would refuse
         has_word = name == "torsion" and any(isinstance(entry, str) for entry in entries)
         if find_unit(name) is None or has_word:
             axis = cls(name, _list_values(argument))

@@ -263,11 +263,11 @@ def _lay_rows(
     """Return how the lower triangle of the matrix of all clusters is stored: ``first`` (rows,),
     ``row_starts`` (rows,) and the number of entries.
 
-    Ball ``order[e]`` has the ``d`` rows from d e on. Each row is stored from column ``first[row]``
-    to the diagonal. This column is the first one of the ball itself or, if that is earlier, of a
-    neighbour. The entry of a column has the index ``row_starts[row] + column`` among all entries.
-    ``starts`` and ``neighbours`` are those of :func:`_list_neighbours`, ``order`` and ``place``
-    those of :func:`_order_clusters`.
+    Ball ``order[e]`` has the ``d`` rows from ``d * e`` on. Each row is stored from column
+    ``first[row]`` to the diagonal. This column is the first one of the ball itself or, if that is
+    earlier, of a neighbour. The entry of a column has the index ``row_starts[row] + column`` among
+    all entries. ``starts`` and ``neighbours`` are those of :func:`_list_neighbours`, ``order`` and
+    ``place`` those of :func:`_order_clusters`.
     """
     size = d * len(order)
     first = np.empty(size, np.int64)

@@ -344,7 +344,9 @@ class SparseRelaxation:
 
 
 def _bound(matrix: Any) -> float:
-    """Return an upper bound of the eigenvalues of a sparse symmetric ``matrix``."""
+    """Return an upper bound of the magnitudes of the eigenvalues of a sparse symmetric ``matrix``:
+    the largest sum of magnitudes of a row, by Gershgorin's theorem.
+    """
     return float(np.max(abs(matrix).sum(axis=1), initial=0.0))
 
 

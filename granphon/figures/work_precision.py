@@ -47,14 +47,15 @@ _ERRORS = 1e-8, 1e0
 
 
 def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
-    """Draw error against time of the points of the trade-off ``result``, on logarithmic axes.
+    """Draw error against time of the points of the trade-off ``result`` that were run, on
+    logarithmic axes.
 
     Markers are open where the reference is less than a hundred times better than the point. Bars
-    are the spread of times, and the standard errors of the errors of random samples. The floor is
-    the condition number times rounding; random samples have their scatter in place of a floor.
-    Points without an error, because there is no reference or no difference from the reference, are
-    marks at the bottom. Points that were not run are counted above the axes, by method. Returns
-    ``ax``.
+    are the spread of times, and the standard errors of the errors of random samples. The floor,
+    a dotted line, or a number if it is far below all errors, is the largest of the condition
+    numbers times rounding of points that are not random. Points without an error, because there is
+    no reference or no difference from the reference, are marks at the bottom. Points that were not
+    run are counted above the axes, by method. Returns ``ax``.
     """
     points = result.points
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")

@@ -25,7 +25,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
-from granphon.base.staging import write_text
+from granphon.base.staging import write_texts
 from granphon.base.tables import table_text
 from granphon.base.text import counted, dump_yaml, require_path, versions
 from granphon.base.validation import finite_array, real_array, require, texts, truth
@@ -786,20 +786,24 @@ class Fitted(Result):
 
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a ``folder``,
-        which is made if need be. Files of another fit are replaced.
+        which is made if need be: both, or neither where one of them is refused. The files of an
+        earlier fit are replaced if its fit.csv has the same columns.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no path,
         :class:`~granphon.base.errors.FileExistsInRunError` if other files of these names are there,
-        and :class:`~granphon.base.errors.OutputError` if the file system refuses a file.
+        such as a fit.csv with other columns, and :class:`~granphon.base.errors.OutputError` if the
+        file system refuses a file.
         """
         require_path(folder)
         head: dict[str, Any] = {"versions": versions("numpy", "scipy")}
         for name in self._head:
             head[name] = getattr(self, name)
-        write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
+        text_of_fit = dump_yaml(head | self.to_dict())
         columns = self._list_columns()
         rows = np.stack(list(columns.values()), axis=1).tolist()
-        write_text(Path(folder) / "fit.csv", table_text(columns, rows))
+        text_of_data = table_text(columns, rows)
+        target = Path(folder)
+        write_texts([(target / "fit.yaml", text_of_fit), (target / "fit.csv", text_of_data)])
 
 
 def _read_correlations(correlation: ArrayLike, n_inputs: int) -> Array:

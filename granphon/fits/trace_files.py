@@ -237,7 +237,12 @@ def _take_step(
 
 def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
     """Return the traces of a table: a column of times, or a line above the headings that gives the
-    step of time, and a column for each sensor. InputError if there are no samples or no traces.
+    step of time, and a column for each sensor. Without either, the times are None.
+
+    Raises MissingFileError if there is no file; InputError for a file that cannot be read or is no
+    table, for a step that is no time, for lines with different steps, for times and a step, for
+    times without a unit of time, for a cell that is no number, for two columns of one heading, and
+    if there are no samples or no traces.
     """
     lines, step = _take_step(path, decode(str(path), read_bytes(path)).splitlines())
     table = Table.parse(str(path), "\n".join(lines).encode())
@@ -263,7 +268,7 @@ def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
         try:
             signals.append(table.numbers(heading.name))
         except InputError as error:
-            raise InputError(f"{path}, {error}") from None
+            raise InputError(f"{path}: {error}") from None
     if not signals:
         raise InputError(
             f"{path} has no trace", mend="Give each sensor a column, such as 'bead 5 at 40 mm (V)'"

@@ -130,8 +130,9 @@ class Traces(Result, array="signals"):
     names: tuple[str, ...] = held((str, ...), default=())
 
     def __post_init__(self) -> None:
-        """Check the traces, and put arrays of two axes, one for sensors and one for times, and the
-        names of the sensors in place of the arguments.
+        """Check the traces, and put arrays of floats in place of the arguments: ``times`` (n,),
+        ``signals`` (m, n), also of a single trace (n,), and ``distances`` (m,), also of a single
+        number; and the tuple ``names`` (m,), by default "1", "2", ...
         """
         times = _require_even_steps(finite_array("times", self.times, "s"))
         signals = np.atleast_2d(_read_signals(self.signals))
@@ -143,9 +144,12 @@ class Traces(Result, array="signals"):
                 mend="Give each trace a sample for each time: signals are (sensors, times)",
             )
         if distances.shape != (n_sensors,):
+            given = counted(distances.size, "distance")
+            if distances.ndim > 1:
+                given = f"distances of the shape {distances.shape}"
             raise InputError(
-                f"found {counted(n_sensors, 'trace')}, and {counted(distances.size, 'distance')}",
-                mend="Give one distance for each sensor",
+                f"found {counted(n_sensors, 'trace')}, and {given}",
+                mend="Give one distance for each sensor, in a list",
             )
         falls = np.flatnonzero(np.diff(distances) <= 0.0)
         if falls.size:

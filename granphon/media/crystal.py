@@ -570,8 +570,8 @@ class Crystal(Result):
         return tuple(require("shape", rule, shape))
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
-        """Return a supercell whose balls have their own diameters, with the distributions that
-        their kinds have as spreads.
+        """Return a supercell whose balls have their own diameters: those given, or others drawn
+        from the distributions that their kinds have as spreads.
 
         Parameters
         ----------
@@ -580,15 +580,15 @@ class Crystal(Result):
             :class:`~granphon.DirectSimulation`. A larger sample contains the diameters of a smaller
             one, before their mean is shifted.
         diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a
-            shape and a seed.
+            ``shape``; ``seed`` then has no effect.
 
         The diameters of a kind are shifted so that their mean is the diameter of the kind, to
-        rounding.
-        The diameters differ little, as in a packing. All balls of a kind have the mass and the
-        contact law of the mean ball, and mean balls touch at the reference sites. A contact of
-        balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In the state at
-        rest some contacts are then open, and some balls may be loose. Means of forces and overlaps,
-        as :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
+        rounding. They are assumed to differ little, as in a packing; this is not checked. All balls
+        of a kind have the mass and the contact law of the mean ball, and mean balls touch at the
+        reference sites. A contact of balls with the deviations D_i and D_j has the overlap
+        (D_i + D_j)/2 there. In the state at rest some contacts are then open, and some balls may be
+        loose. Means of forces and overlaps, as :meth:`at_force` takes them, are over all contacts
+        of the sample, the open ones too.
 
         By default the cell of a crystal may shear (``boundary="stress"``) and contacts keep the
         directions of the sites. With ``boundary="isotropic"``, and ``finite_overlap`` as it is in
@@ -624,10 +624,11 @@ class Crystal(Result):
         if given_diameters is None:
             sizes = self._draw(supercell.kind, counts, seed)
         else:
-            sizes = given_diameters.ravel().astype(float)
+            sizes = given_diameters.ravel()
         sample = supercell._derive(deviations=supercell._centre_sizes(sizes))
         if p == self.dimension and not self._flat_sides and self.on_site is None:
-            # with the grid of its cells the sample comes to rest sooner, in the same state
+            # with the grid of its cells the sample comes to rest sooner, in the same state; the
+            # grid takes the place of what the cached property of the frozen crystal would find
             vars(sample)["_grid"] = Grid.of(self.contacts, counts, self.n_balls)
         return sample
 

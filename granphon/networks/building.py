@@ -612,7 +612,9 @@ class _Joining:
         )
 
     def _note_repeated(self, pairs: _Pairs) -> None:
-        """Note, as faults, contacts that repeat an earlier one."""
+        """Note, as faults, contacts of the same balls, images and, at walls, normals as an earlier
+        one, listed from the same end or from the other.
+        """
         fixed = self.places.balls.fixed
         both_move = ~(fixed[pairs.i] | fixed[pairs.j])
         _contacts, twins = find_repeated(pairs.i, pairs.j, pairs.shift, pairs.normal, both_move)

@@ -390,8 +390,8 @@ class Bands(Result):
         positions = place_atoms(self.positions, self.motions, offset)
         masses = np.repeat(self.masses, self.motions.atoms_per_ball)
         rows = np.column_stack([positions, masses]).tolist()
-        numbers = fill_floats("  coordinates: [ %r, %r, %r ]\n  mass: %r", rows)
-        return [f"- symbol: {name}\n{lines}" for name, lines in zip(names, numbers, strict=True)]
+        texts = fill_floats("  coordinates: [ %r, %r, %r ]\n  mass: %r", rows)
+        return [f"- symbol: {name}\n{lines}" for name, lines in zip(names, texts, strict=True)]
 
     def _write_modes(self, unit: HertzPrefix, n_still: int, errors: ArrayLike | None) -> list[str]:
         """Return the lines of a band.yaml on its wave vectors and modes, as one text for each wave

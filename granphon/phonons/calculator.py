@@ -998,6 +998,7 @@ class HertzMindlin(ContactCalculator):
         positions = np.zeros((len(atoms), 3))
         positions[:, : lattice.dimension] = d * atoms.positions[:, : lattice.dimension]
         force = np.full(overlap.shape, self.state.force)
+        # only contacts that differ from those of the state are evaluated, as in _find_springs
         is_different = (overlap != self._overlap) | (law is not self.state.law)
         if np.any(is_different):
             force[is_different] = law.force(overlap[is_different] * d)

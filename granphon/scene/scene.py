@@ -166,7 +166,7 @@ class Scene(SceneValues):
 
     @classmethod
     def _read(cls, origin: SceneSource) -> Self:
-        """Return the scene of the document ``origin``. The values, the plan and, if parameters have
+        """Return the scene of the source ``origin``. The values, the plan and, if parameters have
         standard errors, the shifted scenes are checked; SceneError names the first mistake.
         """
         arguments = origin.read()
@@ -664,7 +664,8 @@ def _write_result(result: RunResult, locked: ResultFiles, figures: bool) -> RunR
         if row.files and (row.find is None or result[row.name] is not None)
     ]
     names = list_files(written_rows, figures=figures)
-    # all files are staged first, and come into the folder together
+    # All files are staged first, and come into the folder together. None is required: an output
+    # without a value has no files, and neither has a figure that cannot be drawn.
     with (
         locked.staging(locked.names) as stage,
         result.means.progress.step("writing", len(names)) as step,

@@ -388,20 +388,25 @@ def _find_equal_green(
     ends_i: tuple[tuple[int, int], ...],
     ends_j: tuple[tuple[int, int], ...],
     normal: tuple[float, ...],
-    *each: tuple[float, ...],
+    *springs: tuple[float, ...],
 ) -> NDArray[Any]:
     """Return the inverses (f, f, waves) in Fourier space of the tangent of contacts of these kinds
-    on a grid of the ``shape``, in single precision.
+    on a grid of the ``shape``, in single precision; f are the motions of the balls of a cell, and
+    the waves are those of a real transform: about half of all along the last axis.
 
     ``ends_i`` and ``ends_j`` are the ball of the cell, and the number of the cell, at either end of
-    one contact of each kind; ``normal`` are the directions of the kinds, flattened; ``each`` are,
-    for each kind, the two arms and the stiffnesses along the normal, by shear, torsion and bending;
-    ``spring`` is that of :class:`GridOptions`. All arguments are hashable, as inverses are kept.
+    one contact of each kind, and ``normal`` the directions of the kinds, flattened. ``springs`` are
+    six tuples with a number for each kind: the arms at i and at j, and the stiffnesses along the
+    normal, by shear, torsion and bending. All arguments are hashable, as inverses are kept.
+
+    So that it has an inverse, the tangent is stiffened: each motion of all waves by ``spring``, of
+    :class:`GridOptions`, times the mean of the diagonals of the tangents of single contacts, and
+    each motion of the wave that moves all cells alike further by this mean itself.
     """
     kinds = len(ends_i)
     m = motions.count
     directions = np.array(normal).reshape(kinds, 3)
-    pairs = _find_pair_blocks(motions, directions, each, len(shape))
+    pairs = _find_pair_blocks(motions, directions, springs, len(shape))
     phases = list_phases(shape, [*map(np.arange, shape[:-1]), np.arange(shape[-1] // 2 + 1)])
     n_fields = m * (1 + max(ball for ball, _ in ends_i + ends_j))
     matrix = np.zeros((*phases[0].shape, n_fields, n_fields), complex)
@@ -412,7 +417,7 @@ def _find_equal_green(
         _add_pair(pair, i, j, angle, matrix)
     level = float(np.mean(np.diagonal(pairs, axis1=1, axis2=2).ravel()))
     matrix += spring * level * np.eye(n_fields)
-    # nothing resists translations of the whole
+    # nothing resists translations of the whole, which are among the motions of this wave
     matrix[(0,) * len(shape)] += level * np.eye(n_fields)
     inverses = np.linalg.inv(matrix).reshape(-1, n_fields, n_fields)
     table = np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
@@ -440,7 +445,7 @@ def _find_pair_blocks(
 ) -> Array:
     """Return the tangent (kinds, 2 m, 2 m) of each kind of contact between two balls of its own,
     with the m motions of ball i before those of ball j. Contacts have ``directions`` (kinds, 3) and
-    the arms and stiffnesses ``springs`` that are the ``each`` of :func:`_find_equal_green`.
+    the arms and stiffnesses ``springs`` of :func:`_find_equal_green`.
     """
     kinds = len(directions)
     m = motions.count

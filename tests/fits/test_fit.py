@@ -20,7 +20,7 @@ from scipy.stats import kstest
 
 import granphon as gp
 from granphon.balls.packing import change_packing
-from granphon.base.errors import InputError, UnreachableFrequencyError
+from granphon.base.errors import FileExistsInRunError, InputError, UnreachableFrequencyError
 from granphon.base.text import plain_yaml
 from granphon.fits.fit import (
     WidthFit,
@@ -785,6 +785,25 @@ def test_equal_balls_have_one_velocity_in_every_medium():
     fit = fit_width(equal, FORCE, velocity, 1.0, parameters=("young_modulus",))
     for medium in ("ala", "ema", "simulation"):
         assert_allclose(fit.velocity_at(FORCE, medium), velocity, rtol=1e-9)
+
+
+def test_a_fit_is_written_whole_or_not_at_all(tmp_path):
+    """The files of a fit with the same columns are replaced; if fit.csv has other columns, fit.yaml
+    is left as well.
+    """
+    force, velocity = FORCE[::4], EXACT["ema"][::4]
+    fit = fit_width(BALLS, force, velocity, 2.0)
+    fit_of_pulses = fit_width(BALLS, force, velocity, 2.0, frequency=6500.0)
+    shifted_fit = fit_width(BALLS, force, velocity + 1.0, 2.0)
+    paths = [tmp_path / "fit.yaml", tmp_path / "fit.csv"]
+    fit.write(tmp_path)
+    before = [path.read_bytes() for path in paths]
+    with pytest.raises(FileExistsInRunError, match=r"fit\.csv"):
+        fit_of_pulses.write(tmp_path)
+    assert [path.read_bytes() for path in paths] == before
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+    shifted_fit.write(tmp_path)
+    assert all(path.read_bytes() != old for path, old in zip(paths, before, strict=True))
 
 
 def test_the_result_is_plain_data_and_frozen(tmp_path):

@@ -224,6 +224,8 @@ def test_bad_traces_are_refused() -> None:
         gp.Traces(times, np.minimum(signals, 0.6), places)
     with pytest.raises(InputError, match="1 distance"):
         gp.Traces(times, signals, [0.0])
+    with pytest.raises(InputError, match=rf"shape \(1, {len(places)}\)"):
+        gp.Traces(times, signals, [places])
 
 
 def test_digits_of_an_oscilloscope_are_no_cut() -> None:
