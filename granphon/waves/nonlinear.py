@@ -1136,10 +1136,18 @@ class _RateBound:
 class _System:
     """The equations of motion of a network with drives, and its state at the present time of a run.
 
-    :meth:`_begin` sets the attributes below for a run, and steps change them.
+    The constructor sets the first six of the attributes below. :meth:`_begin` sets the others for a
+    run, and steps change them.
 
     Attributes
     ----------
+    waves : the waves, with the network at rest, the laws and the losses.
+    drives : the drives, displacements and forces.
+    moved_bodies : for each drive that is a displacement its bodies (k,) and its direction (3,), of
+        length one.
+    network : the network of the waves, in which bodies that drives displace have infinite masses.
+    operator : the dynamical matrix of this network, by whose vectors (size,) motions are numbered.
+    bound : the bounds of the rates of motions, from which the time step follows.
     current : the contacts now.
     joined : (n_c,) whether each contact is joined, for laws whose force jumps; None for others.
     strokes, drive_forces : displacements, m, and forces, N, of the drives now.
@@ -1171,10 +1179,11 @@ class _System:
         # bodies that drives displace, and their directions by the displacements that balls have
         self._along = [(balls, direction[axes]) for balls, direction in self.moved_bodies]
         self.bound = _RateBound(operator, waves.punch)
-        # index of each number of a vector in the flattened motions (n, m) of all balls, and the
-        # motion over the mass-weighted one
+        # index (size,) of each number of a vector in the flattened motions (n, m) of all balls
         indices = operator.indices
         self._places = np.flatnonzero(indices.ravel() >= 0)
+        # factor (size,) by which a mass-weighted motion becomes a displacement, kg^-1/2, or a
+        # rotation, kg^-1/2/m
         _, self._scale = operator.flat_indices_and_scale
         self._stroke_functions = [
             drive.displacement for drive in drives if drive.displacement is not None
@@ -1190,7 +1199,7 @@ class _System:
         self._drag = operator.drag(waves.losses)
         self._has_drag = bool(np.any(self._drag))
         is_moving = self.network.moving
-        self._least_root_mass = math.sqrt(float(np.min(masses[is_moving], initial=np.inf)))
+        self._least_root_mass = math.sqrt(float(np.min(masses[is_moving])))
         self._mean_radius = float(np.mean(self.network.radii[is_moving]))
         # margin of the list of pairs that may meet, m
         self._skin = _SKIN * 2.0 * self._mean_radius
