@@ -568,7 +568,7 @@ class NonlinearWaves:
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
-            largest_energy = 0.5 * float(np.max(squares, initial=0.0))  # of a ball, J
+            largest_energy = 0.5 * float(np.max(squares))  # of a ball, J
             stiffness = system.find_pressed_stiffness(x, largest_energy)
             top = system.bound.find(stiffness)
             if step is None:
@@ -606,7 +606,7 @@ class NonlinearWaves:
         displacement = not_negative("displacement", displacement, "m")
         system = _System(self, [])
         masses = self.network.masses[self.network.moving]
-        energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
+        energy = 0.5 * float(np.max(masses)) * speed * speed
         rest_motions = np.zeros(system.operator.size)
         with np.errstate(over="ignore", invalid="ignore"):
             return system.choose_step(
@@ -1435,7 +1435,7 @@ class _System:
         mean diameter.
         """
         displacements = self.operator.to_balls(self.x)[:, :3]
-        largest_displacement = float(np.max(np.abs(displacements), initial=0.0))
+        largest_displacement = float(np.max(np.abs(displacements)))
         if not largest_displacement < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
             raise _Stop(
                 f"a ball has left its place by {largest_displacement:.3g} m, which needs geometry:"
