@@ -738,7 +738,7 @@ def read_fit(data: Any) -> WidthFit | DampingFit:
 def find_secant(
     compare: Callable[[Array], Array], values: Array, index: int, scatter: float, name: str
 ) -> Array:
-    """Return the slope (n_r,) of the secant of the residuals along one loss, which takes the place of
+    """Return the slope (n,) of the secant of the residuals along one loss, which takes the place of
     a derivative in a Jacobian: the change of the residuals over the step of the loss at which the
     norm of the change equals the ``scatter``.
 
