@@ -200,7 +200,8 @@ class Sample(Result):
     ) -> tuple[Array, Array]:
         """Return the edges (bins + 1,) of bins in f/<f>, and the probability density (bins,) of
         f/<f>: f are the forces of the contacts that carry more than a part 1e-6 of the mean force,
-        and <f> is the mean force.
+        and <f> is the mean force of all contacts, open ones included. So the mean of f/<f> is one
+        where no contact is left out, and above one elsewhere.
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
         density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is

@@ -795,7 +795,8 @@ def _list_samples(state: ContactState) -> tuple[Sample, ...]:
 
 def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """Draw the probability density of f/<f> of the contacts that carry load, averaged over the
-    samples, on a log scale.
+    samples, on a log scale. The mean force <f> of a sample is that of all its contacts, open ones
+    included.
 
     Bins are a quarter of the rms fluctuation wide, but there are at least 20 and at most 400 of
     them; empty bins at the ends are left out. Raises :class:`~granphon.base.errors.InputError` for

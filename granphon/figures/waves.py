@@ -809,11 +809,12 @@ def plot_seismogram(
     balls, one above the other.
 
     ``balls`` is the number of single balls; fewer are drawn if the pulse has fewer receivers. Means
-    over further planes are drawn too, if the pulse has such planes. The burst is drawn over its
-    greatest value, and all other traces over the greatest signal of a ball; they are flat if all
-    signals are zero. A mark shows the time of flight by the envelope, if the time of flight is
-    known. The standard errors (n,), m/s, under "coherent" in ``errors``, nan where unknown, are a
-    band about the mean; ``errors`` of other names are not drawn.
+    over further planes are drawn too, if the pulse has such planes. The burst is divided by its
+    greatest absolute value, and all other traces by the greatest absolute value of all signals of
+    balls; they are flat if all signals are zero. If the time of flight by the envelope is known, a
+    mark stands at that time plus half of the duration of the burst, where the middle of the burst
+    arrives. The standard errors (n_t,), m/s, under "coherent" in ``errors``, nan where unknown, are
+    a band about the mean; ``errors`` of other names are not drawn.
 
     Raises :class:`~granphon.base.errors.InputError` if ``balls`` is no whole number from zero up,
     for errors of another shape, and for ``errors`` that are no mapping.
@@ -834,14 +835,14 @@ def plot_seismogram(
         (f"ball {pulse.receivers[n]}", pulse.signals[n] / greatest_signal, VERMILION)
         for n in drawn_balls
     ]
-    for row, (_, trace, colour) in enumerate(curves):
-        ax.plot(times, _HEIGHT * trace - row, color=colour, linewidth=0.7)
+    heights_of_curves = [_HEIGHT * trace - row for row, (_, trace, _) in enumerate(curves)]
+    for heights_of_curve, (_, _, colour) in zip(heights_of_curves, curves, strict=True):
+        ax.plot(times, heights_of_curve, color=colour, linewidth=0.7)
     given_errors = name_errors(errors)
     if "coherent" in given_errors:
         mean_errors = read_errors(given_errors["coherent"], pulse.times.shape)
-        heights = _HEIGHT * mean_errors / greatest_signal
-        mean = ax.lines[1].get_ydata()
-        draw_error_band(ax, times, np.asarray(mean), heights, BLUE, "errors")
+        heights_of_errors = _HEIGHT * mean_errors / greatest_signal
+        draw_error_band(ax, times, heights_of_curves[1], heights_of_errors, BLUE, "errors")
     ax.set_yticks(-np.arange(len(curves)), [name for name, _, _ in curves])
     ax.tick_params(axis="y", length=0)
     arrival = ": its arrival is not known"
@@ -858,7 +859,7 @@ def plot_seismogram(
 def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) -> Figure:
     """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle.
 
-    The standard ``errors`` (n,), m/s, of the signals "coherent", "envelope" and "speckle" over
+    The standard ``errors`` (n_t,), m/s, of the signals "coherent", "envelope" and "speckle" over
     time, nan where unknown, are bands; ``errors`` of other names are not drawn. Raises
     :class:`~granphon.base.errors.InputError` for errors of another shape, and for ``errors`` that
     are no mapping.

@@ -1118,8 +1118,12 @@ class _Comparison:
         )
 
     def find_jacobian(self, best: Any, scatter: float) -> Array:
-        """Return the derivatives of residuals by scaled parameters, (n, p), at a minimum of
-        :meth:`find_best`; secants for losses that are nearly zero. InputError if the data say
+        """Return the derivatives of residuals by scaled parameters, (n, p), or (2 n, p) with
+        phases, at a minimum ``best`` of :meth:`find_best`.
+
+        ``scatter`` is the standard deviation of the residuals. A loss so near to zero that, by its
+        derivative, to put it to zero would change the residuals by less than the scatter has a
+        secant in place of the derivative, see :func:`find_secant`. InputError if the data say
         nothing of such a loss.
         """
         jacobian = np.array(best.jac)
@@ -1131,9 +1135,12 @@ class _Comparison:
         return jacobian
 
     def find_covariance(self, jacobian: Array, scatter: float) -> Array:
-        """Return the covariance (p, p) of the parameters, SI, from the derivatives (n, p) of
-        residuals by scaled parameters; InputError if a parameter has no effect, or parameters have
-        the same.
+        """Return the covariance (p, p) of the parameters, SI, from the ``jacobian`` of
+        :meth:`find_jacobian`: the derivatives, (n, p) or (2 n, p), of residuals by scaled
+        parameters. ``scatter`` is the standard deviation of the residuals.
+
+        InputError if a parameter has no effect, or if the effects of the parameters are linearly
+        dependent.
         """
         norms = np.linalg.norm(jacobian, axis=0)
         if np.any(norms == 0.0):
@@ -1143,7 +1150,8 @@ class _Comparison:
         if singular_values[-1] < SAME_EFFECT * singular_values[0]:
             fault = f"the data cannot tell {' and '.join(self.names)} apart"
             raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
-        # (J^T J)^-1 of the derivatives J is a root (p, p) times its transpose
+        # J diag(1/norms) is U S V^T, so that (J^T J)^-1 of the derivatives J is R R^T with the root
+        # R (p, p) = diag(1/norms) V S^-1
         scaled_root = (right_vectors / singular_values[:, None]).T / norms[:, None]
         root = scaled_root * self.scale[:, None] * scatter
         return np.asarray(root @ root.T)

@@ -111,7 +111,8 @@ class Units(NamedTuple):
     """Equal units of work, such as balls brought to rest.
 
     ``number`` says how many there are. The function ``measure`` times one unit and returns its
-    time, s. ``most_seconds`` is the time, s, that a unit takes at most on any machine.
+    time, s. ``most_seconds`` is the time, s, that a unit takes at most on any machine; it is
+    infinite if no such time is known.
     """
 
     number: float

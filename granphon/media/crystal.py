@@ -2173,11 +2173,14 @@ class CrystalState(Result):
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
+        """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open, and
+        without those of two bodies that are held.
 
-        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have
-        an infinite mass. The ``kinds`` of the network are the names of the kinds and the walls of
-        the crystal, and "floor".
+        Floors and walls are bodies of infinite mass and radius, after the balls, and balls of a
+        clamped layer have an infinite mass: these bodies are held. The ``kinds`` of the network are
+        the names of the kinds and the walls of the crystal, and "floor". With
+        :attr:`finite_overlap`, cell and positions are those at rest under the load, and static
+        forces act on displacements (prestress); otherwise they are those at which balls only touch.
 
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """

@@ -8,9 +8,10 @@ whose result the store of a run keeps.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -211,15 +212,16 @@ class PosedDesign:
     def cost(self) -> costs.Cost:
         """Memory and time of the search if each start takes all of its steps. A goal with
         certificates, such as a gap, adds those of the given and of the best network. When the time
-        is first asked for, one evaluation of the goal with its derivatives is timed.
+        is first asked for, the evaluation of the goal with its derivatives is timed; its time is
+        kept for later.
         """
         problem = self.problem
         space = problem.space
         goal = problem.goals[0]
-        time_evaluation = partial(
-            costs.time_once, lambda: space.differentiate(goal.evaluate, space.start)
+        # a unit is a whole evaluation, whose time has no limit: so it is always timed
+        units = costs.Units(
+            problem.count * problem.steps, lambda: self._evaluation_seconds, math.inf
         )
-        units = costs.Units(problem.count * problem.steps, time_evaluation)
         network = space.make_network(space.start)
         description = (
             f"design of {counted(len(space.labels), 'unknown')} from"
@@ -235,6 +237,15 @@ class PosedDesign:
             # of the given and of the best network; the text names the search alone
             cost += replace(goal.estimate_certificate(network).times(2.0), parts=())
         return cost
+
+    @cached_property
+    def _evaluation_seconds(self) -> float:
+        """Processor time of one evaluation of the goal with its derivatives at the start of the
+        search, s.
+        """
+        space = self.problem.space
+        goal = self.problem.goals[0]
+        return costs.time_once(lambda: space.differentiate(goal.evaluate, space.start))
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return two rows (name, value, SI unit): the number and names of the unknowns, and the

@@ -758,23 +758,25 @@ class RunResult(Results):
 
     @property
     def bands(self) -> Bands | None:
-        """Of a single state, frequencies along the path, Hz; None for a sweep, and if they were not
-        asked for.
+        """Frequencies along the path, Hz, of a single state; None for a sweep, also for one over
+        parameters of one value each, and if they were not asked for.
         """
         return self["bands"]  # type: ignore[no-any-return]
 
     @property
     def dos(self) -> DensityOfStates | None:
-        """Of a single state, the density of states, 1/Hz, of a simulation that of its mean lattice;
-        None for a sweep, for a packing of another program, and if it was not asked for. That of an
-        array or packing itself is ``result["sample_dos"]``.
+        """The density of states of the phonons of a single state, 1/Hz; for a simulation it is that
+        of the mean lattice. None for a sweep, also for one over parameters of one value each, for a
+        packing of another program, and if it was not asked for. That of the first simulated array,
+        or of such a packing, is ``result["sample_dos"]``.
         """
         return self["dos"]  # type: ignore[no-any-return]
 
     @property
     def gaps(self) -> Any:
-        """Of a single state, also of a sweep of one value, intervals without a branch, (n, 2) Hz;
-        None for several states, and if they were not asked for.
+        """Intervals of frequencies without a branch, (n, 2) Hz, of the only state, also if it is
+        that of a sweep over parameters of one value each; None for several states, and if they were
+        not asked for.
         """
         return self["gaps"]
 

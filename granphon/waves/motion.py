@@ -810,11 +810,18 @@ def _require_writable(path: Any) -> None:
 
 
 def _begin_file(
-    path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]
+    file: str | os.PathLike[str] | BinaryIO,
+    network: ContactNetwork,
+    step: float,
+    met: Index,
+    frame: Mapping[str, Any],
 ) -> RecordFile:
-    """Create the file of a motion at ``path`` and return it, open: it holds the ``network``, the
-    time ``step``, s, and ``met`` (n_m, 2), the balls of contacts beside those of the network, and
-    takes frames with the fields and shapes of ``frame``, which is not written.
+    """Begin the file of a motion and return it, open: it holds the ``network``, the time ``step``,
+    s, and ``met`` (n_m, 2), the balls of contacts beside those of the network, and takes frames
+    with the fields and shapes of ``frame``, which is not written.
+
+    The ``file`` is a path, where a file is made, or emptied and locked, or it is an open binary
+    stream that is empty and can seek. Raises the errors of :class:`RecordFile`.
     """
     network = network.storable()
     network_fields = {entry.name: getattr(network, entry.name) for entry in fields(network)}
@@ -833,7 +840,7 @@ def _begin_file(
     network_units = {_NETWORK_PREFIX + name: unit for name, unit in ContactNetwork.units.items()}
     units = Motion.units | network_units
     about = _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)}
-    return RecordFile(path, fixed_arrays, growing_arrays, units, about)
+    return RecordFile(file, fixed_arrays, growing_arrays, units, about)
 
 
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:

@@ -568,7 +568,7 @@ class NonlinearWaves:
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
-            largest_energy = 0.5 * float(np.max(squares, initial=0.0))  # of a ball, J
+            largest_energy = 0.5 * float(np.max(squares))  # of a ball, J
             stiffness = system.find_pressed_stiffness(x, largest_energy)
             top = system.bound.find(stiffness)
             if step is None:
@@ -606,7 +606,7 @@ class NonlinearWaves:
         displacement = not_negative("displacement", displacement, "m")
         system = _System(self, [])
         masses = self.network.masses[self.network.moving]
-        energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
+        energy = 0.5 * float(np.max(masses)) * speed * speed
         rest_motions = np.zeros(system.operator.size)
         with np.errstate(over="ignore", invalid="ignore"):
             return system.choose_step(
@@ -1136,10 +1136,18 @@ class _RateBound:
 class _System:
     """The equations of motion of a network with drives, and its state at the present time of a run.
 
-    :meth:`_begin` sets the attributes below for a run, and steps change them.
+    The constructor sets the first six of the attributes below. :meth:`_begin` sets the others for a
+    run, and steps change them.
 
     Attributes
     ----------
+    waves : the waves, with the network at rest, the laws and the losses.
+    drives : the drives, displacements and forces.
+    moved_bodies : for each drive that is a displacement its bodies (k,) and its direction (3,), of
+        length one.
+    network : the network of the waves, in which bodies that drives displace have infinite masses.
+    operator : the dynamical matrix of this network, by whose vectors (size,) motions are numbered.
+    bound : the bounds of the rates of motions, from which the time step follows.
     current : the contacts now.
     joined : (n_c,) whether each contact is joined, for laws whose force jumps; None for others.
     strokes, drive_forces : displacements, m, and forces, N, of the drives now.
@@ -1171,10 +1179,11 @@ class _System:
         # bodies that drives displace, and their directions by the displacements that balls have
         self._along = [(balls, direction[axes]) for balls, direction in self.moved_bodies]
         self.bound = _RateBound(operator, waves.punch)
-        # index of each number of a vector in the flattened motions (n, m) of all balls, and the
-        # motion over the mass-weighted one
+        # index (size,) of each number of a vector in the flattened motions (n, m) of all balls
         indices = operator.indices
         self._places = np.flatnonzero(indices.ravel() >= 0)
+        # factor (size,) by which a mass-weighted motion becomes a displacement, kg^-1/2, or a
+        # rotation, kg^-1/2/m
         _, self._scale = operator.flat_indices_and_scale
         self._stroke_functions = [
             drive.displacement for drive in drives if drive.displacement is not None
@@ -1190,7 +1199,7 @@ class _System:
         self._drag = operator.drag(waves.losses)
         self._has_drag = bool(np.any(self._drag))
         is_moving = self.network.moving
-        self._least_root_mass = math.sqrt(float(np.min(masses[is_moving], initial=np.inf)))
+        self._least_root_mass = math.sqrt(float(np.min(masses[is_moving])))
         self._mean_radius = float(np.mean(self.network.radii[is_moving]))
         # margin of the list of pairs that may meet, m
         self._skin = _SKIN * 2.0 * self._mean_radius
@@ -1426,7 +1435,7 @@ class _System:
         mean diameter.
         """
         displacements = self.operator.to_balls(self.x)[:, :3]
-        largest_displacement = float(np.max(np.abs(displacements), initial=0.0))
+        largest_displacement = float(np.max(np.abs(displacements)))
         if not largest_displacement < _MOST_DISPLACEMENT * 2.0 * self._mean_radius:  # True for nan
             raise _Stop(
                 f"a ball has left its place by {largest_displacement:.3g} m, which needs geometry:"

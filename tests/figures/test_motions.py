@@ -207,6 +207,23 @@ def test_a_pulse_has_flat_traces_where_no_signal_arrives_and_errors_of_its_shape
     assert_allclose(ax.lines[1].get_ydata(), -1.0)
     with pytest.raises(InputError, match=r"shape \(3,\)"):
         plot_seismogram(pulse, ax, errors={"coherent": np.ones(3)})
+    # axes that hold other lines already: the band is about the mean, and no other line
+    ax = Figure().subplots()
+    for height in (7.0, 8.0):
+        ax.axhline(height)
+    relative_error = 0.25
+    greatest = np.max(np.abs(pulse.signals))
+    errors = np.full(pulse.times.shape, relative_error * greatest)
+    plot_seismogram(pulse, ax, errors={"coherent": errors})
+    (band,) = ax.collections
+    vertices = band.get_paths()[0].vertices
+    mean = ax.lines[3].get_ydata()
+    scale = (mean.max() - mean.min()) / np.ptp(pulse.coherent)
+    assert_allclose(
+        [vertices[:, 1].min(), vertices[:, 1].max()],
+        [mean.min() - scale * errors[0], mean.max() + scale * errors[0]],
+    )
+    assert_allclose(mean, scale * pulse.coherent - 1.0)
 
 
 @pytest.mark.parametrize(("name", "panels"), [("chain", 2), ("array", 4), ("grains", 4)])

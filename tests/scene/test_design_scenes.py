@@ -227,6 +227,22 @@ def test_the_cost_counts_all_steps_of_all_starts():
     assert "2 unknowns" in cost.parts[0]
 
 
+def test_the_cost_of_few_slow_evaluations_is_told_and_one_is_timed_once(monkeypatch):
+    design = gp.Scene.from_text(EDGE + "  steps: 2\n").posed_design
+    timed = []
+
+    def time_slow(evaluate):
+        timed.append(evaluate())
+        return 0.9
+
+    monkeypatch.setattr(costs, "time_once", time_slow)
+    assert design.cost.tells
+    assert design.cost.seconds == 2 * 0.9
+    ((value, derivatives),) = timed
+    assert value == design.problem.start_value
+    assert derivatives.shape == (1,)
+
+
 #: a crystal whose factors are large
 LARGE = (
     BALLS
