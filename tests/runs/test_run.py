@@ -298,6 +298,7 @@ def test_check_says_what_a_simulation_will_take(work, capsys, monkeypatch):
 def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
     text = SIMULATED.replace("16 16", "1000 1000")
     (work / "scene.yaml").write_text(text)
+    monkeypatch.setattr("granphon.media.cost._measure_ball", lambda *_: 1e-4)  # a slow machine
     interrupted_after(0, monkeypatch, KeyboardInterrupt())
     for quiet in ([], ["-q"]):
         assert main(["run", "scene.yaml", "-o", "out", *quiet]) == 130
