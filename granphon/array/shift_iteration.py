@@ -74,11 +74,11 @@ class ShiftIteration(GridIteration):
         return array.reshape(len(array), 1, -1)
 
     def lay_forces(self, forces: Array) -> Array:
-        """Return ``forces`` (n, m, 1) as fields (f, 1, cells)."""
+        """Return ``forces`` (n, m, 1) over the mean stiffness, as fields (f, 1, cells)."""
         return self._flatten(self._stencils.gather_forces(forces[..., 0] / self._mean_stiffness))
 
     def list_forces(self, fields: Array) -> Array:
-        """Return forces, fields (f, 1, cells), as (n, m, 1)."""
+        """Return forces, fields (f, 1, cells) over the mean stiffness, as (n, m, 1)."""
         return self._mean_stiffness * self._stencils.list_forces(self._shape(fields))[..., None]
 
     def list_motions(self, fields: Array) -> Array:

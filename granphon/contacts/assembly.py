@@ -117,7 +117,7 @@ class Assembly:
 
     @cached_property
     def has_offsets(self) -> bool:
-        """Whether some balls overlap, or are apart, on the sites."""
+        """Whether some bodies overlap, or are apart, on the sites."""
         return bool(np.any(self.offset))
 
     @cached_property

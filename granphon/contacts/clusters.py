@@ -405,11 +405,11 @@ def measure_slopes(
     steps: Array,
     group: NDArray[np.int64],
     work: Array,
-    rise: Array,
+    fall_rate: Array,
 ) -> None:
     """Set ``work`` (groups,) to the work of the forces ``load`` (n, d) on balls and of the forces
-    of contacts per unit of the length of each group's step, and ``rise`` (groups,) to the rate at
-    which ``work`` falls with the length.
+    of contacts per unit of the length of each group's step, and ``fall_rate`` (groups,) to the
+    rate at which ``work`` falls with the length.
 
     A ball moves by the length of its group's step times ``steps`` (n, d); ``group`` (n,) is the
     number of the group of each ball. A contact with a force or a stiffness must have a ball, and
@@ -418,7 +418,7 @@ def measure_slopes(
     i, j, current, distance, force, stiffness = contacts
     n, d = steps.shape
     work[:] = 0.0
-    rise[:] = 0.0
+    fall_rate[:] = 0.0
     for ball in range(n):
         for axis in range(d):
             work[group[ball]] += load[ball, axis] * steps[ball, axis]
@@ -439,12 +439,12 @@ def measure_slopes(
             work[group[first]] -= force[contact] * behind
         if second < n:
             work[group[second]] += force[contact] * ahead
-        rise[group[min(first, second)]] += stiffness[contact] * (ahead - behind) ** 2
+        fall_rate[group[min(first, second)]] += stiffness[contact] * (ahead - behind) ** 2
 
 
 @compiled
 def choose_lengths(
-    work: Array, rise: Array, first: Array, exponent: float, slope: float, lengths: Lengths
+    work: Array, fall_rate: Array, first: Array, exponent: float, slope: float, lengths: Lengths
 ) -> bool:
     """Set the length of the step that each group tries next; return whether all groups are done.
 
@@ -452,7 +452,7 @@ def choose_lengths(
 
     Parameters
     ----------
-    work, rise : (groups,) work at the present length, and the rate at which it falls with the
+    work, fall_rate : (groups,) work at the present length, and the rate at which it falls with the
         length: those of :func:`measure_slopes`.
     first : (groups,) work at length zero.
     exponent : exponent of the force of a contact as a function of its overlap. If a single contact
@@ -475,21 +475,24 @@ def choose_lengths(
         elif work[group] < 0.0:
             high[group] = trial
         has_end = high[group] < np.inf
-        if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and not has_end):
+        if abs(work[group]) <= slope * first[group] or not (work[group] < 0.0 or has_end):
             is_done[group] = True
             continue
         all_done = False
-        # the root is the length less `excess` over the rate at which the work falls
-        excess = -work[group]
-        if excess > 0.0:
+        if not fall_rate[group] > 0.0:
+            # the work does not change here, and tells nothing about the root: the next trial is as
+            # near to this one as the interval allows
+            root = trial
+        elif work[group] < 0.0:
             # beyond the root Newton's step would be too short: the root of the power instead
-            fall = first[group] + excess
+            fall = first[group] - work[group]
             excess = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
-        root = trial - excess / rise[group] if rise[group] > 0.0 else trial
+            root = trial - excess / fall_rate[group]
+        else:
+            root = trial + work[group] / fall_rate[group]  # Newton's step
         # a trial stays a tenth of the interval away from either end, so that each trial narrows the
         # interval by at least a tenth
-        end = min(high[group], 1.0)
-        least = 0.9 * low[group] + 0.1 * end
-        most = 0.1 * low[group] + 0.9 * end
+        least = 0.9 * low[group] + 0.1 * high[group]
+        most = 0.1 * low[group] + 0.9 * high[group]
         length[group] = min(max(root, least), most)
     return all_done

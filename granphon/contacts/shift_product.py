@@ -303,8 +303,8 @@ class ContactOperator:
         return out
 
     def pull(self, *tensions: Values) -> Values:
-        """Return the forces C^T f (fields, L1, ..., Lp) of the tensions f. The rows of f are given
-        in parts (n, L1, ..., Lp), one after the other.
+        """Return the forces C^T f (fields, L1, ..., Lp) of the tensions f. ``tensions`` are f in
+        parts (n, L1, ..., Lp), one after the other, (rows, L1, ..., Lp) in all.
         """
         return self.collect(np.concatenate([self.head, -self.tail]).T, tensions)
 

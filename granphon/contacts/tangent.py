@@ -258,7 +258,7 @@ class Tangent:
 
     @cached_property
     def data(self) -> Array:
-        """Entries of A, in the order of :attr:`pattern`."""
+        """(n_entries,) entries of A, in the order of :attr:`pattern`."""
         return self.pattern.list_entries(self.blocks)
 
     @cached_property

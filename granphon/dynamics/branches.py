@@ -445,10 +445,10 @@ def _find_path_modes(
     modes = lattice.modes(wavevectors, np.repeat(along, q.shape[1], axis=0))
     vectors = modes.eigenvectors.reshape(*q.shape, size, size)
     velocities = modes.group_velocities.reshape(*q.shape, size, -1)
-    slopes = np.einsum("npba,na->npb", velocities, along)
+    slopes = np.einsum("nkbp,np->nkb", velocities, along)
     vectors_before = np.concatenate([last_vectors[:, None], vectors[:, :-1]], axis=1)
     # products of modes a at the point before and b at the point, summed over the motions m
-    overlap = np.abs(np.einsum("npma,npmb->npab", vectors_before.conj(), vectors)) ** 2
+    overlap = np.abs(np.einsum("nkma,nkmb->nkab", vectors_before.conj(), vectors)) ** 2
     return _PathModes(modes.frequencies.reshape(*q.shape, size), slopes, vectors, overlap)
 
 

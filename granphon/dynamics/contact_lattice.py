@@ -738,7 +738,8 @@ class ContactLattice(LongWaves):
     @cached_property
     def _large(self) -> LargeCell | None:
         """Solver of cells of many branches, one wave vector at a time; None if the cell is small,
-        as the matrices of many wave vectors are then best solved together.
+        as the matrices of many wave vectors are then best solved together. Raises InputError if one
+        wave vector takes too much memory.
         """
         if self.n_branches <= MANY_COLUMNS:
             return None

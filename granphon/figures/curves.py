@@ -436,6 +436,7 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     for name, is_valid in itertools.product(names, (True, False)):
         is_marked = is_chosen & (media == name) & (curve.valid == is_valid)
         filling: dict[str, Any] = {} if is_valid else _HOLLOW_LOOK
+        suffix = "" if is_valid else "-hollow"  # ids in an SVG are unique
         if np.any(is_marked):
             ax.plot(
                 curve.x[is_marked],
@@ -444,7 +445,7 @@ def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
                 color=colour,
                 markersize=_SIZE_OF_MEDIA,
                 linestyle="none",
-                gid=f"{gid}-served-{name}",
+                gid=f"{gid}-served-{name}{suffix}",
                 **filling,
             )
 

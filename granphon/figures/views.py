@@ -114,9 +114,9 @@ class Painter:
         edge: ColorType = "none",
         width: float = 0.0,
     ) -> None:
-        """Add a shape with the outline ``path`` on the paper: the colours of its ``face`` and
-        ``edge``, and the ``width`` of the edge, points. Nearer shapes are drawn later; of shapes
-        with equal ``nearness`` the one that is added later.
+        """Add a shape with the outline ``path`` on the paper, with the colours of its ``face`` and
+        ``edge`` and the ``width`` of the edge, points. Shapes are drawn in the order of their
+        ``nearness``, the nearest last; those of equal nearness in the order of their addition.
         """
         self._shapes.append((nearness, path, to_rgba(face), to_rgba(edge), width))
 

@@ -390,7 +390,8 @@ class FitProblem:
         return (self.velocity - velocities) / self.sigma, derivatives
 
     def simulate_at(self, logs: Array) -> FitProblem:
-        """Return the problem whose samples are those at ``logs``: itself if they serve there.
+        """Return the problem whose samples are those at ``logs``: itself if its own samples serve
+        there.
 
         Raises :class:`~granphon.base.errors.InputError` for a width so small that the data do not
         determine it.
@@ -400,6 +401,7 @@ class FitProblem:
             return self
         index = self.model.width_index
         if index is not None and logs[index] < math.log(self.widths[0]):
+            # the error of the width alone is without bound, as the data do not determine it
             errors = np.where(np.arange(len(logs)) == index, np.inf, 0.0)
             raise explain_undetermined(self, logs, errors)
         return replace(self, model=model)

@@ -227,9 +227,9 @@ class WidestGap:
         return width, slopes
 
     def certify(self, network: ContactNetwork) -> float:
-        """Return the exact width of the gap, Hz, on a mesh four times finer than that of the
-        search, without smoothing; zero if the gap is closed. ``branches`` that are not given are
-        chosen at this network. Raises InputError as :meth:`evaluate` does.
+        """Return the width of the gap, Hz, without smoothing, its edges sought from a mesh four
+        times finer than that of the search; zero if the gap is closed. ``branches`` that are not
+        given are chosen at this network. Raises InputError as :meth:`evaluate` does.
         """
         if self.branches is None:
             return self.choose(network, 1)[0].certify(network)

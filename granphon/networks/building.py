@@ -679,13 +679,14 @@ class _Joining:
         steps = self._round_steps((contacts.vector - between) @ to_cells)
         deviations = np.linalg.norm(between + steps @ periods - contacts.vector, axis=1)
         is_off = ~is_anywhere & (deviations > _VECTOR_TOLERANCE * sum_of_radii)
-        mend = "Are both files of one time step?"
         # by how much the vectors would miss an image of ball j if they had the opposite signs
         reversed_gaps = between + contacts.vector
         reversed_gaps -= self._round_steps(reversed_gaps @ to_cells) @ periods
         fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _VECTOR_TOLERANCE * sum_of_radii
         if np.all(fits_reversed[is_off]):
             mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
+        else:
+            mend = "Are both files of one time step?"
         words = "a vector that does not lead from ball to ball in this cell, off by a distance"
         self.faults.note(is_off, words, values=deviations, unit="m", mend=mend)
         return steps

@@ -474,7 +474,8 @@ def _list_own_walls(atoms: Frame) -> tuple[str, ...]:
 def _read_wall(
     atoms: Frame, balls: Balls, wall: str, label: int, scales: Scales, springs: Springs
 ) -> Contacts:
-    """Return the contacts of ``balls`` with a wall, in SI units; the wall has the ``label``.
+    """Return the contacts of ``balls`` with a wall, in SI units; the wall has the ``label``. Body i
+    of each contact is the ball, and body j the wall.
 
     The contacts are in the columns of the ``fix wall/gran`` with the name ``wall`` and the keyword
     contacts: column 1 is not zero for balls that touch, columns 2 to 4 are the force on the ball,

@@ -290,7 +290,8 @@ class _Columns:
                 "Give the path of a file, a mapping of arrays, a structured array or a data frame"
             )
             raise InputError(f"{self.name} is {brief(source)}", mend=mend)
-        return {str(name): source[name] for name in (names or source.keys())}
+        keys = source.keys() if names is None else names
+        return {str(name): source[name] for name in keys}
 
     def _require_spelling(
         self,

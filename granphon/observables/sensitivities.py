@@ -101,8 +101,8 @@ def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:
 def find_moduli_sensitivities(
     networks: list[ContactNetwork], shape: tuple[int, ...]
 ) -> ModuliSensitivities:
-    """Return the derivatives of the elastic tensors of ``networks``, which belong to loads of this
-    ``shape``.
+    """Return the derivatives of the elastic tensors of ``networks``, one for each load, in C order;
+    the loads have this ``shape``.
     """
     slopes = [_find_tensor_slopes(network) for network in networks]
     return ModuliSensitivities(**_stack(slopes, shape), mass=None, inertia=None, on_site=None)
@@ -112,7 +112,7 @@ def find_velocity_sensitivities(
     networks: list[ContactNetwork], shape: tuple[int, ...], direction: Array
 ) -> VelocitySensitivities:
     """Return the derivatives of the velocities along a ``direction`` (p,), or (n, p), in
-    ``networks``, which belong to loads of this ``shape``.
+    ``networks``, one for each load, in C order; the loads have this ``shape``.
     """
     slopes = [_find_velocity_slopes(network, direction) for network in networks]
     return VelocitySensitivities(**_stack(slopes, shape), inertia=None)

@@ -803,7 +803,9 @@ def _find_wavenumbers(
     branches ``names`` (b,) in ``directions`` (n, p).
 
     ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s. Raises
-    :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of its branch.
+    :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of its branch,
+    and :class:`~granphon.base.errors.GranphonError` where a branch cannot be followed through an
+    avoided crossing.
     """
     waves = [lattice.wave_names.index(name) for name in names]
     highest_targets = np.full((len(lattice.wave_names), len(directions)), -np.inf)
@@ -812,7 +814,7 @@ def _find_wavenumbers(
     wavenumbers = np.empty(targets.shape)
     group_vectors = np.empty((*targets.shape, directions.shape[1]))
     for b, wave in enumerate(waves):
-        # directions are solved together where all frequencies are below that of the last point
+        # directions are solved together where all frequencies are at most that of the last point
         # before the maximum of the branch, and one by one otherwise
         is_beyond = highest_targets[wave] > _find_last_frequencies(branches, wave)
         rising = np.flatnonzero(~is_beyond)

@@ -305,8 +305,10 @@ def _write_note_on_rolling(packing: Packing, change: float) -> str:
     )
     if not change:
         return note
-    is_noted = change >= _NOTED_CHANGE
-    size = f"up to {100.0 * change:.2g} %" if is_noted else f"less than {100.0 * _NOTED_CHANGE:g} %"
+    if change >= _NOTED_CHANGE:
+        size = f"up to {100.0 * change:.2g} %"
+    else:
+        size = f"less than {100.0 * _NOTED_CHANGE:g} %"
     return f"{note} In the medium they would change the stiffness by {size}."
 
 

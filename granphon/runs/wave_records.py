@@ -675,9 +675,8 @@ class PreparedMotion:
             try:
                 motion = self.waves.run(
                     settings.duration,
-                    None,
-                    self.velocities,
-                    self.drives,
+                    velocities=self.velocities,
+                    drive=self.drives,
                     frames=settings.frames,
                     step=settings.step,
                     scheme=settings.scheme,

@@ -315,22 +315,25 @@ def draw_together(
 
 
 def _choose_states_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
-    """Return the ``runs``, each with the states that a ``view`` chooses by the names of parameters.
-    A run that is swept over none of these parameters, such as a fit, stays whole.
+    """Return the ``runs``, each with the states that the wishes ``view.where`` choose by the names
+    of parameters, of the load, or by "medium". A run that is swept over none of these names, such
+    as a fit, stays whole; without wishes all runs do.
 
-    InputError if all runs would stay whole, or if a run is swept over some of the parameters only.
+    InputError if there are wishes and all runs would stay whole, and as
+    :func:`~granphon.figures.choices.choose_states` raises it: for a run that lacks some of the
+    names or values, and for a text that cannot be a value.
     """
     from granphon.figures.choices import find_dimension
 
     chosen_runs = []
-    is_any_chosen = False  # whether a run has lost states
+    is_any_chosen = False  # whether the wishes were asked of a run, which may keep all states
     for run in runs:
         is_swept = run.dataset is not None and any(
             find_dimension(run.dataset, name) is not None and run.dataset[name].size > 1
             for name in view.where
         )
         chosen_run = run
-        # a single run that is not swept goes on too, to the error that names the parameter
+        # a single run that is not swept is asked too, to the error that names the parameter
         if is_swept or len(runs) == 1:
             chosen_run = _choose_states_of_run(run, view)
         chosen_runs.append(chosen_run)

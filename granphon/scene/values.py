@@ -149,7 +149,7 @@ class SceneValues:
         self._settle_errors()
 
     def _assign(self, name: str, value: Any) -> None:
-        """Set the attribute ``name``, past the frozen dataclass."""
+        """Set the attribute ``name`` to ``value`` while the scene, which is frozen, is made."""
         object.__setattr__(self, name, value)
 
     def _settle_balls_and_load(self) -> None:

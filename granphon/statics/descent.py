@@ -42,19 +42,19 @@ class Trail(Generic[P]):
     least_residual : least residual of all places; infinite at first.
     n_stalled : number of places since one has come nearer to rest than all before it, by
         :attr:`nearer_residual`.
-    nearest : the place that is kept; None at first.
+    kept_place : the place that is kept; None at first.
     """
 
     def __init__(self, keeps_nearest: bool = True) -> None:
         self._keeps_nearest = keeps_nearest
         self.least_residual = math.inf
         self.n_stalled = 0
-        self.nearest: P | None = None
+        self.kept_place: P | None = None
 
     @property
     def residual(self) -> float:
         """The residual of the place that is kept; infinite if there is none."""
-        return math.inf if self.nearest is None else self.nearest.residual
+        return math.inf if self.kept_place is None else self.kept_place.residual
 
     @property
     def nearer_residual(self) -> float:
@@ -77,7 +77,7 @@ class Trail(Generic[P]):
         is_nearer = residual <= self.nearer_residual
         self.n_stalled = 0 if is_nearer else self.n_stalled + 1
         if residual < self.least_residual or not self._keeps_nearest:
-            self.nearest = place
+            self.kept_place = place
         self.least_residual = min(self.least_residual, residual)
 
 
@@ -117,8 +117,8 @@ class Descent(ABC, Generic[P]):
 
         Steps and iterations are counted, and places added to the trail. From rest at a saddle of
         the energy the way goes on downhill, with a new trail. After ``options.steps`` steps, or
-        where the way is stuck, the nearest place counts as at rest if it has the required residual,
-        and is not asked whether it is a saddle.
+        where the way is stuck, the place that the trail keeps counts as at rest if it has the
+        required residual, and is not asked whether it is a saddle.
         """
         place = self.begin(start)
         for _ in range(self.options.steps):
@@ -127,23 +127,25 @@ class Descent(ABC, Generic[P]):
                 break
             self.trail.add(place)
             if self._has_arrived:
-                below = self._leave_saddle(self._nearest)
+                below = self._leave_saddle(self._kept_place)
                 if below is None:
-                    return self._finish(self._nearest)
+                    return self._finish(self._kept_place)
                 place = below
                 self.trail = Trail()
                 continue
             place = self._advance(place)
             self.steps += 1
         if self.trail.residual <= self.required:
-            return self._finish(self._nearest)
+            return self._finish(self._kept_place)
         raise self._explain_failure(place)
 
     @property
-    def _nearest(self) -> P:
-        """The place nearest to rest."""
-        assert self.trail.nearest is not None
-        return self.trail.nearest
+    def _kept_place(self) -> P:
+        """The place that the trail keeps: the nearest to rest, or the last one, as the trail is
+        made.
+        """
+        assert self.trail.kept_place is not None
+        return self.trail.kept_place
 
     @property
     def _has_arrived(self) -> bool:

@@ -81,11 +81,15 @@ class GridIteration(ABC):
 
     @abstractmethod
     def lay_forces(self, forces: Array) -> Array:
-        """Return forces (n, m, k) of balls in the order (f, k, cells), in an array of their own."""
+        """Return forces (n, m, k) of balls in the order (f, k, cells), in an array of their own and
+        in the unit in which the class has forces, such as the mean stiffness.
+        """
 
     @abstractmethod
     def list_forces(self, fields: Array) -> Array:
-        """Return forces (f, k, cells) in the order (n, m, k) of balls."""
+        """Return forces (f, k, cells), in the unit of the class, in the order (n, m, k) of balls,
+        as :meth:`lay_forces` takes them.
+        """
 
     @abstractmethod
     def list_motions(self, fields: Array) -> Array:

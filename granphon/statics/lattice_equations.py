@@ -162,7 +162,8 @@ class LatticeEquations:
 
 class LatticeIteration(GridIteration):
     """Conjugate gradients for the small motions of the balls of a ``grid`` whose contacts have a
-    ``stiffness`` (kinds, cells) along their directions, of which none is spelled out.
+    ``stiffness`` (kinds, cells) along their directions, of which none is spelled out. In fields,
+    (f, k, cells), forces are over the mean stiffness.
 
     ``workers`` threads share each Fourier transform.
     """
@@ -222,7 +223,7 @@ class LatticeIteration(GridIteration):
         return fields
 
     def list_forces(self, fields: Array) -> Array:
-        """Return forces (f, k, cells), which are over the mean stiffness, as (n, d, k)."""
+        """Return forces, ``fields`` (f, k, cells) over the mean stiffness, as (n, d, k)."""
         return self._mean * list_balls(fields, len(self._grid.shape))
 
     def list_motions(self, fields: Array) -> Array:

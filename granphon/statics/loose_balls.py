@@ -234,7 +234,7 @@ class _Cages:
         length = np.where(is_done, 0.0, 1.0)
         lengths = Lengths(length, np.zeros(n_groups), np.full(n_groups, np.inf), is_done)
         work = np.empty(n_groups)
-        rise = np.empty(n_groups)
+        fall_rate = np.empty(n_groups)
         for trial in range(options.loose_slopes):
             # the first lengths are those of whole steps, which lead to ``ahead`` unless a group
             # that is to stay would move
@@ -249,8 +249,8 @@ class _Cages:
                 ahead.force,
                 ahead.stiffness,
             )
-            measure_slopes(contacts, self.load, steps, group, work, rise)
-            slopes = (work, rise, first_work, hertz.EXPONENT, options.loose_slope)
+            measure_slopes(contacts, self.load, steps, group, work, fall_rate)
+            slopes = (work, fall_rate, first_work, hertz.EXPONENT, options.loose_slope)
             # the lengths, their brackets and ``is_done`` are changed in place
             if choose_lengths(*slopes, lengths):
                 break

@@ -474,7 +474,8 @@ class TurningDescent(ListDescent):
             if math.isfinite(best):
                 left = f"A force of {best:.2g} of the mean is left on a ball"
             error = ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
-            error.reached = None if self.trail.nearest is None else self._finish(self._nearest)
+            has_place = self.trail.kept_place is not None
+            error.reached = self._finish(self._kept_place) if has_place else None
             return error
         why = "Its contacts turn away under the load, and nothing holds it"
         mend = "Lower the load, or add contacts"

@@ -1473,7 +1473,7 @@ class _System:
         self.current = contacts.make_moment()
         self._spread(self.x, self.strokes, self.current.motions)
         self.joined = contacts.begin(self.current)
-        self._make_spare()
+        self._make_buffers()
         # pairs that may meet are put behind the contacts of the network, which keep the state that
         # they have by now; energies that follow are of all contacts
         if self.waves.geometry == "exact":
@@ -1483,8 +1483,12 @@ class _System:
         # the speeds of drives are those of the last step, and no step was made yet
         self._set_accelerations(np.zeros_like(self.strokes))
 
-    def _make_spare(self) -> None:
-        """Allocate the arrays into which a step is computed before it is made."""
+    def _make_buffers(self) -> None:
+        """Allocate the arrays into which a step is computed before it is made, and that of the
+        speeds of all bodies, with which contacts are damped.
+        """
+        # an explicit step finds forces when it is made, not when it is tried: both moments share
+        # the forces across contacts, which go on in place
         self._spare = self.contacts.make_spare(self.current, has_pull=not self._is_explicit)
         self._spare_x = np.empty_like(self.x)
         self._spare_v = np.empty_like(self.x)
@@ -1951,4 +1955,4 @@ class _System:
             forces[:, :n] = old_forces[:, :n]
             forces[:, n + old_pairs] = old_forces[:, old_numbers]
         contacts.press(self.current, joined)
-        self._make_spare()
+        self._make_buffers()

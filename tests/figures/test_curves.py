@@ -473,11 +473,15 @@ def test_lines_of_a_legend_break_between_facts():
 def test_an_automatic_medium_shows_which_medium_served(ax):
     data = gp.sweep(balls(), force=[3.0, 10.0, 200.0], media={"auto": {"tolerance": 0.02}})
     served = [str(label).partition("(")[0] for label in data["choice"].values[:, 0]]
-    assert len(set(served)) > 1
+    assert len(set(served)) == 2
+    data["valid"].values[-1] = False  # its mark is hollow
     plot_sweep(data, ax)
+    names = [line.get_gid() for line in ax.lines if "longitudinal-served" in line.get_gid()]
+    assert len(names) == len(set(names)) == 3  # names are ids in an SVG, of one line each
     for name in set(served):
         is_served = np.array(served) == name
-        marked = drawn(ax, f"longitudinal-served-{name}")
+        gid = f"longitudinal-served-{name}"
+        marked = [*drawn(ax, gid), *drawn(ax, f"{gid}-hollow")]
         points = np.stack([data.force, data.longitudinal[:, 0]], axis=1)
         assert_array_equal(np.concatenate(marked), points[is_served])
     assert len({line.get_marker() for line in ax.lines if "served" in line.get_gid()}) == len(
