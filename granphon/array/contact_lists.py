@@ -93,25 +93,26 @@ def list_in_true_directions(
     leaning: NDArray[np.bool_],
     shears: Array | None = None,
 ) -> ContactList:
-    """Return the contacts of an array in its true geometry, with the forces that act, in c W^(3/2).
+    """Return the contacts of an array in its true geometry, with the forces that act, in
+    c W^(1/2) d, the unit of all lists of this module.
 
     Parameters
     ----------
     place : configuration of the balls.
     motions : motions of each ball.
-    springs : stiffnesses of the contacts.
-    forces : (n_c, L1, ..., Lp) normal forces.
+    springs : stiffnesses of the contacts, c W^(1/2).
+    forces : (n_c, L1, ..., Lp) normal forces of the equilibrium, c W^(3/2).
     leaning : (n_c, L1, ..., Lp) whether the normal force of a contact resists motions of its balls
         across the normal; at all other contacts it supports them.
-    shears : (contacts, 3) tangential forces T along the axes of space, of ball j on ball i; None
-        without friction.
+    shears : (contacts, 3) tangential forces T along the axes of space, of ball j on ball i,
+        c W^(3/2); None without friction.
     """
     lattice = place.stencils.lattice
     shape = place.stencils.shape
     p = lattice.periods
     cells = math.prod(shape)
     grid = find_grid(shape, lattice)
-    eps = place.ratio
+    eps = place.ratio  # W/d, which takes forces from c W^(3/2) to c W^(1/2) d
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
     # an empty array stands for no tangential forces
     tangential = origin = np.zeros((0, 3))

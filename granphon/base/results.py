@@ -810,6 +810,7 @@ def _make_complex_array(data: Mapping[str, Any]) -> np.ndarray[Any, Any] | None:
     imaginary = _make_array(data.get("imag"), np.dtype(float))
     if real is None or imaginary is None or real.shape != imaginary.shape:
         return None
+    # not real + 1j * imaginary: infinite imaginary parts would make real parts nan, and -0 become 0
     array = np.empty(real.shape, complex)
     array.real = real
     array.imag = imaginary

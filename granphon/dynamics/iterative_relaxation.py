@@ -169,25 +169,27 @@ class IterativeRelaxation:
         """(n_branches, k) orthonormal basis of all motions of several balls that cost nothing. Left
         out are shifts of all balls, the motions of single balls and those of small clusters.
 
-        Raises :class:`~granphon.base.errors.InputError` if there are more than
-        :data:`_MOST_LOOSE`, or if the iteration cannot tell a motion that costs little from one
-        that costs nothing.
+        Raises :class:`~granphon.base.errors.InputError` if more than :data:`_MOST_LOOSE` are found,
+        or if their estimated number is above twice that, and not all are looked for; also if the
+        iteration cannot tell a motion that costs little from one that costs nothing.
         """
         search = self._search
         loose, has_soft = search.result
-        count = loose.shape[1] if search.are_few else search.estimate
         method = f"A cell of {self.lattice.n_balls} balls is relaxed by iteration"
         mend = "Leave out balls that carry no load: network.without_rattlers()"
         if has_soft:
             raise InputError(
                 "balls of the cell can move together at almost no cost",
-                f"{method}, which does not tell such motions from those that cost nothing, and"
-                " stay behind in sound",
+                f"{method}, which does not tell such motions from those that cost nothing and"
+                " therefore stay behind in sound",
                 mend,
             )
-        if count > _MOST_LOOSE:
+        n_found = loose.shape[1]
+        if n_found > _MOST_LOOSE or not search.are_few:
+            # the search may have stopped before it had found all
+            n_loose = max(n_found, search.estimate)
             raise InputError(
-                f"balls of the cell can move together at no cost in some {count:.0f} ways",
+                f"balls of the cell can move together at no cost in some {n_loose:.0f} ways",
                 f"{method}, which finds {_MOST_LOOSE} at most: what stays behind in sound is not"
                 " known",
                 mend,
@@ -341,11 +343,15 @@ class _LooseSearch:
 
     @property
     def estimate(self) -> float:
-        """Number of loose motions, estimated from the remainders of the first random motions: the
-        squared length of a remainder is a sum of squares of normal random numbers, one for each
-        loose motion.
+        """Number of loose motions, estimated from the first random motions; it may be below zero.
+
+        The matrix that takes motions to their remainders is a projection onto the loose motions,
+        and its trace is their number. The mean of m.Rm over normal random motions m is the trace of
+        R. The squared length of Rm would be larger in the mean: the projection is oblique, as the
+        preconditioner decides which of the motions with given deformations the iteration finds.
         """
-        return float(np.mean(np.sum(self._first_remainders**2, axis=0)))
+        random_motions = self._draw(PROBES, self._nothing)
+        return float(np.mean(np.sum(random_motions * self._first_remainders, axis=0)))
 
     @property
     def are_few(self) -> bool:
@@ -369,10 +375,15 @@ class _LooseSearch:
 
         A further loose motion leaves a normal random number in each random motion.
         """
+        return self._find_remainders(self._draw(count, loose), loose)
+
+    def _draw(self, count: int, loose: Array) -> Array:
+        """Return the ``count`` random motions (n_branches, count) of :meth:`_probe`, with the same
+        ``loose`` motions.
+        """
         # the seed differs from search to search, and results can be repeated
         rng = np.random.default_rng(loose.shape[1])
-        random_motions = rng.standard_normal((self._relaxation.lattice.n_branches, count))
-        return self._find_remainders(random_motions, loose)
+        return rng.standard_normal((self._relaxation.lattice.n_branches, count))
 
     def _purify(self, candidates: Array, loose: Array) -> tuple[Array, bool]:
         """Return orthonormal motions (n_branches, n) that cost nothing among orthonormal

@@ -180,9 +180,9 @@ class LargeCell:
         return self._fewest_zeros
 
     def _compute_matrices(self, q: Array) -> tuple[list[Any], Any, float]:
-        """Return the sparse rows (kinds * n_c, n) of each of the :attr:`row_sets`, the first of
-        which are C(q), sparse D(q) (n, n) with static forces, and an upper bound of the eigenvalues
-        of D, at one wave vector q (p,).
+        """Return three results at one wave vector q (p,): the sparse rows (kinds * n_c, n) of each
+        of the :attr:`row_sets`, the first of which are C(q); the sparse matrix D(q) (n, n), with
+        static forces; and an upper bound of the eigenvalues of D.
         """
         rows = []
         for ends in self.row_sets:

@@ -375,7 +375,10 @@ def arrange(
     _require_swept(rows, columns, allowed)
     if wants_single_curves:  # media are told apart as parameters are
         counts = {name: all_counts[name] for name in allowed}
-    _require_few_panels([all_counts[name] for name in (rows, columns) if name is not None])
+    names = {"--rows": rows, "--columns": columns}
+    _require_few_panels(
+        {option: all_counts[name] for option, name in names.items() if name is not None}
+    )
     # parameters that shades of a colour tell apart within a panel, with their numbers of values
     shaded = {name: count for name, count in counts.items() if name not in (rows, columns)}
     # parameters whose values may not all have a place, with the greatest number that has one
@@ -415,13 +418,14 @@ def _read_dimension(option: str, name: Any) -> str | None:
     return None if name is None else str(require(option, text, name))
 
 
-def _require_few_panels(counts: Sequence[int]) -> None:
+def _require_few_panels(counts: Mapping[str, int]) -> None:
     """Raise InputError if the user asks for more panels than a figure can have; ``counts`` are the
-    numbers of rows and of columns, as far as they are asked for.
+    numbers of rows and of columns by the option that asks for them, as far as it is given.
     """
-    n_panels = math.prod(counts)
+    n_panels = math.prod(counts.values())
     if n_panels > _MOST_PANELS:
-        problem = f"--rows and --columns ask for {n_panels} panels"
+        verb = "ask" if len(counts) > 1 else "asks"
+        problem = f"{' and '.join(counts)} {verb} for {n_panels} panels"
         why = f"A figure has at most {_MOST_PANELS}"
         raise InputError(problem, why, "Choose some of the values by --where")
 

@@ -778,7 +778,9 @@ class Fitted(Result):
         return super().from_dict(data)
 
     def _check(self) -> None:
-        """Raise InputError also for names that are not those of parameters that may be fitted."""
+        """Raise InputError also unless the fit has one or more parameters, each at most once, that
+        may be fitted.
+        """
         super()._check()
         require_fitted(self.parameters, self._units_of_parameters)
 

@@ -1,7 +1,8 @@
 """A crystal that comes to rest anew whenever its springs to the ground or its wall change.
 
-Springs bear a part of the load, and so does a wall between which and a clamp balls are pressed:
-contacts have other forces over springs that are stiffer, and Hertz's contacts other stiffnesses.
+Springs to the ground bear a part of the load, and so does a wall, if balls are pressed between it
+and a clamp. Where one of them is stiffer, contacts carry other forces, and Hertz's contacts have
+other stiffnesses.
 """
 
 from __future__ import annotations

@@ -1460,7 +1460,8 @@ class DirectSimulation(Medium[SimulatedState]):
     ) -> list[tuple[list[PressedSample], GranphonError | None]]:
         """Load each sample along a path, and return for each its states at the loads that it
         reaches, and the error at which its path ends, or None. ``progress`` is told of each load of
-        each sample; with an executor, of all loads of a sample when it is done.
+        each sample; with an executor, of all loads of a sample when it and those before it are
+        done.
         """
         loaded_samples = [self._loaded_sample(index) for index in range(self.samples)]
         with progress.step("loading with friction", len(path) * self.samples) as step:
@@ -1478,7 +1479,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the estimated memory, bytes, that the states of the samples at all values of a
         load need, with their moduli.
 
-        If the load decides on the geometry, the estimate is that of the geometry that takes most.
+        If the load decides on the geometry, the estimate is an upper bound: as if all values had
+        the geometry that takes most.
         """
         simulations = [simulation for simulation, _ in self.by_geometry(load)]
         return max(estimate_memory(simulation, load) for simulation in simulations)

@@ -200,8 +200,8 @@ class Store:
         results the store holds, and ``claimed`` that of the work that claims the store.
         """
         mend = (
-            "Repeat that command, use --force (force=True, overwrite=True), or choose another"
-            " folder"
+            "Repeat the command of that work, use --force (force=True, overwrite=True), or choose"
+            " another folder"
         )
         problem = f"{self.path} holds the finished part of other work"
         return FileExistsInRunError(problem, _explain_difference(kept, claimed), mend)

@@ -97,9 +97,10 @@ def redraw(
     folder : folder of the run or fit.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. The name of a figure of
         the table of outputs, as surface, spectrum or motion, or one of a plug-in, means that
-        figure. By default, in the folder, the figure that comes first: design.png, bands.png, or
-        dos.png without bands; of one state without these that of its motion, surface or response;
-        else sweep.png or, of a sweep without curves, the figure of what it observes; or fit.png.
+        figure; bands, dos, sweep and fit only if the folder has it. By default, in the folder, the
+        figure that comes first: design.png, bands.png, or dos.png without bands; of one state
+        without these that of its motion, surface or response; else sweep.png or, of a sweep without
+        curves, the figure of what it observes; or fit.png.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -112,9 +113,10 @@ def redraw(
     Raises
     ------
     MissingFileError : there is no such folder, or a file of the run that is drawn is missing there.
-    InputError : ``folder`` or ``out`` is no path; the folder holds nothing to draw, its files are
-        damaged, or change meanwhile; the format, the variable or a state of the ``view`` is
-        unknown; or an option belongs to another kind of result.
+    InputError : ``folder`` or ``out`` is no path; the folder holds nothing to draw, or not the
+        figure that ``out`` names; its files are damaged, or change meanwhile; the format, the
+        variable or a state of the ``view`` is unknown; or an option belongs to another kind of
+        result.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
@@ -173,8 +175,8 @@ def _choose_states_of_run(run: Run, view: View) -> Run:
 def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> Export:
     """Return the output in the folder ``source`` whose figure is drawn.
 
-    ``stem`` is the name of the figure's file without its ending, None if the user names no file;
-    the name of a figure in the table of outputs chooses this output. Otherwise:
+    ``stem`` is the name of the figure's file without its ending, None if the user names no file; if
+    it is the name of a figure, it may choose the output (:func:`_find_named`). Otherwise:
 
     - States, also a single one, are drawn as curves over the load if ``asks_for_sweep``, that is
       if the user gives an option of sweeps.
@@ -187,18 +189,9 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     """
     _require_results(source)
     rows = list_figures(source)
-    named_rows = [
-        row for _name, row in OUTPUTS.items() if row.draw is not None and row.stem == stem
-    ]
-    for row in named_rows:
-        if row in rows:
-            return row
-        # "bands", "dos", "sweep" and "fit", which name the figure of a whole run, are taken as the
-        # name of whatever figure is drawn; other names ask for their own figure
-        if row.source not in [joined.source for joined in _list_joined()]:
-            mend = "Give the figure another name"
-            why = "" if row.source else _explain_unkept(row)
-            raise InputError(f"{source} holds no {stem} to draw", why, mend)
+    named_row = _find_named(source, stem, rows)
+    if named_row is not None:
+        return named_row
     if not rows:
         raise _explain_no_result(source)
     curves = OUTPUTS["sweep"]
@@ -213,6 +206,27 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     if first_row.name in OF_STATES:
         return OUTPUTS[choose_figure(Results(source).dataset, [first_row.name])]
     return first_row
+
+
+def _find_named(source: Path, stem: str | None, rows: Sequence[Export]) -> Export | None:
+    """Return the output whose figure has the name ``stem``, if it is among the ``rows`` that can be
+    drawn from the folder ``source``.
+
+    None if ``stem`` is no name of a figure. "bands", "dos", "sweep" and "fit", the figures of the
+    outputs of :func:`_list_joined`, also count as no name if the folder lacks them: they may name
+    the figure of a whole run, whatever it shows. InputError for other figures that it lacks.
+    """
+    joined_sources = [row.source for row in _list_joined()]
+    for _name, row in OUTPUTS.items():
+        if row.draw is None or row.stem != stem:
+            continue
+        if row in rows:
+            return row
+        if row.source not in joined_sources:
+            mend = "Give the figure another name"
+            why = "" if row.source else _explain_unkept(row)
+            raise InputError(f"{source} holds no {stem} to draw", why, mend)
+    return None
 
 
 def _find_first(rows: Sequence[Export]) -> Export:

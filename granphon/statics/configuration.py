@@ -246,7 +246,7 @@ class Problem:
 
     @cached_property
     def free_axes(self) -> list[int]:
-        """The axes along which all balls may move together with nothing that hinders or pushes
+        """The axes along which all balls may move together with no contact that hinders or pushes
         them. There are none if contacts turn and some join a ball to a held body or a wall that is
         not flat, as such contacts push balls aside.
         """

@@ -1455,8 +1455,8 @@ def _drop_second_rates(omega: Complex, shapes: Complex, viscous: Any) -> tuple[C
 
 
 def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> DampedModes:
-    """Return ``count`` modes of :attr:`WaveOperator.whole` of a network that is stable, the lowest
-    or those nearest to the frequency ``nearest``, Hz; see
+    """Return ``count`` modes of :attr:`WaveOperator.whole`, or of D where that is None, of a
+    network that is stable: the lowest, or those nearest to the frequency ``nearest``, Hz; see
     :meth:`granphon.waves.waves.Waves.whole_modes`, which says what is raised.
 
     All modes of a small matrix are found by a dense solver. Larger matrices are factorised, and

@@ -214,6 +214,36 @@ def test_more_loose_motions_than_are_found_are_refused(monkeypatch):
             iterate(network, monkeypatch).sound_velocities([1.0, 0.0, 0.0])
 
 
+def test_the_number_of_loose_motions_is_estimated_without_bias(monkeypatch):
+    """The trace of what takes motions to their remainders is the number; the sum of the squares of
+    its entries, which squared lengths of remainders would estimate, is three times as large.
+    """
+    relaxation = iterate(bare("fcc", (3, 3, 4), 0.25), monkeypatch)._sparse_relaxation
+    search = relaxation._search
+    count = relaxation.loose.shape[1]
+    unit_motions = np.eye(relaxation.lattice.n_branches)
+    remainders = search._find_remainders(unit_motions, search._nothing)
+    assert_allclose(np.trace(remainders), count, rtol=1e-9)
+    sum_of_squares = np.sum(remainders**2)
+    assert sum_of_squares > 3.0 * count
+    # the variance of m.Rm is twice the sum of squares of the symmetric part of R
+    variance = (sum_of_squares + np.sum(remainders * remainders.T)) / iterative_relaxation.PROBES
+    assert abs(search.estimate - count) < 2.0 * np.sqrt(variance)
+
+
+def test_a_search_that_stops_early_tells_the_estimated_number(monkeypatch):
+    """After two and two times twelve random motions it has found 26 of 31."""
+    network = bare("fcc", (3, 3, 4), 0.25)
+    monkeypatch.setattr(iterative_relaxation, "_MOST_LOOSE", 20)
+    lattice = ContactLattice._make_of_network(network)
+    head, tail = sparse_relaxation.compose_ends(lattice, *lattice._weight_rows())
+    relaxation = IterativeRelaxation(lattice, (head - tail).tocsr())
+    estimate = relaxation._search.estimate
+    assert relaxation.n_free < estimate
+    with pytest.raises(InputError, match=f"{estimate:.0f} ways"):
+        _ = relaxation.loose
+
+
 def test_motions_that_cost_too_little_for_iteration_are_refused(monkeypatch):
     """Gears whose lever arms differ beyond what overlaps explain are no gears, but soft."""
     monkeypatch.setattr(long_waves, "_LARGEST_ARM_DIFFERENCE", 0.0)

@@ -235,6 +235,14 @@ def test_of_many_values_some_have_panels_and_what_has_no_place_is_held():
         arrange(data, "longitudinal", "force", rows="poisson_ratio", columns="diameter")
 
 
+def test_too_many_panels_name_the_options_that_ask_for_them():
+    data = frame(width=41, density=2)
+    with pytest.raises(InputError, match=r"^--columns asks for 41 panels"):
+        arrange(data, "longitudinal", "force", columns="width")
+    with pytest.raises(InputError, match=r"^--rows and --columns ask for 82 panels"):
+        arrange(data, "longitudinal", "force", rows="density", columns="width")
+
+
 @pytest.mark.parametrize(
     ("counts", "columns"),
     [
