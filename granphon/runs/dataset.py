@@ -751,7 +751,7 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
     }
     for name in uneven_names:
         results_with_name = [result for result in results if name in result]
-        if len(results_with_name) == 1:
+        if len(results_with_name) == 1:  # there is no wider table to which it could be padded
             continue
         tables = pad_columns([result[name] for result in results_with_name])
         for result, table in zip(results_with_name, tables, strict=True):
