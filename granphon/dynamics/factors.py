@@ -23,6 +23,9 @@ from granphon.base.errors import ConvergenceError
 #: pivot. With a tenth, factors of damped matrices within bands have up to a hundred times more
 #: entries, and solutions that are refined have no digit more
 _PIVOT = 1e-5
+#: entries of factors from which rslab shares their work among threads: of fewer, threads take up to
+#: twice the processor's time, and no less time
+_LEAST_SHARED_ENTRIES = 10**6
 
 
 class Factors(Protocol):
@@ -53,12 +56,16 @@ class Elimination:
         """Find the order of elimination by rslab, if it is installed."""
         self._is_approximate = is_approximate
         self._symbolic: Any = None
+        #: threads that share the work of factors; None: as many as rslab chooses
+        self._threads: int | None = None
         try:
             import rslab
         except ImportError:
             return  # without rslab `factorise` uses SuperLU, which finds its own order each time
         order = "amd" if is_approximate else "auto"
         self._symbolic = rslab.analyze(matrix.tocsc(), path="ldlt", ordering=order)
+        if self._symbolic.factor_nnz < _LEAST_SHARED_ENTRIES:
+            self._threads = 1
 
     def factorise(self, matrix: Any) -> Factors:
         """Return the factors of a symmetric sparse ``matrix`` with entries at these places.
@@ -72,7 +79,7 @@ class Elimination:
         columns = matrix.tocsc()
         if self._is_approximate:
             columns = _halve_precision(columns)
-        return _LDLFactors(self._symbolic.factor(columns))
+        return _LDLFactors(self._symbolic.factor(columns, threads=self._threads))
 
 
 def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) -> Factors:
