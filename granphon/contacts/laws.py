@@ -120,8 +120,8 @@ class ContactLaws:
 
         The size is zero if no force acts and no contact adheres.
         """
-        magnitudes = np.abs(force[force != 0.0])
-        mean_magnitude = float(np.mean(magnitudes)) if magnitudes.size else 0.0
+        count = int(np.count_nonzero(force))
+        mean_magnitude = float(np.sum(np.abs(force))) / count if count else 0.0
         return max(mean_magnitude, self._mean_adhesion)
 
     @cached_property
@@ -134,6 +134,10 @@ class ContactLaws:
         are numbered anew from zero in the order of ``contacts``. A law without a chosen contact
         keeps a group, which is empty.
         """
+        if self._law is not None:
+            count = len(contacts)
+            group = (self._law, np.arange(count))
+            return ContactLaws([group], count, self.modulus[contacts], self._limits)
         new_number = np.full(self.count, -1)
         new_number[contacts] = np.arange(len(contacts))
         groups = []

@@ -62,8 +62,13 @@ class Elimination:
             import rslab
         except ImportError:
             return  # without rslab `factorise` uses SuperLU, which finds its own order each time
+        columns = _sort_columns(matrix)
+        #: which of the stored entries stand on the diagonal or below it: rslab reads these alone
+        self._is_lower = columns.indices >= np.repeat(
+            np.arange(columns.shape[1]), np.diff(columns.indptr)
+        )
         order = "amd" if is_approximate else "auto"
-        self._symbolic = rslab.analyze(matrix.tocsc(), path="ldlt", ordering=order)
+        self._symbolic = rslab.analyze(columns, path="ldlt", ordering=order)
         if self._symbolic.factor_nnz < _LEAST_SHARED_ENTRIES:
             self._threads = 1
 
@@ -76,10 +81,10 @@ class Elimination:
             # only positive definite matrices have approximate factors, and need no exchange of rows
             pivot = 0.0 if self._is_approximate else _PIVOT
             return _LUFactors(matrix, pivot, self._is_approximate)
-        columns = matrix.tocsc()
+        entries = _sort_columns(matrix).data[self._is_lower]
         if self._is_approximate:
-            columns = _halve_precision(columns)
-        return _LDLFactors(self._symbolic.factor(columns, threads=self._threads))
+            entries = _halve_precision(entries)
+        return _LDLFactors(self._symbolic.factor(entries, threads=self._threads))
 
 
 def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) -> Factors:
@@ -94,9 +99,16 @@ def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) ->
     return _LUFactors(matrix, _PIVOT, approximate)
 
 
-def _halve_precision(matrix: Any) -> Any:
-    """Return a sparse ``matrix``, real or complex, in single precision."""
-    return matrix.astype(np.complex64 if np.iscomplexobj(matrix.data) else np.float32)
+def _sort_columns(matrix: Any) -> Any:
+    """Return a sparse ``matrix`` stored by columns, each with its lines in ascending order."""
+    columns = matrix.tocsc()
+    columns.sum_duplicates()  # sorts; nothing to do for a matrix that is known to be sorted
+    return columns
+
+
+def _halve_precision(values: Any) -> Any:
+    """Return ``values``, real or complex, an array or a sparse matrix, in single precision."""
+    return values.astype(np.complex64 if np.iscomplexobj(values) else np.float32)
 
 
 class _LDLFactors:

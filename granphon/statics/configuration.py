@@ -262,9 +262,11 @@ class Problem:
         if not self.free_axes:
             return motion
         without_drift = motion.copy()
+        assembly = self.assembly
+        by_ball = without_drift[: self.n_ball_unknowns].reshape(-1, assembly.dimension)
+        drift = by_ball.sum(axis=0) / assembly.n_balls
         for axis in self.free_axes:
-            balls = slice(axis, self.n_ball_unknowns, self.assembly.dimension)
-            without_drift[balls] -= np.mean(without_drift[balls])
+            by_ball[:, axis] -= drift[axis]
         return without_drift
 
     def find_unit_losses(self, normal: Array) -> Array:
@@ -326,7 +328,9 @@ class Problem:
         on_walls = on_bodies[n : n + assembly.n_walls, :d]
         forces = np.empty(self.size)
         forces[: n * d].reshape(n, d)[:] = on_bodies[:n, :d]
-        forces[n * d : self.n_displacements] = np.einsum("wa,wa->w", on_walls, assembly.directions)
+        if len(on_walls):
+            on_lines = np.einsum("wa,wa->w", on_walls, assembly.directions)
+            forces[n * d : self.n_displacements] = on_lines
         if len(self.unit_strains):
             forces[self.n_displacements :] = np.einsum("sab,ab->s", self.unit_strains, virial)
         return forces
@@ -488,9 +492,8 @@ class Configuration:
         """(n,) size of the force left on each ball, N."""
         assembly = self.problem.assembly
         left = self.pull[: self.problem.n_ball_unknowns]
-        return np.asarray(
-            np.linalg.norm(left.reshape(assembly.n_balls, assembly.dimension), axis=1)
-        )
+        by_ball = left.reshape(assembly.n_balls, assembly.dimension)
+        return np.asarray(np.sqrt(np.einsum("na,na->n", by_ball, by_ball)))
 
     def list_columns(self, stiffness: Array, side_stiffness: Array) -> Columns:
         """Return the contacts as compiled loops read them, with ``stiffness`` (n_c,) along normals
@@ -525,7 +528,10 @@ class Configuration:
         has_size = 0.0 < self.force_size < math.inf
         if not (has_size and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
             return False
-        return not len(self.strain) or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
+        # no eigenvalue of the strain is larger than the sum of the sizes of its entries
+        if float(np.sum(np.abs(self.strain))) < 1.0:
+            return True
+        return float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
 
     def move(self, x: Array, overlap: Array | None = None) -> Configuration:
         """Return the configuration at other unknowns x (size,), with the ``overlap`` (n_c,), m, of
