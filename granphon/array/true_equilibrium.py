@@ -27,7 +27,7 @@ from granphon.array.contact_lists import (
 from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium
 from granphon.array.geometry import list_displacements
 from granphon.array.options import ReducedLoad
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.results import result_class
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.deformation import measure_resistance
@@ -67,39 +67,6 @@ class TrueEquilibrium(Equilibrium):
         is_told = _LEAST_DISTANCE * self.ratio * self.forces > least_force
         signed_forces = np.where(is_told, self.forces, -self.forces)
         return np.asarray(signed_forces * (self.stiffnesses > 0.0))
-
-    def _sign_forces_at_rest(self, shear: Array | None = None) -> Array:
-        """Return the forces of :meth:`_sign_forces`, but with forces below zero at all contacts of
-        each ball that would go aside while all other balls are held. For the balls are known to
-        rest where their energy is least.
-
-        A ball nearly in line with two others may lean on a third with a force that cannot be told
-        from the residual. The contacts of a ball push it aside if the lowest eigenvalue of its
-        block of the tangent is below zero. ``shear`` is the stiffness of contacts against slip over
-        their normal stiffness, a number, or one for each contact; None stands for zero. Contacts
-        that resist slip hold balls themselves: then all forces count as pushing, and forces are
-        below zero only where this resistance is not enough.
-        """
-        signed_forces = self._sign_forces()
-        ratio = np.asarray(0.0 if shear is None else shear)
-        if shear is not None:
-            signed_forces = np.abs(signed_forces)
-            side_stiffness = self.ratio * signed_forces / self.place.size
-            if np.all(shear * self.stiffnesses >= side_stiffness):  # no contact pushes aside
-                return signed_forces
-        contacts = list_exact_contacts(self, signed_forces, ratio, 0.0, 0.0, False)
-        tangent = fill_blocks(
-            contacts.columns, contacts.axes, np.zeros((0, 3, 3)), contacts.n_balls
-        )
-        # most balls cannot go aside: the bounds of their eigenvalues are not below zero
-        doubtful_balls = np.flatnonzero(bound_lowest(tangent.diagonal) < 0.0)
-        blocks = np.moveaxis(tangent.diagonal[..., doubtful_balls], -1, 0)
-        can_go_aside = np.zeros(contacts.n_balls, bool)
-        can_go_aside[doubtful_balls] = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
-        is_holding = can_go_aside[contacts.i] | can_go_aside[contacts.j]
-        return np.where(
-            is_holding.reshape(signed_forces.shape), -np.abs(signed_forces), signed_forces
-        )
 
     def _follow(self) -> tuple[SmallMotions, Array]:
         """Return the small motions of the balls, and the displacements (contacts, 3) of balls j
@@ -187,16 +154,52 @@ class TrueEquilibrium(Equilibrium):
     ) -> ContactList:
         """Return the contacts with their springs and with the static forces that act, so that
         elastic constants include prestress. Contacts that carry no load have neither stiffness nor
-        force.
+        force. Contacts of a ball that they would push aside count as holding it.
         """
         ratio = np.asarray(shear, float)
         can_turn = bool(np.any(ratio))
+        forces = self._sign_forces()
         if not can_turn:
             # only shear turns balls that are strained: without it twist and roll store nothing
-            torsion = 0.0
-            bending = 0.0
-        forces = self._sign_forces_at_rest(ratio if can_turn else None)
-        return list_exact_contacts(self, forces, ratio, torsion, bending, can_turn)
+            contacts = list_exact_contacts(self, forces, ratio, 0.0, 0.0, False)
+            return _hold(contacts, _find_holding(contacts))
+        # contacts that resist slip hold balls themselves: all forces count as pushing
+        forces = np.abs(forces)
+        contacts = list_exact_contacts(self, forces, ratio, torsion, bending)
+        side_stiffness = self.ratio * forces / self.place.size
+        if np.all(ratio * self.stiffnesses >= side_stiffness):
+            return contacts
+        # but where this resistance is not enough
+        without_turns = list_exact_contacts(self, forces, ratio, 0.0, 0.0, False)
+        return _hold(contacts, _find_holding(without_turns))
+
+
+def _find_holding(contacts: ContactList) -> Flags:
+    """Return whether each contact (n_c,) of a list without rotations touches a ball that would go
+    aside while all other balls are held.
+
+    Such contacts count as holding their balls. For the balls are known to rest where their energy
+    is least: a ball nearly in line with two others may lean on a third with a force that cannot be
+    told from the residual. The contacts of a ball push it aside if the lowest eigenvalue of its
+    block of the tangent is below zero.
+    """
+    tangent = fill_blocks(contacts.columns, contacts.axes, np.zeros((0, 3, 3)), contacts.n_balls)
+    # most balls cannot go aside: the bounds of their eigenvalues are not below zero
+    doubtful_balls = np.flatnonzero(bound_lowest(tangent.diagonal) < 0.0)
+    blocks = np.moveaxis(tangent.diagonal[..., doubtful_balls], -1, 0)
+    can_go_aside = np.zeros(contacts.n_balls, bool)
+    can_go_aside[doubtful_balls] = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
+    return np.asarray(can_go_aside[contacts.i] | can_go_aside[contacts.j])
+
+
+def _hold(contacts: ContactList, is_holding: Flags) -> ContactList:
+    """Return the ``contacts``, of which those that ``is_holding`` (n_c,) marks hold their balls
+    against going aside.
+    """
+    if not np.any(is_holding):
+        return contacts
+    leaning = is_holding if not contacts.leaning.size else contacts.leaning | is_holding
+    return replace(contacts, leaning=leaning)
 
 
 class SmallMotions:

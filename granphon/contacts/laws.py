@@ -134,16 +134,16 @@ class ContactLaws:
         are numbered anew from zero in the order of ``contacts``. A law without a chosen contact
         keeps a group, which is empty.
         """
+        groups: list[tuple[PairLaw, Index]] = []
         if self._law is not None:
-            count = len(contacts)
-            group = (self._law, np.arange(count))
-            return ContactLaws([group], count, self.modulus[contacts], self._limits)
-        new_number = np.full(self.count, -1)
-        new_number[contacts] = np.arange(len(contacts))
-        groups = []
-        for law, members in self.groups:
-            numbers = new_number[members]
-            groups.append((law, numbers[numbers >= 0]))
+            only_law, _ = self.groups[0]
+            groups.append((only_law, np.arange(len(contacts))))
+        else:
+            new_number = np.full(self.count, -1)
+            new_number[contacts] = np.arange(len(contacts))
+            for law, members in self.groups:
+                numbers = new_number[members]
+                groups.append((law, numbers[numbers >= 0]))
         return ContactLaws(groups, len(contacts), self.modulus[contacts], self._limits)
 
     def append(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> ContactLaws:

@@ -263,10 +263,9 @@ class Problem:
             return motion
         without_drift = motion.copy()
         assembly = self.assembly
-        by_ball = without_drift[: self.n_ball_unknowns].reshape(-1, assembly.dimension)
-        drift = by_ball.sum(axis=0) / assembly.n_balls
         for axis in self.free_axes:
-            by_ball[:, axis] -= drift[axis]
+            along_axis = without_drift[axis : self.n_ball_unknowns : assembly.dimension]
+            along_axis -= float(np.sum(along_axis)) / assembly.n_balls
         return without_drift
 
     def find_unit_losses(self, normal: Array) -> Array:

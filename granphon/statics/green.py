@@ -41,7 +41,9 @@ class GreenFunction:
             tuple(grid.shift.ravel().tolist()),
             tuple(grid.normal[:, : len(grid.shape)].ravel().tolist()),
         )
-        is_kept = grid.n_cells * grid.n_balls <= numbers.green_balls
+        n_fields = len(grid.shape) * grid.n_balls
+        memory = find_table_memory(grid.shape, n_fields, _choose_precision(grid.n_balls))
+        is_kept = memory <= numbers.green_memory
         find = _find_table if is_kept else _find_table.__wrapped__
         #: (f, f, waves) inverse for each wave, f being the motions of the balls of a cell; real if
         #: the cell has one ball
@@ -71,6 +73,21 @@ def load_transforms() -> Any:
     return fft
 
 
+def find_table_memory(shape: tuple[int, ...], n_fields: int, precision: Any) -> int:
+    """Return the bytes of a table (f, f, waves) of numbers of a ``precision``, for the waves of a
+    real Fourier transform on a grid of the ``shape`` and for ``n_fields`` f.
+    """
+    n_waves = math.prod(shape[:-1]) * (shape[-1] // 2 + 1)
+    return int(n_fields**2 * n_waves * np.dtype(precision).itemsize)
+
+
+def _choose_precision(n_balls: int) -> Any:
+    """Return the type of the numbers of a table of :class:`GreenFunction` for cells of ``n_balls``
+    balls: a preconditioner needs few digits, and the table of one ball is real.
+    """
+    return np.float32 if n_balls == 1 else np.complex64
+
+
 @lru_cache(maxsize=8)
 def _find_table(
     batch: int,
@@ -98,9 +115,7 @@ def _find_table(
     # other side of the ball, phases come in pairs of opposite sign, whose sum is real
     is_real = n_balls == 1
     counts = (*shape[:-1], shape[-1] // 2 + 1)
-    # a preconditioner needs few digits
-    precision = np.float32 if is_real else np.complex64
-    table = np.zeros((n_fields, n_fields, *counts), precision)
+    table = np.zeros((n_fields, n_fields, *counts), _choose_precision(n_balls))
     translations = np.zeros((n_fields, n_fields))  # projection on translations of the whole array
     for axis in range(d):
         translations[axis::d, axis::d] = 1.0 / n_balls

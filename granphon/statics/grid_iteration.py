@@ -38,7 +38,12 @@ from granphon.contacts.grid_product import (
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.dynamics.linalg import bound_lowest
-from granphon.statics.green import list_phases, load_transforms, multiply_waves
+from granphon.statics.green import (
+    find_table_memory,
+    list_phases,
+    load_transforms,
+    multiply_waves,
+)
 from granphon.statics.options import GridOptions
 
 Values = NDArray[Any]
@@ -332,9 +337,8 @@ def _find_green(
     balls of a cell.
 
     If ``is_uniform`` is true, all contacts have the normal stiffness one and no other, along the
-    directions of the first contact of each kind. Inverses of grids with at most
-    ``options.green_balls`` balls, or ``options.small_array`` if ``is_uniform`` is false, are kept
-    for further calls.
+    directions of the first contact of each kind. Inverses that take at most
+    ``options.green_memory`` are kept for further calls.
     """
     shape = contacts.grid
     cells = math.prod(shape)
@@ -345,7 +349,8 @@ def _find_green(
         """Return the means of ``values`` for each kind of contact, flattened and rounded, so that
         those of most samples of a packing are equal.
         """
-        means = np.mean(values.reshape(kinds, cells, -1), axis=1)
+        # a product sums three columns at once, many times faster than their mean is found
+        means = np.ones(cells) @ values.reshape(kinds, cells, -1) / cells
         return tuple((step * np.round(means / step)).ravel().tolist())
 
     def average_stiffness(values: Array) -> tuple[Any, ...]:
@@ -371,8 +376,9 @@ def _find_green(
             average_stiffness(contacts.torsion_stiffness),
             average_stiffness(contacts.bending_stiffness),
         )
-    most_kept = options.green_balls if is_uniform else options.small_array
-    find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
+    n_fields = contacts.motions.count * contacts.n_balls // cells
+    is_kept = find_table_memory(shape, n_fields, np.complex64) <= options.green_memory
+    find = _find_equal_green if is_kept else _find_equal_green.__wrapped__
     return find(
         shape,
         options.spring,

@@ -35,10 +35,10 @@ class GridOptions:
     green_step : step to which mean directions and arms of a kind of contact are rounded, and the
         logarithms of its mean stiffnesses: samples and loads share Green's functions. To find one
         takes as long as five iterations with it, of which differences of some hundredths cost none.
-    small_array : balls of an array, at most, whose memory does not count: Green's functions of mean
-        stiffnesses are kept, and right sides are solved for together.
-    green_balls : balls, at most, whose Green's function of equal contacts is kept: the function
-        serves all samples and loads, and takes some 2 MB for 10^5 balls of a plane.
+    small_array : balls of an array, at most, whose memory does not count: right sides are solved
+        for together.
+    green_memory : bytes of a Green's function, at most, that is kept for further samples and loads:
+        of 10^5 balls of a plane that do not turn it takes 2 MB. Eight are kept.
     batch : contacts, or waves, that are worked on at a time, so that numbers stay in the
         processor's cache and take little memory.
     margin : part of what an accurate solution may leave that iterations aim at: the largest force
@@ -55,7 +55,7 @@ class GridOptions:
     damping: float = 0.8
     green_step: float = 0.05
     small_array: int = 2**13
-    green_balls: int = 2**17
+    green_memory: int = 2**21
     batch: int = 2**14
     margin: float = 0.1
     patience: int = 60
