@@ -672,9 +672,7 @@ class LinearSteps:
             """Set ``motion`` to the approximate motion under a ``force``."""
             pull = force.reshape(fields)
             motions = motion.reshape(fields)
-            motions[:] = 0.0
-            grid_product.add_block_products(inverses, pull, motions)
-            grid_product.find_residual(product.product, pull, motions, residual)
+            grid_product.relax_balls(product.product, inverses, pull, motions, residual)
             if self._invert_patch is not None:
                 self._invert_patch(force, motion)
                 grid_product.find_residual(product.product, pull, motions, residual)

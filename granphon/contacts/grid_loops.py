@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from granphon.base.compiled import compiled
 from granphon.contacts.grid import Runs
+from granphon.contacts.grid_product import add_block_products
 
 Values = NDArray[Any]
 #: number of contacts of a run that are worked on at a time, so that they stay in the processor's
@@ -260,23 +261,6 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
 
 
 @compiled
-def add_block_products(blocks: Values, forces: Values, motions: Values) -> None:
-    """Add to ``motions`` (f, cells) the product of the block of each ball with the ``forces`` (f,
-    cells) on the same ball; ``blocks`` are (d, d, n).
-    """
-    d = len(blocks)
-    cells = forces.shape[1]
-    for ball in range(len(forces) // d):
-        for line in range(d):
-            motion = motions[ball * d + line]
-            for column in range(d):
-                entries = blocks[line, column, ball * cells : (ball + 1) * cells]
-                pull = forces[ball * d + column]
-                for cell in range(cells):
-                    motion[cell] += entries[cell] * pull[cell]
-
-
-@compiled
 def find_residual(
     runs: Runs, stiffness: Values, forces: Values, motions: Values, residual: Values
 ) -> None:
@@ -292,6 +276,56 @@ def find_residual(
         remainder = residual[field]
         for cell in range(len(pull)):
             remainder[cell] = pull[cell] - remainder[cell]
+
+
+@compiled
+def relax_balls(
+    runs: Runs,
+    stiffness: Values,
+    inverses: Values,
+    forces: Values,
+    motions: Values,
+    residual: Values,
+) -> None:
+    """Set ``motions`` to those of each ball under the ``forces`` while its neighbours are held, by
+    the ``inverses`` (d, d, n) of blocks, and ``residual`` to the forces that all these motions
+    leave; see :func:`find_residual`.
+    """
+    motions[:] = 0.0
+    _add_block_products(inverses, forces, motions)
+    find_residual(runs, stiffness, forces, motions, residual)
+
+
+@compiled
+def relax_balls_after(
+    runs: Runs,
+    stiffness: Values,
+    inverses: Values,
+    forces: Values,
+    change: Values,
+    motions: Values,
+    residual: Values,
+) -> None:
+    """Add to ``motions`` the ``change`` (f, cells), and then those of each ball under the forces
+    that are left of ``forces`` while its neighbours are held; see :func:`relax_balls`. The forces
+    left before these last motions become the ``residual``.
+    """
+    for field in range(len(motions)):
+        motion = motions[field]
+        added = change[field]
+        for cell in range(len(motion)):
+            motion[cell] += added[cell]
+    find_residual(runs, stiffness, forces, motions, residual)
+    _add_block_products(inverses, residual, motions)
+
+
+@compiled
+def _add_block_products(blocks: Values, forces: Values, motions: Values) -> None:
+    """Add to ``motions`` (f, cells) the products of the ``blocks`` (d, d, n) of balls with the
+    ``forces`` (f, cells) on them.
+    """
+    one_side = (len(forces), 1, forces.shape[1])
+    add_block_products(blocks, forces.reshape(one_side), motions.reshape(one_side))
 
 
 @compiled

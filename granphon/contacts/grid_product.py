@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,30 +62,11 @@ class GridProduct(NamedTuple):
         :meth:`fill` replaces them.
         """
         n_cells = math.prod(shape)
-        # the first contact of each kind tells where all others lead, up to periods of the array:
-        # the nearest image needs the fewest ghosts
-        first_i = i[::n_cells]
-        first_j = j[::n_cells]
-        ends = np.array([np.unravel_index(balls % n_cells, shape) for balls in (first_i, first_j)])
-        half = np.floor_divide(shape, 2)
-        shifts = (np.subtract(*ends[::-1]).T + half) % shape - half
-        halo = Halo(shape, [*shifts.tolist(), *(-shifts).tolist()])
-        steps = [halo.offset(shift) for shift in shifts.tolist()]
-        cells = np.empty(halo.outer, np.uint32)
-        cells[halo.inner] = np.arange(n_cells).reshape(shape)
-        for ghosts, layers in halo.images(cells, 0):
-            ghosts[...] = layers
-        places = np.arange(cells.size).reshape(halo.outer)[halo.inner]
+        # the first contact of each kind tells where all others lead
+        first_i = tuple(i[::n_cells].tolist())
+        first_j = tuple(j[::n_cells].tolist())
         no_blocks = np.empty((0, 0, 0))
-        return cls(
-            no_blocks,
-            no_blocks,
-            no_blocks,
-            np.stack([first_i // n_cells, first_j // n_cells, steps], axis=1),
-            cells.ravel(),
-            # unsigned numbers: a loop need not test whether an index is below zero
-            places.ravel().astype(np.uint32),
-        )
+        return cls(no_blocks, no_blocks, no_blocks, *_find_layout(tuple(shape), first_i, first_j))
 
     def fill(self, diagonal: Values, forward: Values, backward: Values) -> GridProduct:
         """Return the product with the blocks of a tangent: ``diagonal`` (m, m, n) those of balls,
@@ -118,20 +100,95 @@ class GridProduct(NamedTuple):
         )
 
 
+@lru_cache(maxsize=2)
+def _find_layout(
+    shape: tuple[int, ...], first_i: tuple[int, ...], first_j: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint32]]:
+    """Return the ``joins``, ``cells`` and ``places`` of the :class:`GridProduct` of a grid of the
+    ``shape``; ``first_i`` and ``first_j`` (kinds,) are the numbers of the balls of the first
+    contact of each kind. The last two results are kept for further calls.
+    """
+    n_cells = math.prod(shape)
+    i = np.array(first_i)
+    j = np.array(first_j)
+    ends = np.array([np.unravel_index(balls % n_cells, shape) for balls in (i, j)])
+    half = np.floor_divide(shape, 2)
+    # a contact leads where it does up to periods of the array: the nearest image needs the fewest
+    # ghosts
+    shifts = (np.subtract(*ends[::-1]).T + half) % shape - half
+    halo = Halo(shape, [*shifts.tolist(), *(-shifts).tolist()])
+    steps = [halo.offset(shift) for shift in shifts.tolist()]
+    cells = np.empty(halo.outer, np.uint32)
+    cells[halo.inner] = np.arange(n_cells).reshape(shape)
+    for ghosts, layers in halo.images(cells, 0):
+        ghosts[...] = layers
+    places = np.arange(cells.size).reshape(halo.outer)[halo.inner]
+    # unsigned numbers: a loop need not test whether an index is below zero
+    return (
+        np.stack([i // n_cells, j // n_cells, steps], axis=1),
+        cells.ravel(),
+        places.ravel().astype(np.uint32),
+    )
+
+
 @compiled
 def find_residual(product: GridProduct, forces: Values, motions: Values, residual: Values) -> None:
     """Set ``residual`` to the ``forces`` less the tangent of the ``product`` times the ``motions``;
     all are (f, k, cells).
     """
-    residual[:] = 0.0
-    add_block_products(product.diagonal, motions, residual)
-    add_neighbour_products(product, motions, residual)
+    multiply(product, motions, residual)
     for field in range(len(forces)):
         for side in range(forces.shape[1]):
             pull = forces[field, side]
             remainder = residual[field, side]
             for cell in range(len(pull)):
                 remainder[cell] = pull[cell] - remainder[cell]
+
+
+@compiled
+def multiply(product: GridProduct, motions: Values, forces: Values) -> None:
+    """Set ``forces`` to the tangent of the ``product`` times the ``motions``; both are (f, k,
+    cells).
+    """
+    forces[:] = 0.0
+    add_block_products(product.diagonal, motions, forces)
+    add_neighbour_products(product, motions, forces)
+
+
+@compiled
+def relax_balls(
+    product: GridProduct, inverses: Values, forces: Values, motions: Values, residual: Values
+) -> None:
+    """Set ``motions`` to those of each ball under the ``forces`` while its neighbours are held, by
+    the ``inverses`` (m, m, n) of blocks, and ``residual`` to the forces that all these motions
+    leave; forces and motions are (f, k, cells).
+    """
+    motions[:] = 0.0
+    add_block_products(inverses, forces, motions)
+    find_residual(product, forces, motions, residual)
+
+
+@compiled
+def relax_balls_after(
+    product: GridProduct,
+    inverses: Values,
+    forces: Values,
+    change: Values,
+    motions: Values,
+    residual: Values,
+) -> None:
+    """Add to ``motions`` the ``change``, and then those of each ball under the forces that are left
+    of ``forces`` while its neighbours are held; see :func:`relax_balls`. The forces left before
+    these last motions become the ``residual``.
+    """
+    for field in range(len(motions)):
+        for side in range(motions.shape[1]):
+            motion = motions[field, side]
+            added = change[field, side]
+            for cell in range(len(motion)):
+                motion[cell] += added[cell]
+    find_residual(product, forces, motions, residual)
+    add_block_products(inverses, residual, motions)
 
 
 @compiled
@@ -286,9 +343,7 @@ def multiply_pressed(
     ``back`` (m, n) by unit motions, and ``corner`` by a unit of y. If the overlap is held,
     ``ahead`` and ``back`` are empty, and ``corner`` and ``press`` are not read.
     """
-    forces[:] = 0.0
-    add_block_products(product.diagonal, motions, forces)
-    add_neighbour_products(product, motions, forces)
+    multiply(product, motions, forces)
     if not ahead.size:
         return 0.0
     total = corner * press

@@ -31,10 +31,10 @@ from granphon.base.compiled import compiled
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid_product import (
     GridProduct,
-    add_block_products,
-    add_neighbour_products,
-    find_residual,
     invert_blocks,
+    multiply,
+    relax_balls,
+    relax_balls_after,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.dynamics.linalg import bound_lowest
@@ -254,9 +254,7 @@ class TangentIteration(GridIteration):
 
     def multiply(self, motions: Array, forces: Array) -> None:
         """Set ``forces`` to the tangent times the ``motions``, both (f, k, cells)."""
-        forces[:] = 0.0
-        add_block_products(self._product.diagonal, motions, forces)
-        add_neighbour_products(self._product, motions, forces)
+        multiply(self._product, motions, forces)
 
     def find_way_down(self, search: Array | None) -> Array:
         """Return the ``search`` (f, cells) as a motion (n, m); without one, of all motions of a
@@ -282,13 +280,11 @@ class TangentIteration(GridIteration):
         under the forces that are left, then each ball again under those left by then.
         """
         single = forces.astype(np.float32)
-        motions = np.zeros(single.shape, np.float32)
+        motions = np.empty_like(single)
         remaining = np.empty_like(single)
-        add_block_products(self._alone, single, motions)
-        find_residual(self._coarse, single, motions, remaining)
-        motions += self._apply_green(remaining)
-        find_residual(self._coarse, single, motions, remaining)
-        add_block_products(self._alone, remaining, motions)
+        relax_balls(self._coarse, self._alone, single, motions, remaining)
+        change = self._apply_green(remaining)
+        relax_balls_after(self._coarse, self._alone, single, change, motions, remaining)
         return motions
 
     def _apply_green(self, forces: Values) -> Values:

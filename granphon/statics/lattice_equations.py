@@ -83,13 +83,13 @@ class LatticeEquations:
 
         def apply(force: Values) -> Values:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
-            motion = np.zeros(force.shape, force.dtype)
+            motion = np.empty_like(force)
             remaining = np.empty_like(force)
-            grid_loops.add_block_products(inverse_blocks, force, motion)
-            grid_loops.find_residual(runs, stiffness, force, motion, remaining)
-            motion += green.apply(remaining, softness)
-            grid_loops.find_residual(runs, stiffness, force, motion, remaining)
-            grid_loops.add_block_products(inverse_blocks, remaining, motion)
+            grid_loops.relax_balls(runs, stiffness, inverse_blocks, force, motion, remaining)
+            change = green.apply(remaining, softness)
+            grid_loops.relax_balls_after(
+                runs, stiffness, inverse_blocks, force, change, motion, remaining
+            )
             return motion
 
         return apply
