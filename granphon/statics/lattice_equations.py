@@ -28,7 +28,8 @@ from granphon.statics.options import RestOptions
 from granphon.statics.stiff_factors import factorise_stiff
 
 Values = NDArray[Any]
-#: finds about the motions (f, cells) of balls under forces (f, cells)
+#: finds about the motions (f, cells) of balls under forces (f, cells), with the digits of single
+#: precision
 Inverse = Callable[[Values], Values]
 
 
@@ -57,8 +58,8 @@ class LatticeEquations:
         }
 
     def precondition(self, stiffness: Values) -> Inverse:
-        """Return an approximate inverse for displacements, in the precision of the ``stiffness``
-        (kinds, cells).
+        """Return an approximate inverse for displacements of contacts with a ``stiffness`` (kinds,
+        cells); it works in single precision.
 
         Each ball moves as if its neighbours were held. Then all move by Green's function of the
         mean stiffness under the forces that are left, and then each ball again. Green's function
@@ -67,28 +68,30 @@ class LatticeEquations:
         """
         options = self.options
         numbers = options.grid
+        single = stiffness.astype(np.float32, copy=False)
         mean = float(np.mean(stiffness))
         green = self.green
         softness = 1.0 / mean
         if float(np.std(stiffness)) <= options.stiffness_spread * mean:
-            return lambda force: green.apply(force, softness)
-        runs = self._runs[stiffness.dtype]
+            return lambda force: green.apply(force.astype(np.float32, copy=False), softness)
+        runs = self._runs[single.dtype]
         grid = self._grid
         d = len(grid.shape)
         blocks = np.zeros((d, d, grid.n_balls * grid.n_cells))
-        grid_loops.add_blocks(self._runs[np.dtype(float)], stiffness, blocks)
-        inverse_blocks = np.empty(blocks.shape, stiffness.dtype)
+        grid_loops.add_blocks(self._runs[np.dtype(float)], single, blocks)
+        inverse_blocks = np.empty(blocks.shape, np.float32)
         grid_loops.invert_blocks(blocks, numbers.spring * mean, numbers.damping, inverse_blocks)
         del blocks
 
         def apply(force: Values) -> Values:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
-            motion = np.empty_like(force)
-            remaining = np.empty_like(force)
-            grid_loops.relax_balls(runs, stiffness, inverse_blocks, force, motion, remaining)
+            pull = force.astype(np.float32, copy=False)
+            motion = np.empty_like(pull)
+            remaining = np.empty_like(pull)
+            grid_loops.relax_balls(runs, single, inverse_blocks, pull, motion, remaining)
             change = green.apply(remaining, softness)
             grid_loops.relax_balls_after(
-                runs, stiffness, inverse_blocks, force, change, motion, remaining
+                runs, single, inverse_blocks, pull, change, motion, remaining
             )
             return motion
 
