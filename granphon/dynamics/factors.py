@@ -63,8 +63,10 @@ class Elimination:
         except ImportError:
             return  # without rslab `factorise` uses SuperLU, which finds its own order each time
         columns = _sort_columns(matrix)
-        #: which of the stored entries stand on the diagonal or below it: rslab reads these alone
-        self._is_lower = columns.indices >= np.repeat(
+        #: the lines of the stored entries, column by column
+        self._lines = columns.indices
+        #: which of these entries stand on the diagonal or below it: rslab reads these alone
+        self._is_lower = self._lines >= np.repeat(
             np.arange(columns.shape[1]), np.diff(columns.indptr)
         )
         order = "amd" if is_approximate else "auto"
@@ -75,13 +77,17 @@ class Elimination:
     def factorise(self, matrix: Any) -> Factors:
         """Return the factors of a symmetric sparse ``matrix`` with entries at these places.
 
-        Raises RuntimeError if the matrix is singular.
+        Raises RuntimeError if the matrix is singular, and ValueError if it has entries at other
+        places.
         """
         if self._symbolic is None:
             # only positive definite matrices have approximate factors, and need no exchange of rows
             pivot = 0.0 if self._is_approximate else _PIVOT
             return _LUFactors(matrix, pivot, self._is_approximate)
-        entries = _sort_columns(matrix).data[self._is_lower]
+        columns = _sort_columns(matrix)
+        if not np.array_equal(columns.indices, self._lines):
+            raise ValueError("the matrix has entries at other places than its order of elimination")
+        entries = columns.data[self._is_lower]
         if self._is_approximate:
             entries = _halve_precision(entries)
         return _LDLFactors(self._symbolic.factor(entries, threads=self._threads))

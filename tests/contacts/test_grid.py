@@ -10,7 +10,12 @@ import pytest
 from granphon.balls.lattices import find_lattice
 from granphon.contacts import grid_loops
 from granphon.contacts.grid import Grid
-from granphon.contacts.grid_product import GridProduct, find_residual
+from granphon.contacts.grid_product import (
+    GridProduct,
+    find_residual,
+    relax_balls,
+    relax_balls_after,
+)
 from granphon.statics.green import GreenFunction
 
 #: shapes that wrap once, that touch themselves, and that are one cell wide
@@ -125,6 +130,23 @@ def test_each_ball_alone_moves_by_its_block(name, shape):
     moved = np.einsum("bij,bj->bi", wanted, by_ball).reshape(grid.n_balls, -1, d).swapaxes(1, 2)
     np.testing.assert_allclose(motions, moved.reshape(motions.shape), rtol=1e-9, atol=1e-11)
 
+    # all contacts against motions, as they are moved one after the other
+    def resist(moves):
+        against = np.zeros_like(moves)
+        none = np.zeros(0)
+        grid_loops.resist(grid.runs, stiffness, moves, none, against, none)
+        return against
+
+    digits = {"rtol": 0.0, "atol": 1e-10}
+    np.testing.assert_allclose(residual, forces - resist(motions), **digits)
+    change = rng.normal(size=forces.shape)
+    after = motions.copy()
+    grid_loops.relax_balls_after(grid.runs, stiffness, inverses, forces, change, after, residual)
+    np.testing.assert_allclose(residual, forces - resist(motions + change), **digits)
+    alone = np.empty_like(forces)
+    grid_loops.relax_balls(grid.runs, stiffness, inverses, residual, alone, np.empty_like(forces))
+    np.testing.assert_allclose(after, motions + change + alone, **digits)
+
 
 @every_shape
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
@@ -155,6 +177,23 @@ def test_blocks_of_contacts_are_multiplied_as_each_contact_alone(
     find_residual(product, forces, motions, left)
     digits = {"rtol": 0.0, "atol": 100.0 * float(np.finfo(precision).eps)}
     np.testing.assert_allclose(left, forces - expected, **digits)
+    inverses = rng.normal(size=diagonal.shape).astype(precision)
+    alone = np.full_like(motions, np.nan)
+    relax_balls(product, inverses, forces, alone, left)
+    by_ball = forces.reshape(grid.n_balls, m, 3, -1).transpose(0, 3, 1, 2).reshape(n_balls, m, 3)
+    moved = np.einsum("abn,nbk->nak", inverses, by_ball)
+    moved = moved.reshape(grid.n_balls, -1, m, 3).transpose(0, 2, 3, 1).reshape(motions.shape)
+    np.testing.assert_allclose(alone, moved, **digits)
+    expected = np.full_like(motions, np.nan)
+    find_residual(product, forces, alone, expected)
+    np.testing.assert_array_equal(left, expected)
+    after = alone.copy()
+    relax_balls_after(product, inverses, forces, motions, after, left)
+    find_residual(product, forces, alone + motions, expected)
+    np.testing.assert_allclose(left, expected, **digits)
+    last = np.full_like(motions, np.nan)
+    relax_balls(product, inverses, left, last, expected)
+    np.testing.assert_allclose(after, alone + motions + last, **digits)
     chosen = rng.permutation(len(i))[:5]
     for found, blocks in zip(product.list_blocks(chosen), (forward, backward), strict=True):
         np.testing.assert_array_equal(found, blocks[..., chosen])

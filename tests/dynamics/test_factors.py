@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -80,6 +81,28 @@ def test_one_order_of_elimination_is_for_all_matrices_with_entries_at_its_places
         other = (factor * matrix).tocsc()
         found = elimination.factorise(other).solve(np.ones(60, other.dtype))
         assert_allclose(other @ found, np.ones(60), rtol=1e-9)
+
+
+@pytest.mark.parametrize("is_approximate", [False, True])
+def test_entries_may_be_stored_in_any_order(is_approximate):
+    matrix = (make() + 20.0 * eye_array(60)).tocsc()
+    matrix.sort_indices()
+    starts = matrix.indptr
+    columns = [np.arange(start, end)[::-1] for start, end in pairwise(starts)]
+    order = np.concatenate(columns)
+    turned = csc_array((matrix.data[order], matrix.indices[order], starts), shape=matrix.shape)
+    found = Elimination(matrix, is_approximate).factorise(turned).solve(np.ones(60))
+    digits = 1e-5 if is_approximate else 1e-12
+    assert_allclose(matrix @ found, np.ones(60), rtol=digits)
+
+
+def test_a_matrix_with_other_places_is_an_error(library):
+    elimination = Elimination(make())
+    if library == "SuperLU":
+        assert elimination.factorise(make(seed=1)).solve(np.ones(60)).shape == (60,)
+        return
+    with pytest.raises(ValueError, match="places"):
+        elimination.factorise(make(seed=1))
 
 
 def test_approximate_factors_are_in_single_precision():
