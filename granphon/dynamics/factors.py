@@ -77,8 +77,8 @@ class Elimination:
     def factorise(self, matrix: Any) -> Factors:
         """Return the factors of a symmetric sparse ``matrix`` with entries at these places.
 
-        Raises RuntimeError if the matrix is singular, and ValueError if it has entries at other
-        places.
+        Raises RuntimeError if the matrix is singular. With rslab, ValueError is raised if it has
+        entries at other places.
         """
         if self._symbolic is None:
             # only positive definite matrices have approximate factors, and need no exchange of rows
