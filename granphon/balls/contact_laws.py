@@ -726,11 +726,13 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
     pair_law = law.between(ball, other) if hasattr(law, "between") else law
     missing_methods = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
     if missing_methods:
-        problem = f"the contact law {brief(law)} has no method {', '.join(missing_methods)}"
+        subject = f"the contact law {brief(law)}"
+        if pair_law is not law:
+            subject = f"{brief(pair_law)}, which between of {subject} returns,"
+        problem = f"{subject} has no method {', '.join(missing_methods)}"
+        why = "All are functions of the overlap, but overlap is a function of the force"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
-        raise InputError(
-            problem, "They are functions of the overlap, and overlap is one of the force", mend
-        )
+        raise InputError(problem, why, mend)
     return pair_law  # type: ignore[no-any-return]
 
 

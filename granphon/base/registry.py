@@ -152,9 +152,9 @@ class Registry(Mapping[str, T]):
 
     @staticmethod
     def describe_failures() -> str:
-        """Return the plug-ins that failed, and why, in a sentence for the error about a name that
-        no table has, as one of them may have the name; empty if no plug-in failed. Plug-ins are
-        loaded first.
+        """Return the plug-ins that failed, and why, in a sentence for the error about a name that a
+        table does not have, as one of them may have the name; empty if no plug-in failed. Plug-ins
+        are loaded first.
         """
         clauses = []
         for plugin, why in load_plugins().items():

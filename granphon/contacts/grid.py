@@ -127,12 +127,12 @@ class Grid:
     def runs(self) -> Runs:
         """The runs of all contacts, in the order of their kinds and of their first cells."""
         tables = [self._find_runs(kind) for kind in range(self.n_kinds)]
-        d = len(self.shape)
+        components = self.normal[:, : len(self.shape)]
         return Runs(
             np.ascontiguousarray(np.concatenate(tables), np.int64),
-            np.stack([self.i, self.j], axis=1).astype(np.int64),
-            # components that are zero but for rounding cost nothing
-            np.where(np.abs(self.normal[:, :d]) > _ROUNDING, self.normal[:, :d], 0.0),
+            np.stack([self.i, self.j], axis=1),
+            # loops skip components of zero
+            np.where(np.abs(components) > _ROUNDING, components, 0.0),
         )
 
     def _find_runs(self, kind: int) -> NDArray[np.int64]:

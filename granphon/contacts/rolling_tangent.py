@@ -320,7 +320,7 @@ class _SpaceLaw(NamedTuple):
 
 @compiled
 def _resist_in_space(
-    law: _SpaceLaw, v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, turn: float
+    law: _SpaceLaw, v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, ball_spin: float
 ) -> tuple[float, ...]:
     """Return eight components along n, t and b = n x t of what resists a small motion.
 
@@ -329,8 +329,9 @@ def _resist_in_space(
     (eps/2) e (n x T) along t and b, which is subtracted from the torque on both balls.
 
     ``v_n``, ``v_t`` and ``v_b`` are components of the motion of centre j against centre i, ``r_t``
-    and ``r_b`` those of arm_i phi_i + arm_j phi_j, and ``turn`` is the angle by which
-    rotations of the balls turn the tangents about n.
+    and ``r_b`` those of arm_i phi_i + arm_j phi_j. ``ball_spin`` is the part of spin, the angle by
+    which tangents turn about n, that rotations of the balls add; the vector turn is n x dn + spin
+    n.
     """
     slip_t = v_t - r_b
     slip_b = v_b + r_t
@@ -338,7 +339,7 @@ def _resist_in_space(
     change_b = law.spring_tb * slip_t + law.spring_bb * slip_b - law.coupling_b * v_n
     tilt_t = law.tilt * v_t
     tilt_b = law.tilt * v_b
-    spin = turn - law.spin_b * tilt_t + law.spin_t * tilt_b
+    spin = ball_spin + law.spin_t * tilt_b - law.spin_b * tilt_t
     return (
         law.k * v_n - tilt_t * law.shear_t - tilt_b * law.shear_b,
         change_t - law.prestress * v_t - spin * law.shear_b,
@@ -542,13 +543,13 @@ def _add_rotations_in_space(
     arm_j = contact.arm_j
     for motion in range(3):
         # tangents turn about n with the mean rotation of both balls about e
-        spin = law.lever * e[motion]
+        ball_spin = law.lever * e[motion]
         r_t = turning[1, motion]
         r_b = turning[2, motion]
-        resistance = _resist_in_space(law, 0.0, 0.0, 0.0, arm_i * r_t, arm_i * r_b, spin)
+        resistance = _resist_in_space(law, 0.0, 0.0, 0.0, arm_i * r_t, arm_i * r_b, ball_spin)
         _set_wrench(resistance, contact, room)
         _add_motion_of_i(contact, 3 + motion, 1.0, room, diagonal)
-        resistance = _resist_in_space(law, 0.0, 0.0, 0.0, arm_j * r_t, arm_j * r_b, spin)
+        resistance = _resist_in_space(law, 0.0, 0.0, 0.0, arm_j * r_t, arm_j * r_b, ball_spin)
         _set_wrench(resistance, contact, room)
         _add_motion_of_j(contact, 3 + motion, room, diagonal)
 

@@ -100,8 +100,10 @@ class Modes(Result):
         """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; of balls
         in a plane, perpendicular to q within the plane.
         """
-        total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
-        return np.clip(1.0 - total, 0.0, 1.0)  # rounding may leave this range
+        other_fractions = (
+            self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
+        )
+        return np.clip(1.0 - other_fractions, 0.0, 1.0)  # rounding may leave this range
 
 
 class ContactLattice(LongWaves):
@@ -976,13 +978,15 @@ class ContactLattice(LongWaves):
         return total
 
     def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
-        """Return (m,) whether springs to the ground resist each of the ``motions`` (n_branches, m)
-        of the frame.
+        """Return (m,) whether springs to the ground resist each of m motions, the columns of
+        ``motions`` (n_branches, m) in the coordinates of the frame of waves.
         """
         if self.on_site is None:
             return np.zeros(motions.shape[1], bool)
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
         at_springs = of_balls[self.contacts.i[self.n_between :]]
+        # there are springs for all named motions; rotations, which come last, are left out of the
+        # motions of balls if nothing resists them
         springs = self.on_site[:, : self.motions.count]
         is_resisted = (springs[..., None] > 0.0) & (np.abs(at_springs) > _REST_AMPLITUDE)
         return np.asarray(np.any(is_resisted, axis=(0, 1)))

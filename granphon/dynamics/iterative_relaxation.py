@@ -241,7 +241,9 @@ class IterativeRelaxation:
         return forces, self._solve(lambda x: np.asarray(block @ x), forces)
 
     def _hold_back(self, motions: Array) -> Array:
-        """Return ``motions`` (n_branches, m) without those that stay behind."""
+        """Return ``motions``, or forces, (n_branches, m) without their components along the motions
+        ``staying`` that stay behind.
+        """
         return np.asarray(motions - self.staying @ (self.staying.T @ motions))
 
     def _precondition(self, residual: Array) -> Array:

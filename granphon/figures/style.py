@@ -74,8 +74,8 @@ OTHER_KINDS = "#9A9A9A"
 
 
 def shorten_error(error: Exception) -> str:
-    """Return the message of an error of matplotlib on one line, of 300 letters at most; of an error
-    without a message the name of its class.
+    """Return the message of an error of matplotlib on one line, of 300 characters at most; of an
+    error without a message the name of its class.
     """
     return textwrap.shorten(str(error) or type(error).__name__, 300, placeholder=" ...")
 

@@ -762,8 +762,9 @@ def pick_states(
 
 def _describe_held_dimensions(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
     """Return in words the only value that each of these ``dimensions`` has in a data set; ``name``
-    is a variable of the data set, by whose lines the facts are found.
+    is a variable of the data set that has them.
     """
+    # all lines of the variable have these values
     facts, _index = describe_lines(dataset, name)[0]
     texts = []
     for dimension in dimensions:

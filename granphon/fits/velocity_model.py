@@ -303,7 +303,8 @@ class VelocityModel:
 
     def settle_geometry(self, logs: Array) -> VelocityModel:
         """Return the model with one geometry for its samples: that at the logarithms ``logs`` (p,)
-        of the parameters, exact if the geometry is exact at one of the forces.
+        of the parameters, exact if the geometry is exact at one of the forces. The settings of the
+        waves have finite overlap where the geometry has.
         """
         packing = self._make_packing(logs)
         load = Load("force", self.force)

@@ -165,18 +165,19 @@ class WidestGap:
         """Return the number of branches whose mean of the ``frequencies`` (n_q, n_b), Hz, over the
         zone is below the frequency ``near``, Hz; InputError if these are none or all.
         """
-        means = np.mean(frequencies, axis=0)
+        means = np.mean(frequencies, axis=0)  # ascending, as branches ascend at each wave vector
         n_below = int(np.count_nonzero(means < near))
         if n_below in (0, len(means)):
             tops = frequencies.max(axis=0)[:-1]
             bottoms = frequencies.min(axis=0)[1:]
             widest = int(np.argmax(bottoms - tops))
-            middle = 0.5 * float(tops[widest] + bottoms[widest])  # Hz
+            # between the means, by which branches are counted: their edges may overlap
+            between = 0.5 * float(means[widest] + means[widest + 1])
             raise InputError(
                 f"no gap can be near {near:g} Hz",
-                f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
-                " Hz, and gaps between branches",
-                f"Give a frequency between two of them, as {middle:.4g} Hz, or leave near out",
+                f"Branches are counted by their means over the zone, which lie from {means[0]:.6g}"
+                f" to {means[-1]:.6g} Hz",
+                f"Give a frequency between two means, as {between:.6g} Hz, or leave near out",
             )
         return n_below
 

@@ -409,12 +409,14 @@ class _Search:
 
     def _evaluate(self, u: Array) -> tuple[float, Array]:
         """Return the function of u (n,) that is minimised, and its derivatives (n,): the goal, or
-        its negative if it is to be largest, scaled to the size of one. Records the evaluation.
+        its negative if it is to be largest, scaled to the size of one at the first evaluation.
+        Records the evaluation.
         """
-        value, slope = self._differentiate(self.goal.evaluate, u)
-        self._record(float(value), u)
+        goal, slope = self._differentiate(self.goal.evaluate, u)
+        value = float(goal)
+        self._record(value, u)
         if not self._size:
-            self._size = max(abs(float(value)), float(np.max(np.abs(slope)))) or 1.0
+            self._size = max(abs(value), float(np.max(np.abs(slope)))) or 1.0
         return self.sign * value / self._size, self.sign * slope / self._size
 
     def _descend(self, start: Array, steps: int) -> None:

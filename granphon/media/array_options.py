@@ -79,12 +79,13 @@ def reduce_load(packing: Packing, load: Load) -> Array:
 
 
 def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[ReducedLoad]:
-    """Return the force, pressure or overlap that an applied load prescribes, in the units of
-    :func:`reduce_load`: one :class:`~granphon.array.options.ReducedLoad` for each value, in C
-    order.
+    """Return the loads that an applied ``load`` prescribes, one
+    :class:`~granphon.array.options.ReducedLoad` for each value, in C order.
 
-    A pressure is a mean force, but in the exact geometry (``is_exact``), where the boundary on
-    which a pressure acts shrinks with the cell.
+    An overlap stays an overlap, in units of the width W, or of the diameter of equal balls. A force
+    is that of :func:`reduce_load`. A pressure becomes the force that has this pressure in a cell
+    that keeps its size. In the exact geometry (``is_exact``) the boundary shrinks with the cell:
+    such a load is marked as one ``on_boundary``.
     """
     if load.kind == "overlap":  # not a*, which would lose the digits of a small overlap
         overlaps = packing.width_units.reduced_overlap(load.array).ravel().tolist()

@@ -2092,10 +2092,10 @@ class CrystalState(Result):
         """The conditions within which the state holds.
 
         Up to three conditions limit the largest value that a ratio has over the contacts. The
-        ratios are the contact radius over the radius of the ball; the overlap over the last overlap
-        of the law, if a law has one; and the mean pressure of the contact over the yield strength,
-        if one is known. Further conditions stand for each diameter and material constant that no
-        solid ball has.
+        ratios are the contact radius over the smaller radius of its balls, at touch; the overlap
+        over the last overlap of the law, if a law has one; and the mean pressure of the contact
+        over the smaller yield strength of its bodies, if one is known. Further conditions stand for
+        each diameter and material constant that no solid ball has.
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)

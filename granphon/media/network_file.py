@@ -80,8 +80,9 @@ def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:
 
 
 def _read_twisting(value: Any, context: Any) -> float | str:
-    """Return a stiffness against twist, N m, from a ``value``, whose unit is as the ``context``
-    says, or "marshall", the word for that of LAMMPS.
+    """Return a stiffness against twist, N m, from a ``value``, which has its unit if the
+    ``context`` is a file, and is in SI in Python; or "marshall", which stands for Marshall's law of
+    LAMMPS.
     """
     if value == "marshall":
         return "marshall"
@@ -90,8 +91,9 @@ def _read_twisting(value: Any, context: Any) -> float | str:
 
 
 def _read_rolling(value: Any, context: Any) -> float | str:
-    """Return a stiffness against rolling, N/m, from a ``value``, whose unit is as the ``context``
-    says, or "epsd2", the word for that of LIGGGHTS.
+    """Return a stiffness against rolling, N/m, from a ``value``, which has its unit if the
+    ``context`` is a file, and is in SI in Python; or "epsd2", which stands for the model of that
+    name of LIGGGHTS.
     """
     if value == "epsd2":
         return "epsd2"

@@ -1232,10 +1232,12 @@ class DirectSimulation(Medium[SimulatedState]):
         """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and
         on a line.
 
-        With a history of friction the law is that of monotonic loading.
+        With a history of friction the law is that of monotonic loading. The law solves its samples
+        one after the other, without the ``executor``.
         """
         if not self.packing.spread_matters:
             return self.packing.law
+        # states keep the law: it must be picklable, and outlive an executor
         return SampleLaw(replace(self, executor=None, ordered=False))
 
     @in_newtons

@@ -1016,8 +1016,8 @@ class NetworkState(State):
 
     @property
     def has_cubic_axes(self) -> bool:
-        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to
-        rounding, at all loads.
+        """Whether the elastic tensor is, at all loads and to rounding, that of a square or cube
+        with edges along x, y, z, and not isotropic. False on a line.
         """
         tensor = self.elastic_tensor
         return all(map(is_cubic, tensor.reshape(-1, *tensor.shape[-2:])))

@@ -104,7 +104,7 @@ class Scales:
         styles, for a style other than that of the frames, and without ``units`` for frames of a
         style whose units in SI are not known.
         """
-        # other frames do not say their style
+        # frames that name no style have that of the others
         frames_with_units = [frame for frame in frames if frame.units]
         styles_of_files = {frame.units for frame in frames_with_units}
         if len(styles_of_files) > 1:
@@ -112,29 +112,35 @@ class Scales:
                 f"{frame.name} is in units {frame.units}" for frame in frames_with_units
             )
             raise InputError(listed, mend="Write both with the same units")
+        style_of_files = next(iter(styles_of_files), "")
+        fault = ""
+        mend = "Leave units out"
+        if style_of_files:
+            first_frame = frames_with_units[0]
+            fault = f"{first_frame.name} says that its units are {brief(style_of_files, 40)}"
+            # without a scale in SI for the style of the files, leaving units out would not help
+            if style_of_files == "lj":
+                mend = _ADVICE_ON_SCALES
+            elif style_of_files not in _STYLES:
+                mend = f"Write it in {', '.join(_STYLES)}"
         if isinstance(units, Units):
             style = "lj"
             scales = (units.length, units.mass, units.force)
-        else:
-            requested = next(iter(styles_of_files), "si") if units is None else units
-            if units is None and requested not in _STYLES:
-                first_frame = frames_with_units[0]
-                fault = f"{first_frame.name} says that its units are {brief(requested, 40)}"
-                mend = f"Write it in {', '.join(_STYLES)}"
-                if requested == "lj":
-                    mend = _ADVICE_ON_SCALES
+        elif units is None:
+            style = style_of_files or "si"
+            if style not in _STYLES:
                 raise InputError(fault, "Their lengths and masses in SI are not known", mend)
-            if requested == "lj":
-                raise InputError(
-                    "the units 'lj' are given without their scales", mend=_ADVICE_ON_SCALES
-                )
-            style = require("units", lambda value: choice(value, [*_STYLES]), requested)
             scales = _STYLES[style]
-        if styles_of_files and styles_of_files != {style}:
+        elif units == "lj":
+            raise InputError(
+                "the units 'lj' are given without their scales", mend=_ADVICE_ON_SCALES
+            )
+        else:
+            style = require("units", lambda value: choice(value, [*_STYLES]), units)
+            scales = _STYLES[style]
+        if style_of_files not in ("", style):
             argument = "a gp.Units, for units lj," if style == "lj" else f"units={style!r}"
-            first_frame = frames_with_units[0]
-            fault = f"{first_frame.name} says that its units are {first_frame.units}"
-            raise InputError(f"{fault}, and {argument} is given", mend="Leave units out")
+            raise InputError(f"{fault}, and {argument} is given", mend=mend)
         return cls(*scales)
 
 

@@ -1494,16 +1494,17 @@ class ContactNetwork(Result):
         things are not written: ``lattice``, ``shape``, and the contact model of a user's own law.
 
         A file whose name ends with ``.extxyz`` or ``.xyz`` is extended XYZ instead, for OVITO and
-        ASE, in SI. Balls stand at their centres, with the further columns masses, load, the sum of
-        the normal forces on the ball, N, and rattler, 1 of a ball that carries no load, else 0.
-        Contacts stand at their places, with the vector force, the static force with which ball i
-        acts on ball j, N. Each file has a digest of the rest. Folders are made if need be.
+        ASE, in SI. Balls stand at their centres, with three further columns: ``masses``;
+        ``load``, the sum of the normal forces on the ball, N; and ``rattler``, 1 if the ball
+        carries no load, else 0. Contacts stand at their places, with the vector ``force``, the
+        static force with which ball i acts on ball j, N. Each file has a digest of the rest.
+        Folders are made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no name of a file, for two
         names of one file, for ``labels`` of the size 2^53 or more, which could not be read again,
         and, in a CSV file, for ``kinds`` with spaces at their ends, which could not either; and
         OutputError for files that granphon has not written, for folders, and if a file cannot be
-        written. Neither file is written then.
+        written. Neither file is written then, unless the second one cannot be moved to its place.
         """
         from granphon.networks.tables import write_tables
 

@@ -118,17 +118,17 @@ def find_velocity_sensitivities(
     return VelocitySensitivities(**_stack(slopes, shape), inertia=None)
 
 
-def _stack(slopes_of_loads: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
-    """Return arrays by name, with the ``shape`` of the load in front, from ``slopes_of_loads``: the
-    arrays by name at each load, in C order. What is None at the first load, as it is then at all,
-    stays None.
+def _stack(fields_of_loads: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return arrays by name, with the ``shape`` of the load in front, from ``fields_of_loads``: the
+    arrays by name at each load, in C order. What is None at the first load is None at all loads,
+    and stays None.
     """
     fields: dict[str, Any] = {}
-    for name, first_slopes in slopes_of_loads[0].items():
+    for name, first_field in fields_of_loads[0].items():
         fields[name] = None
-        if first_slopes is not None:
-            stacked = np.array([slopes[name] for slopes in slopes_of_loads])
-            fields[name] = stacked.reshape(*shape, *first_slopes.shape)
+        if first_field is not None:
+            stacked = np.array([field[name] for field in fields_of_loads])
+            fields[name] = stacked.reshape(*shape, *first_field.shape)
     return fields
 
 

@@ -309,7 +309,7 @@ class BallContacts(ContactCalculator):
         since the last call. Raises :class:`~granphon.base.errors.InputError` if ASE asks for the
         stress and the cell has no volume.
         """
-        from granphon.contacts.placed import ContactForces, find_overlaps  # bands move no balls
+        from granphon.contacts.placed import ContactForces, find_overlaps  # bands do not need it
 
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
@@ -337,7 +337,7 @@ class BallContacts(ContactCalculator):
         The ``options`` are those of :meth:`ContactNetwork.from_table`. The masses are those of the
         balls that the calculator was given; those of Atoms are atomic, and are not read.
         """
-        from granphon.contacts.placed import find_overlaps  # bands move no balls
+        from granphon.contacts.placed import find_overlaps  # bands do not need it
 
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, laws, ratio = self.find_contacts(atoms)

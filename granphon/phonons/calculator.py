@@ -212,7 +212,7 @@ class HarmonicContacts(ContactCalculator):
 
         Raises :class:`~granphon.base.errors.InputError` as the class says.
         """
-        from granphon.contacts.placed import ContactForces  # bands move no balls
+        from granphon.contacts.placed import ContactForces  # bands do not need it
 
         lattice = self.state.contact_lattice()
         if lattice.is_held and "stress" in properties:
@@ -309,7 +309,7 @@ class HarmonicContacts(ContactCalculator):
 
     def _find_static_stress(self) -> Array:
         """Return the stress of the normal forces times the volume of the cell, (3, 3), k d^2."""
-        from granphon.contacts.placed import ContactForces  # bands move no balls
+        from granphon.contacts.placed import ContactForces  # bands do not need it
 
         lattice = self.state.contact_lattice()
         table = lattice.contacts
@@ -563,11 +563,14 @@ class HertzMindlin(ContactCalculator):
         return super().__new__(cls)
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
-        """Keep the numbers of the ``state`` that energies need, in reduced units; raise
-        :class:`~granphon.base.errors.InputError` for any other keyword.
+        """Keep the numbers of the ``state`` that energies need, in reduced units.
+
+        Raises :class:`~granphon.base.errors.InputError` for what is no ContactState, and for a
+        keyword that ASE does not take itself.
         """
         super().__init__(**unknown)
-        self.state = given_state(state)
+        state = given_state(state)
+        self.state = state
         self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales
         packing = state.packing
@@ -579,9 +582,9 @@ class HertzMindlin(ContactCalculator):
         # all motions of the coordinates, without rotations that no contact resists
         all_motions = _MOTIONS[self._coordinates - 1]
         self._motions = select_motions(self._eta, self._torsion, self._bending, all_motions)
-        self._overlap = float(self.state.relative_overlap)
+        self._overlap = float(state.relative_overlap)
         #: overlap, in diameters, at which contacts open; below zero where balls adhere
-        self._least_overlap = self.state.law.least_overlap / self.scales.length
+        self._least_overlap = state.law.least_overlap / self.scales.length
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
         # with finite overlap a contact of balls that do not turn acts along the line between them,
         # whatever the lattice
@@ -652,7 +655,7 @@ class HertzMindlin(ContactCalculator):
         positions do not hold the digits, and :class:`~granphon.base.errors.InputError` for Atoms
         that are not balls of the state, and if ASE asks for a stress and there is none.
         """
-        from granphon.contacts.placed import ContactForces  # bands move no balls
+        from granphon.contacts.placed import ContactForces  # bands do not need it
 
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
@@ -700,7 +703,7 @@ class HertzMindlin(ContactCalculator):
 
     def _find_closed_contacts(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""
-        from granphon.contacts.placed import find_overlaps  # bands move no balls
+        from granphon.contacts.placed import find_overlaps  # bands do not need it
 
         i, j, _, vector = self._find_pairs(balls, balls.positions[:, : self._coordinates])
         deviations = balls.arrays["diameter_deviations"]
@@ -853,7 +856,7 @@ class HertzMindlin(ContactCalculator):
         distance = np.full(len(normal), self._spacing)
         if not np.any(displacement):
             return normal, overlap, distance
-        from granphon.contacts.deformation import (  # bands move no balls
+        from granphon.contacts.deformation import (  # bands do not need it
             measure_losses,
             measure_turned,
         )

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array
@@ -81,23 +81,41 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     a line.
     """
     points = _find_band_path(vectors, pbc).special_points
+    rows = np.asarray(vectors, float)
+    axes = np.flatnonzero(_list_repeats(rows, pbc))
     # on a line ASE may place X on the negative side of G
-    is_reversed = sum(pbc) == 1 and np.min(list(points.values())) < 0.0
+    is_reversed = len(axes) == 1 and np.min(list(points.values())) < 0.0
     sign = -1.0 if is_reversed else 1.0
     special = {name: sign * np.array(point) + 0.0 for name, point in points.items()}
-    periods = sum(pbc) or len(np.asarray(vectors))
-    is_oblique = periods == 2 and "H1" in special
+    is_oblique = len(axes) == 2 and "H1" in special
     if is_oblique:
-        # ASE's corners H and H1 of oblique cells are right for only one of two mirror images. Each
-        # is computed here as the point at equal distances from 0, 2C and 2Y, or from 0, 2C and 2X
-        cell = np.asarray(vectors, float)[:2, :2]
-        reciprocal = np.linalg.inv(cell).T
-        for corner, side in (("H", "Y"), ("H1", "X")):
-            middles = np.array([special[side], special["C"]])[:, :2]
-            neighbours = 2.0 * middles @ reciprocal
-            halves = 0.5 * np.sum(neighbours**2, axis=1)
-            special[corner][:2] = cell @ np.linalg.solve(neighbours, halves)
+        # ASE's corners of oblique cells are right for only one of two mirror images
+        _move_corners(special, axes, rows[axes])
     return special
+
+
+def _move_corners(special: dict[str, Array], axes: NDArray[np.intp], periods: Array) -> None:
+    """Move the corners H and H1 of the zone of an oblique cell, among its ``special`` points, to
+    where they are at equal distances from 0, 2C and 2Y, and from 0, 2C and 2X.
+
+    ``periods`` (2, d) are the vectors along which balls repeat, and ``axes`` (2,) the numbers of
+    their components among the three of a point.
+    """
+    # scalar products of reciprocal vectors
+    reciprocal_gram = np.linalg.inv(periods @ periods.T)
+    for corner, side in (("H", "Y"), ("H1", "X")):
+        neighbours = 2.0 * np.array([special[side], special["C"]])[:, axes]
+        products = neighbours @ reciprocal_gram
+        halves = 0.5 * np.sum(products * neighbours, axis=1)
+        special[corner][axes] = np.linalg.solve(products, halves)
+
+
+def _list_repeats(vectors: Array, pbc: Sequence[bool]) -> list[bool]:
+    """Return whether balls repeat along each of the ``vectors`` (p, d), as ``pbc`` of
+    :func:`special_points` says; along all if ``pbc`` names none, as a cluster, which repeats
+    nowhere, has the zone of the cell around it.
+    """
+    return list(pbc) if any(pbc) else [True] * len(vectors)
 
 
 def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
@@ -129,8 +147,7 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     cell = np.eye(3)
     p = len(periods)
     cell[:p, :p] = periods[:, :p]
-    # a cluster, which repeats nowhere, has the zone of the cell around it
-    repeats = pbc if any(pbc) else (True,) * p
+    repeats = _list_repeats(periods, pbc)
     return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))
 
 

@@ -182,7 +182,7 @@ class Phonons:
     atoms : another cell of the same balls (a supercell, other masses, a defect) of a packing, in
         the reduced units of the state; by default one cell of the lattice.
     dim : numbers of cells of the supercell for force constants, one for each period, such as (n1,
-        n2), or (n1, n2, 1); by default the fewest with which no two balls touch through two images.
+        n2), or (n1, n2, 1); by default such that no two balls touch through two images.
 
     Attributes
     ----------
@@ -277,7 +277,7 @@ class Phonons:
 
     def _read_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of cells (p,) in the supercell of phonopy: those ``requested``, or if
-        None is given the fewest with which two balls touch at most once.
+        None is given those of :meth:`_choose_dim`.
 
         Raises :class:`~granphon.base.errors.InputError` for a supercell that is too small, that
         does not fit into memory, or that has several cells along an axis without period.
@@ -301,16 +301,19 @@ class Phonons:
                 f"a supercell of {cells} is too small",
                 "Two balls would touch through more than one image, and their contacts could not be"
                 " told apart",
-                f"Use at least {' x '.join(map(str, self._choose_dim()))}",
+                f"Use more cells: {' x '.join(map(str, self._choose_dim()))} would do",
             )
         memory = costs.force_constants(dim, self.lattice.n_balls).working
         require_memory(f"force constants of a supercell of {cells}", memory, "Take a smaller dim")
         return dim
 
     def _choose_dim(self) -> tuple[int, ...]:
-        """Return the fewest numbers of cells (p,) of a supercell in which two balls touch at most
-        once. If the cell has one ball and repeats along all periods, the numbers are equal, so that
-        the supercell keeps the symmetry of the lattice.
+        """Return numbers of cells (p,) of a supercell in which two balls touch at most once.
+
+        From one cell on, the shortest side is lengthened by a cell until that is so. These are the
+        fewest cells if the vectors are perpendicular; of a skewed cell there may be fewer. If the
+        cell has one ball and repeats along all periods, all numbers are the largest of these, so
+        that the supercell keeps the symmetry of the lattice.
         """
         p = self._periods
         cell = self._image_cell
@@ -418,8 +421,8 @@ class Phonons:
         extents = np.ptp(self._cell.positions, axis=0)
         is_period = np.arange(3) < self._periods
         lengths = np.linalg.norm(cell, axis=1)
-        # balls that are apart by no more than half of a vector across the periods are nearer to
-        # each other than to each other's images
+        # balls that are apart by no more than half of a vector across the periods are no farther
+        # from each other than from each other's images
         is_open = np.where(is_period, ~self._cell.pbc, extents > 0.5 * lengths)
         extent = float(extents[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):

@@ -400,7 +400,7 @@ class Store:
             self._is_unsynced = False
 
     def __del__(self) -> None:
-        """Close the file of a store that nobody has closed."""
+        """Close the file of a store that nobody has closed, without waiting for the disk."""
         if self._base is not None:
             self._base.close()
 

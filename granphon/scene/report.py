@@ -273,8 +273,8 @@ def _write_range(ends: list[Any], unit: str) -> str:
 
 def _write_tensor(components: Array, unit: str, error: Any = None) -> str:
     """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, and of their
-    standard ``error`` (n, n) if that is neither None nor empty, row by row, all with the same
-    decimal prefix; components that are rounding beside the largest are zero.
+    standard ``error``, n lists of n numbers, if that is neither None nor empty, row by row, all
+    with the same decimal prefix; components that are rounding beside the largest are zero.
     """
     largest = float(np.max(np.abs(components)))
     size, prefixed_unit = prefixed(largest, unit)

@@ -267,7 +267,8 @@ class AllModes:
         self._seed = seed
         self._n_balls = operator.balls.size
         # squares of a stable network are below zero by rounding, by forces that do not quite
-        # balance, or because D lacks the antisymmetric part of G: all of these count as zero
+        # balance, or because D lacks the antisymmetric part of G (both of granphon.waves.operator):
+        # all of these count as zero
         omega = np.sqrt(np.maximum(squared_frequencies, 0.0))
         self._frequencies = omega / (2.0 * math.pi)
         self._dimension = operator.network.dimension

@@ -719,19 +719,23 @@ def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
 
 
 def _count_steps(duration: float, step: float, n_frames: int) -> int:
-    """Return the number of steps from frame to frame, each of at most ``step``, s, in a run of a
-    ``duration``, s, with ``n_frames`` frames.
+    """Return the number of steps from frame to frame, each of at most ``step``, s, but for
+    rounding, in a run of a ``duration``, s, with ``n_frames`` frames.
 
     Raises :class:`~granphon.base.errors.InputError` for too many steps, and for steps so short that
     they leave the range of double precision.
     """
-    require_steps(duration / step)
     interval = duration / (n_frames - 1)
-    steps_per_frame = max(1, math.ceil(interval / step * (1.0 - _ROUNDING)))
-    require_steps(steps_per_frame * (n_frames - 1))
+    steps_per_frame = 1
+    if interval >= hertz.LEAST_NORMAL:
+        require_steps(duration / step)  # first, as an infinite quotient cannot be rounded up
+        steps_per_frame = max(1, math.ceil(interval / step * (1.0 - _ROUNDING)))
+        require_steps(steps_per_frame * (n_frames - 1))
     if not interval / steps_per_frame >= hertz.LEAST_NORMAL:
         raise InputError(
-            f"a step of {duration:.3g} s over {n_frames - 1} frames is beyond double precision"
+            f"the steps of a run of {duration:.3g} s with {n_frames} frames are too short",
+            "They are below the range of double precision",
+            "Give a longer duration",
         )
     return steps_per_frame
 

@@ -680,7 +680,8 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     The array must have all balls, at least one contact, three cells or more along each axis, and
     neither prestress nor springs to the ground. Masses must be equal, and so must moments of
     inertia. Contacts must have the directions of the lattice, each from ball i to ball j of the
-    table, and arms in proportion to those of the lattice. No ball may touch another twice.
+    table, and arms in proportion to those of the lattice. No ball may touch another by two contacts
+    of one kind.
     """
     lattice = network.lattice
     shape = network.shape
@@ -688,15 +689,16 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
         return None
     is_short = min(shape) < 3  # along an axis of two cells a ball meets its neighbour twice
     is_full = network.n_balls == lattice.n_balls * math.prod(shape)
-    has_springs_alone = not network.prestress and network.on_site is None
-    if is_short or not is_full or not has_springs_alone or not network.n_contacts:
+    has_contacts_alone = not network.prestress and network.on_site is None
+    if is_short or not is_full or not has_contacts_alone or not network.n_contacts:
         return None
     if not _are_equal(network.masses) or not _are_equal(network.inertias):
         return None
     kinds = _find_table_rows(network, lattice, shape)
     if np.any(kinds < 0):
         return None
-    # each pair of a kind and a ball i has its own number, which occurs twice if balls touch twice
+    # each pair of a kind and a ball i has its own number, which occurs twice if two contacts of a
+    # kind begin at one ball
     kind_and_ball = kinds * network.n_balls + network.i
     if len(np.unique(kind_and_ball)) < kinds.size:
         return None

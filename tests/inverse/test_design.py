@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -534,3 +535,13 @@ def test_goals_that_a_network_cannot_have_are_refused_in_one_line(chain):
     with pytest.raises(InputError, match="cannot be called"):
         gp.design(min, gp.LowestVelocity(), "force", (1.0, 2.0))
     assert "touch" in gp.WidestGap().tell_closed(0.0)
+
+
+def test_the_frequency_that_is_advised_in_place_of_one_without_a_gap_is_taken():
+    """Also where branches overlap, and the middle of their edges is below both means."""
+    frequencies = np.array([[0.0, 0.0], [4.0, 4.2], [4.0, 4.2]])
+    goal = gp.WidestGap(near=100.0)
+    with pytest.raises(InputError, match="no gap") as told:
+        goal._count_below(100.0, frequencies)
+    advised = float(re.search(r"as ([\d.]+) Hz", str(told.value))[1])
+    assert goal._count_below(advised, frequencies) == 1

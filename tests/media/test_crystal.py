@@ -9,6 +9,7 @@ import json
 import math
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -1070,6 +1071,10 @@ ERRORS = {
         "two kinds are called 'A'",
     ),
     "law": (lambda: gp.Crystal.on("chain", [S], law=3.0), "contact law 3.0 has no method force"),
+    "law of pairs": (
+        lambda: gp.Crystal.on("chain", [S], law=SimpleNamespace(between=lambda ball, other: None)),
+        "^None, which between of .* has no method force",
+    ),
     "motions": (
         lambda: gp.Crystal.on("chain", [S], motions="up"),
         "no motions 'up'.* line",

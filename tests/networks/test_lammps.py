@@ -392,11 +392,11 @@ BAD_DUMPS = {
         {},
         "are 'metal'.* Write it in si",
     ),
-    "units given": (spoil(), {"units": "cgs"}, "units are si, and units='cgs'"),
+    "units given": (spoil(), {"units": "cgs"}, "units are 'si', and units='cgs'"),
     "units of pairs": (
         spoil((0, r"ITEM: UNITS\nsi\n", ""), (1, r"\A", "ITEM: UNITS\nsi\n")),
         {"units": "cgs"},
-        "pairs.*units are si, and units='cgs'",
+        "pairs.*units are 'si', and units='cgs'",
     ),
     "unknown units": (
         spoil(),
@@ -536,7 +536,7 @@ BAD_DUMPS = {
     "escape in units": (
         spoil((0, "UNITS\nsi", "UNITS\n\x1b[31msi")),
         {"units": "si"},
-        r"its units are \\x1b\[31msi",
+        r"its units are '\\x1b\[31msi', .* Write it in",
     ),
     "escape in columns": (
         spoil(),

@@ -193,10 +193,18 @@ def test_corners_of_the_zone_of_an_oblique_cell_and_of_its_mirror_image(size, si
     cell = np.array([[1.0, 0.0], [0.22 * sign * size, np.sqrt(1.0 - 0.22**2) * size]])
     back = np.linalg.inv(cell).T
     every = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2) @ back
-    for name, point in special_points(cell).items():
-        away = np.linalg.norm(every - point[:2] @ back, axis=1)
-        near = np.count_nonzero(away < away.min() + 1e-9)
-        assert near == {"G": 1, "H": 3, "H1": 3}.get(name, 2)
+    points = special_points(cell)
+    # and of a slab whose periods are its first and its last vector
+    vectors = np.eye(3)
+    vectors[np.ix_([0, 2], [0, 2])] = cell
+    of_slab = special_points(vectors, (True, False, True))
+    assert set(points) == set(of_slab) > {"H", "H1"}
+    for name in points:
+        assert of_slab[name][1] == 0.0
+        for point in (points[name][:2], of_slab[name][[0, 2]]):
+            away = np.linalg.norm(every - point @ back, axis=1)
+            near = np.count_nonzero(away < away.min() + 1e-9)
+            assert near == {"G": 1, "H": 3, "H1": 3}.get(name, 2)
 
 
 def test_polarisation_along_a_cube_axis():

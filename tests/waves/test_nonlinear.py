@@ -582,6 +582,8 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
     assert 50 < len(motion.times) < 100
     with pytest.raises(InputError, match=r"1e-05 s .*too long"):
         waves.run(1e-3, velocities=push(waves.network, 1.0), step=1e-5, frames=11)
+    with pytest.raises(InputError, match="too short"):
+        waves.run(5e-324, velocities=push(waves.network, 1.0), frames=101)
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.0])
