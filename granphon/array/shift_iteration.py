@@ -55,7 +55,7 @@ class ShiftIteration(GridIteration):
         n_balls = stencils.n_balls * math.prod(stencils.shape)
         self.ahead = np.empty((n_balls, stencils.motions.count, len(by_strains)))
         for strain, deformations in enumerate(by_strains):
-            tension = springs * deformations[(..., *(None,) * p)]
+            tension = springs * deformations[(..., *(None,) * p)]  # the same in all cells
             self.ahead[..., strain] = stencils.list_forces(stencils.forces(tension))
             del tension  # arrays of contacts are the largest ones
         spring_sums = np.sum(springs, axis=tuple(range(1, 1 + p)))

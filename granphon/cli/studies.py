@@ -512,8 +512,8 @@ def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
 
 
 def _refuse_options(options: Mapping[str, str | None], data: str, content: str) -> None:
-    """Raise InputError if one of the ``options`` is given. These are values by name, None of an
-    option that is not given. They are for velocities, and the table ``data`` has other ``content``,
+    """Raise InputError if one of the ``options`` is given: values by name, None where none is
+    given. All options are for tables of velocities, and the file ``data`` has ``content`` instead,
     such as a transfer function.
     """
     for name, value in options.items():

@@ -711,17 +711,18 @@ class _Slopes:
         wave vectors, whose numbers are ``points`` (k,). The eigenvalues of these matrices are the
         slopes of omega^2.
 
-        All ``vectors`` at a wave vector have the frequency of the ``branch`` of this number.
+        ``branch`` is the number of a branch whose frequency all ``vectors`` have at each wave
+        vector.
         """
         if self.point.basis is not None:
             frequencies = self.frequencies[points, branch]
             deformations, changes = self._deform_tilted(points, vectors, frequencies)
-            # at each wave vector q sums over the deformations x and the components a of `along`
+            # at each wave vector q, sums over the deformations x and the components a of `along`
             products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
         else:
             products = np.zeros((len(points), vectors.shape[2], vectors.shape[2]))
             for rows, slope, half in self.row_sets:
-                if len(points) < len(rows):  # no copy of all wave vectors
+                if len(points) < len(rows):  # if they are all wave vectors, nothing is copied
                     rows = rows[points]
                     slope = slope[points]
                 deformations = (rows @ vectors).conj().swapaxes(1, 2)

@@ -1174,7 +1174,7 @@ class LongWaves(Compatibility):
         """
         if not self.has_symmetric_stress:
             return False
-        c = self.elastic_tensor()
+        c = self.elastic_tensor()  # also on a line: its errors are those of this property
         p = self.periods
         if p == 1:
             return True

@@ -109,13 +109,14 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     # where the boxes begin, and how far they reach: one period, or the extent of the balls
     lowest_coordinates = np.where(has_period, 0.0, coordinates.min(axis=0) - frame.radius)
     extents = np.where(has_period, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
-    is_divided = extents * lengths > _SINGLE_LAYER * frame.radius
-    # a single ball is divided along no axis, and counts as a line
-    dimension = max(int(np.count_nonzero(is_divided)), 1)
+    sides = extents * lengths
+    is_thick = sides > _SINGLE_LAYER * frame.radius
+    # a single ball is thick along no axis, and counts as a line
+    dimension = max(int(np.count_nonzero(is_thick)), 1)
     balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[dimension])
-    side = _find_side(extents * lengths, n / balls_per_box)
+    side = _find_side(sides, n / balls_per_box)
     # numbers (3,) of boxes along the axes, and the indices (n, 3) of the box of each ball
-    numbers = np.maximum(np.rint(extents * lengths / side), 1.0)
+    numbers = np.maximum(np.rint(sides / side), 1.0)
     indices = np.floor((coordinates - lowest_coordinates) / extents * numbers)
     indices = np.clip(indices, 0.0, numbers - 1.0)
     middles = lowest_coordinates + (indices + 0.5) / numbers * extents
@@ -123,8 +124,8 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
         tuple(indices.astype(np.intp).T), tuple(int(number) for number in numbers)
     )
     # boxes without balls are left out
-    boxes, box = np.unique(keys, return_inverse=True)
-    return _Boxes(box, len(boxes), (coordinates - middles) @ axes, cells, side)
+    occupied_keys, box = np.unique(keys, return_inverse=True)
+    return _Boxes(box, len(occupied_keys), (coordinates - middles) @ axes, cells, side)
 
 
 def _find_side(lengths: Array, count: float) -> float:

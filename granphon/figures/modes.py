@@ -721,7 +721,9 @@ def _add_bonds(painter: Painter, pairs: NDArray[np.intp], centres: Array, radii:
 
 
 def _show_spheres(painter: Painter, ax: Axes) -> None:
-    """Draw the spheres of a painter, with distant ones fainter, on axes that hold them all."""
+    """Draw the shapes of a ``painter``, distant ones fainter, on ``ax``, which is limited to them
+    and hidden.
+    """
     painter.draw(ax, "spheres", fade=_FADE)
     low, high = painter.extent
     hide_axes(ax, low - _MARGIN_OF_SPHERES, high + _MARGIN_OF_SPHERES)

@@ -220,8 +220,8 @@ def _judge_waves(problem: FitProblem) -> list[str]:
 
 
 def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
-    """Return a warning if one datum decides the fit almost alone; ``leverages`` are the
-    leverages (n,) of the data.
+    """Return a list with a warning if one datum decides the fit almost alone, an empty one
+    otherwise; ``leverages`` (n,) are those of the data.
     """
     datum = int(np.argmax(leverages))
     if leverages[datum] <= _DECIDING_LEVERAGE:

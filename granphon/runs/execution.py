@@ -307,8 +307,8 @@ class _Work:
         n_others = len(suspects) - 1
         if not n_others:
             return name
-        others = "the task" if n_others == 1 else f"one of {n_others} tasks"
-        return f"{name}, or {others} beside it"
+        others = "another task" if n_others == 1 else f"one of {n_others} other tasks"
+        return f"{name}, or {others}"
 
     def _take_next_tasks(self, n_calls: int) -> list[int]:
         """Remove the tasks of the next call from those that wait, and return their indices: a

@@ -451,8 +451,8 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
 
 def _list_joined() -> list[Export]:
-    """Return the outputs whose values can be drawn together with those of other runs: the data set
-    of states, bands, a density of states, and a fit.
+    """Return the outputs whose values can be drawn together with those of other runs, such as the
+    data set of states.
     """
     return [row for _name, row in OUTPUTS.items() if row.joined]
 

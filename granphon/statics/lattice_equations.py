@@ -123,8 +123,9 @@ class LatticeEquations:
         remaining[:n] = force.balls.reshape(-1)
         remaining[n:] = force.strains
         solution = np.zeros_like(remaining)
-        way = np.zeros_like(remaining)
-        change = np.empty_like(remaining)
+        direction = np.zeros_like(remaining)
+        # forces against a unit step along the direction
+        resistance = np.empty_like(remaining)
         preconditioned = np.empty_like(remaining)
         square = grid_loops.find_scalar_product(remaining, remaining)
         largest_square = reduction**2 * square
@@ -140,8 +141,8 @@ class LatticeEquations:
                 strained,
                 preconditioned,
                 product,
-                way,
-                change,
+                direction,
+                resistance,
                 solution,
                 remaining,
             )

@@ -296,8 +296,9 @@ def _fit_common_pole(x: Array, values: Complex, is_fitted: NDArray[np.bool_]) ->
 
 
 def _locate_pole(x: Array, ratio_of_rises: Complex) -> Complex:
-    """Return the pole p (...), Hz^2, of B + R/(p - x) from the ratio (...) of the rise of this line
-    from ``x[0]`` to ``x[1]`` to the rise from there to ``x[2]``, (3, ...), Hz^2.
+    """Return the pole p (...), Hz^2, of the line B + R/(p - x). ``x`` (3, ...) are squares of
+    frequencies, Hz^2, and ``ratio_of_rises`` (...) is the rise of the line from x[0] to x[1] over
+    that from x[1] to x[2].
     """
     # the ratio of the slopes is (p - x_2)/(p - x_0)
     ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])

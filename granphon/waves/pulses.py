@@ -1159,8 +1159,8 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
 
 
 def _list_warnings(pulses: Sequence[Pulse]) -> list[str]:
-    """Return the warnings of all ``pulses``, each once, but for judgements of single pulses, which
-    do not hold for the mean of the pulses.
+    """Return the warnings of all ``pulses``, each once, except judgements (:meth:`Pulse.judge`) of
+    single pulses, which do not hold for the mean of the pulses.
     """
     warnings: list[str] = []
     for pulse in pulses:

@@ -850,8 +850,8 @@ class ResponseWork:
     @cached_property
     def even_losses(self) -> tuple[float, float, float] | None:
         """The loss factor eta, the time tau, s, and the drag gamma, 1/s, of all contacts and
-        motions; None if they differ, or if contacts lose energy beside static forces or springs to
-        the ground, which lose none.
+        motions; None if one of them differs between contacts or motions, or if contacts lose energy
+        beside static forces or springs to the ground, which lose none.
         """
         return self.losses.find_even()
 

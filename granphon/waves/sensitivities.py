@@ -77,7 +77,7 @@ class ResponseSlopes:
         self.losses = losses
         network = operator.network
         self.rows = network_unit_rows(network)  # of each kind of deformation
-        self._deform = operator.compose(self.rows)
+        self._deformation_matrix = operator.compose(self.rows)
         ones = [np.ones(network.n_contacts) for _ in self.rows]
         # deformations by the motions of the source alone, with the balls at their places
         self._source_deformations = operator.stretch(source_motions, (self.rows, ones))
@@ -112,8 +112,8 @@ class ResponseSlopes:
         rad/s, by the names of fields. ``x`` and ``y`` are those of :meth:`find`.
         """
         network = self.operator.network
-        deformations = self._deform @ x + self._source_deformations
-        adjoint_deformations = np.asarray(self._deform @ y)
+        deformations = self._deformation_matrix @ x + self._source_deformations
+        adjoint_deformations = np.asarray(self._deformation_matrix @ y)
         # a signal changes by -y^T (dK/dk) x: minus the product of both deformations of the contact,
         # times its losses
         products: Any = deformations[:, None] * adjoint_deformations
