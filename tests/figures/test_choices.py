@@ -384,7 +384,7 @@ def test_the_command_draws_some_states_and_panels(
         pytest.param(["--distance", "1 m"], "--distance .*--data", marks=pytest.mark.slow),
         (["--distance", "1 N", "--data", "times.csv"], "--distance"),
         (["other", "--where", "spin=3"], "none of the runs"),
-        pytest.param(["other", "--rows", "width"], "several results", marks=pytest.mark.slow),
+        pytest.param(["other", "--rows", "width"], "one sweep", marks=pytest.mark.slow),
     ],
 )
 def test_the_command_says_what_cannot_be_chosen_and_writes_nothing(
