@@ -13,8 +13,8 @@ import sys
 _COLLECTION_THRESHOLD = 10_000
 #: settings of mimalloc, with which rslab allocates, in the environment: the pages that rslab frees
 #: are left to the system, which takes them when memory is short, instead of given back at once.
-#: Factors of some hundred balls otherwise take twice as long, as each has its pages mapped anew
-#: (tests/benchmarks/bench_commands.py)
+#: Otherwise all factors have their pages mapped anew, which takes four hundredths of the time of
+#: README's beads (tests/benchmarks/bench_commands.py)
 _ALLOCATION = {"MIMALLOC_PURGE_DECOMMITS": "0"}
 
 

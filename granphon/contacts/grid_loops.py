@@ -310,11 +310,7 @@ def relax_balls_after(
     that are left of ``forces`` while its neighbours are held; see :func:`relax_balls`. The forces
     left before these last motions become the ``residual``.
     """
-    for field in range(len(motions)):
-        motion = motions[field]
-        added = change[field]
-        for cell in range(len(motion)):
-            motion[cell] += added[cell]
+    motions += change
     find_residual(runs, stiffness, forces, motions, residual)
     _add_block_products(inverses, residual, motions)
 

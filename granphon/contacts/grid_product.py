@@ -181,12 +181,7 @@ def relax_balls_after(
     of ``forces`` while its neighbours are held; see :func:`relax_balls`. The forces left before
     these last motions become the ``residual``.
     """
-    for field in range(len(motions)):
-        for side in range(motions.shape[1]):
-            motion = motions[field, side]
-            added = change[field, side]
-            for cell in range(len(motion)):
-                motion[cell] += added[cell]
+    motions += change
     find_residual(product, forces, motions, residual)
     add_block_products(inverses, residual, motions)
 
