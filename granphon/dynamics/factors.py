@@ -23,8 +23,8 @@ from granphon.base.errors import ConvergenceError
 #: pivot. With a tenth, factors of damped matrices within bands have up to a hundred times more
 #: entries, and solutions that are refined have no digit more
 _PIVOT = 1e-5
-#: entries of factors from which rslab shares their work among threads: of fewer, threads take up to
-#: twice the processor's time, and no less time
+#: entries of factors from which rslab shares their work among threads: of fewer, threads take more
+#: of the processor (tests/benchmarks/bench_commands.py), and no less time
 _LEAST_SHARED_ENTRIES = 10**6
 
 

@@ -1,7 +1,7 @@
 """Short commands: what the search for reference cycles costs, what pages cost that rslab gives back
-to the system, and what README's beads cost.
+to the system, what threads cost that share small factors, and what README's beads cost.
 
-    python tests/benchmarks --only commands pages beads
+    python tests/benchmarks --only commands pages threads beads
 
 A command looks for reference cycles after more new objects than Python does by itself, and lets
 rslab keep the pages that it frees (``granphon/__main__.py``). The same run is timed with these
@@ -31,6 +31,8 @@ import granphon as gp
 from granphon.__main__ import _ALLOCATION, _COLLECTION_THRESHOLD
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import bring_to_rest
+from granphon.contacts.tangent import find_tangent, unit_strains
+from granphon.dynamics.factors import Elimination
 
 #: the run of a process: the folder, and the threshold, are its arguments
 RUN = """\
@@ -107,6 +109,22 @@ def pages(repeats: int) -> list[Row]:
     return [take_turns(what, BEADS, settings, repeats)]
 
 
+def threads(repeats: int) -> list[Row]:
+    """Factors as they are found, by one thread, over those by as many as rslab chooses."""
+    stencils, deviations = draw("triangular", 24)
+    rest = bring_to_rest(deviations, ReducedLoad(overlap=0.5), stencils)
+    matrix = find_tangent(rest._list_contacts(ETA), unit_strains(2)).matrix
+    elimination = Elimination(matrix)
+    seconds = alternate(
+        repeats,
+        time.process_time,
+        one=lambda: [elimination.factorise(matrix) for _ in range(50)],
+        chosen=lambda: [elimination._symbolic.factor(matrix) for _ in range(50)],
+    )
+    what = "50 factors of 24x24 balls that turn, by one thread: over as many threads as rslab takes"
+    return [over(what, seconds, "one", "chosen", 1.0)]
+
+
 def beads(repeats: int) -> list[Row]:
     """README's beads after the first run of a process, figure and files included."""
     stencils, deviations = draw("triangular", 64)
@@ -123,4 +141,4 @@ def beads(repeats: int) -> list[Row]:
     return [over(what, seconds, "beads", "unit", _MOST_OF_BEADS)]
 
 
-PARTS: dict[str, Part] = {"commands": commands, "pages": pages, "beads": beads}
+PARTS: dict[str, Part] = {"commands": commands, "pages": pages, "threads": threads, "beads": beads}
