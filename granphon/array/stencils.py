@@ -30,6 +30,7 @@ from granphon.dynamics.deformation_rows import contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
 from granphon.statics.green import multiply_waves
 from granphon.statics.options import RestOptions
+from granphon.statics.transforms import find_transform
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
@@ -479,8 +480,6 @@ class Stencils:
         both in a ``precision``, single or double. The table of each precision is kept for further
         calls.
         """
-        from scipy import fft  # imported here: media that are not simulated do not need it
-
         real_type: np.dtype[Any] = np.dtype(precision)
         if real_type not in self._green_tables:
             entries = self._green.astype(np.result_type(real_type, 1j))
@@ -492,17 +491,13 @@ class Stencils:
             self._green_tables[real_type] = flat
         table = self._green_tables[real_type]
         softness = np.asarray(1.0 / stiffness, real_type)[()]
-        axes = tuple(range(1, len(self.shape) + 1))
+        transform = find_transform(self.shape, real_type, self.workers)
 
         def apply(force: NDArray[Any]) -> NDArray[Any]:
             """Return the motion under a ``force``, both (fields, L1, ..., Lp), wave by wave."""
-            waves = fft.rfftn(force, axes=axes, workers=self.workers)
-            motion_waves = multiply_waves(table, softness, waves)
-            return np.asarray(
-                fft.irfftn(
-                    motion_waves, self.shape, axes=axes, workers=self.workers, overwrite_x=True
-                )
-            )
+            waves = transform.find_waves(force.reshape(len(force), -1))
+            motion = transform.find_fields(multiply_waves(table, softness, waves))
+            return motion.reshape(force.shape)
 
         return apply
 

@@ -5,7 +5,7 @@ by Fourier transforms.
 from __future__ import annotations
 
 import math
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from granphon.base.compiled import compiled
 from granphon.contacts.grid import Grid
 from granphon.dynamics.linalg import invert_hermitian
 from granphon.statics.options import GridOptions
+from granphon.statics.transforms import count_waves, find_transform
 
 Values = NDArray[Any]
 
@@ -32,7 +33,6 @@ class GreenFunction:
         numbers = options or GridOptions()
         self._workers = workers
         self._shape = grid.shape
-        self._grid_axes = tuple(range(1, 1 + len(grid.shape)))
         key = (
             grid.shape,
             grid.n_balls,
@@ -53,32 +53,17 @@ class GreenFunction:
         """Return ``scale`` times the motions (f, cells) under ``forces`` (f, cells), in the
         precision of the forces.
         """
-        fft = load_transforms()
-        axes = self._grid_axes
-        waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
+        transform = find_transform(self._shape, forces.dtype, self._workers)
+        waves = transform.find_waves(forces)
         waves_of_motions = multiply_waves(self._table, forces.dtype.type(scale), waves)
-        motions = fft.irfftn(
-            waves_of_motions, self._shape, axes=axes, workers=self._workers, overwrite_x=True
-        )
-        return np.asarray(motions.reshape(forces.shape))
-
-
-@cache
-def load_transforms() -> Any:
-    """Return SciPy's module of Fourier transforms, which is imported at the first call: media that
-    are not simulated do not need SciPy, and an import in each transform would take a tenth of it.
-    """
-    from scipy import fft
-
-    return fft
+        return transform.find_fields(waves_of_motions)
 
 
 def find_table_memory(shape: tuple[int, ...], n_fields: int, precision: Any) -> int:
     """Return the bytes of a table (f, f, waves) of numbers of a ``precision``, for the waves of a
     real Fourier transform on a grid of the ``shape`` and for ``n_fields`` f.
     """
-    n_waves = math.prod(shape[:-1]) * (shape[-1] // 2 + 1)
-    return int(n_fields**2 * n_waves * np.dtype(precision).itemsize)
+    return int(n_fields**2 * math.prod(count_waves(shape)) * np.dtype(precision).itemsize)
 
 
 def _choose_precision(n_balls: int) -> Any:
@@ -114,7 +99,7 @@ def _find_table(
     # each contact joins the only ball of a cell to an image of it: with the same contact on the
     # other side of the ball, phases come in pairs of opposite sign, whose sum is real
     is_real = n_balls == 1
-    counts = (*shape[:-1], shape[-1] // 2 + 1)
+    counts = count_waves(shape)
     table = np.zeros((n_fields, n_fields, *counts), _choose_precision(n_balls))
     translations = np.zeros((n_fields, n_fields))  # projection on translations of the whole array
     for axis in range(d):

@@ -41,10 +41,10 @@ from granphon.dynamics.linalg import bound_lowest
 from granphon.statics.green import (
     find_table_memory,
     list_phases,
-    load_transforms,
     multiply_waves,
 )
 from granphon.statics.options import GridOptions
+from granphon.statics.transforms import count_waves, find_transform
 
 Values = NDArray[Any]
 
@@ -230,8 +230,7 @@ class TangentIteration(GridIteration):
         contacts = tangent.contacts
         numbers = options or GridOptions()
         self.solves_together = contacts.n_balls <= numbers.small_array
-        self._shape = contacts.grid
-        self._grid_axes = tuple(range(2, 2 + len(contacts.grid)))
+        self._transform = find_transform(contacts.grid, np.dtype(np.float32))
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
         # contacts without a stiffness have no level: their forces are zero
@@ -289,12 +288,8 @@ class TangentIteration(GridIteration):
 
     def _apply_green(self, forces: Values) -> Values:
         """Return the motions (f, k, cells) that Green's function makes of forces (f, k, cells)."""
-        fft = load_transforms()
-        axes = self._grid_axes
-        waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
-        waves_of_motions = multiply_waves(self._green, self._softness, waves)
-        motions = fft.irfftn(waves_of_motions, self._shape, axes=axes, overwrite_x=True)
-        return np.asarray(motions.reshape(forces.shape))
+        waves = self._transform.find_waves(forces)
+        return self._transform.find_fields(multiply_waves(self._green, self._softness, waves))
 
     def lay_forces(self, forces: Array) -> Array:
         """Return ``forces`` (n, m, k) in the order (f, k, cells)."""
@@ -413,7 +408,7 @@ def _find_equal_green(
     m = motions.count
     directions = np.array(normal).reshape(kinds, 3)
     pairs = _find_pair_blocks(motions, directions, springs, len(shape))
-    phases = list_phases(shape, [*map(np.arange, shape[:-1]), np.arange(shape[-1] // 2 + 1)])
+    phases = list_phases(shape, [np.arange(count) for count in count_waves(shape)])
     n_fields = m * (1 + max(ball for ball, _ in ends_i + ends_j))
     matrix = np.zeros((*phases[0].shape, n_fields, n_fields), complex)
     for pair, (i, start), (j, end) in zip(pairs, ends_i, ends_j, strict=True):

@@ -42,7 +42,7 @@ OUTSIDE = {
         contacts.motion._ROWS_OF_SLIP contacts.motion_loops contacts.rolling_tangent._CHUNK
         contacts.shift_product._CACHE_BYTES contacts.shift_product._LEAST_RATIO
         contacts.shift_product._PRODUCTS_OF_THREAD contacts.tangent._KEPT_PATTERNS
-        contacts.tangent._KEPT_BALLS
+        contacts.tangent._KEPT_BALLS statics.transforms._MOST_PRODUCTS
         """,
     "times and memory that are estimated": """
         array.hexagon._BALL_BYTES array.sparse_matrices.LARGEST_UNSYMMETRIC
