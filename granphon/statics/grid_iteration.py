@@ -29,6 +29,7 @@ from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.grid_loops import find_scalar_product
 from granphon.contacts.grid_product import (
     GridProduct,
     invert_blocks,
@@ -483,12 +484,7 @@ def multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
     sums = np.zeros(one.shape[1])
     for field in range(len(one)):
         for k in range(one.shape[1]):
-            first = one[field, k]
-            second = another[field, k]
-            total = 0.0
-            for cell in range(len(first)):
-                total += first[cell] * second[cell]
-            sums[k] += total
+            sums[k] += find_scalar_product(one[field, k], another[field, k])
     least = np.inf
     whole = 0.0
     for k in range(len(sums)):
