@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.hertz import EXPONENT
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.text import counted
@@ -127,10 +128,11 @@ class Shape(ABC):
         """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0.
 
         If the deviation ``x`` of the central ball is given, the average is over the deviation x' of
-        the other ball; if not, it is over both. ``y`` and ``x``, over W, broadcast. Where one of
-        them is nan, so is the average.
+        the other ball; if not, it is over both. ``y`` and ``x``, over W, are finite and broadcast.
+        Where one of them is nan, so is the average.
 
-        Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3.
+        Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3, and ValueError for shapes
+        of ``y`` and ``x`` that do not broadcast.
         """
         if power not in _POWERS:
             raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
@@ -624,6 +626,8 @@ def cut_rms(cutoff: float) -> float:
 _LEAST_FRACTION = 1e-12
 #: largest number of balls in one sample, far beyond what a machine holds
 _MOST_NUMBERS = 2**48
+#: memory that a number of a sample takes while it is drawn, bytes: three integers, and a float
+_NUMBER_BYTES = 32.0
 #: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of
 #: fractions against 1
 _RELATIVE_TOLERANCE = 1e-9
@@ -636,7 +640,8 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     Integer arithmetic makes them the same on every machine. A site keeps its number when the array
     grows along any axis, so that a longer sample begins with a shorter one. Raises
     :class:`InputError` for lengths that are not whole numbers >= 0, for an empty list of lengths,
-    for more than 2^48 sites, or for a seed that is not a whole number from 0 to 2^64 - 1.
+    for more than 2^48 sites or more than memory holds, or for a seed that is not a whole number
+    from 0 to 2^64 - 1.
     """
     given_shape: Any = shape
     if isinstance(given_shape, np.ndarray):
@@ -649,6 +654,8 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
             f"shape is {brief(shape)}",
             mend="Give one or more lengths, whose product is 2^48 balls or fewer",
         )
+    count = math.prod(lengths)
+    require_memory(f"diameters of {count:,} balls", _NUMBER_BYTES * count, "Give smaller lengths")
     seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     # SplitMix64 along each axis: the constants are those of the generator
@@ -1029,6 +1036,7 @@ def given_spread(spread: Any) -> Spread:
     """
     if not isinstance(spread, Spread):
         raise InputError(
-            f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured"
+            f"spread is {brief(spread)}",
+            mend="Give a granphon.Uniform, Normal, Discrete or Measured",
         )
     return spread

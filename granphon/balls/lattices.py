@@ -253,7 +253,7 @@ class Lattice:
 
     def pressure_per_force(self, spacing: Any) -> Any:
         """Return the pressure over the contact force at a ``spacing``, m: 1/m in the plane, 1/m^2
-        in space, 1 on a line.
+        in space, a pure number on a line.
 
         Raises :class:`InputError` where :attr:`pressure_factor` does.
         """

@@ -576,6 +576,11 @@ def test_quantiles_invert_the_distribution():
     ]
 
 
+def test_a_sample_that_memory_does_not_hold_is_refused():
+    with pytest.raises(InputError, match="of memory"):
+        Uniform(2e-6).sample((2**20, 2**26), seed=0)
+
+
 # --- what cannot be
 # ---------------------------------------------------------------------------------------------------
 
