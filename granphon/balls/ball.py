@@ -344,7 +344,7 @@ class ContactConstants(NamedTuple):
         """
         attributes = ("curvature", "compliance", "shear_compliance", "twist_compliance")
         for body in (ball, other):
-            if not all(hasattr(body, name) for name in attributes):
+            if isinstance(body, type) or not all(hasattr(body, name) for name in attributes):
                 raise InputError(
                     f"a body of a contact is {brief(body)}", mend="Give a granphon.Ball"
                 )

@@ -737,7 +737,8 @@ class Spread(ABC):
         would have a size at or below zero. A smaller difference of the means has no effect, as
         deviations are taken from the distribution's own mean.
         """
-        least_diameter = positive("diameter", diameter, "m") + self.smallest
+        diameter = positive("diameter", diameter, "m")
+        least_diameter = diameter + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _RELATIVE_TOLERANCE * diameter:
             problem = (
                 f"the mean of the diameters is {self.mean:.12g} m, the given diameter is"

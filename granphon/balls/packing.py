@@ -214,7 +214,8 @@ class Packing:
         With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - sigma)/3 times the overlap over
-        the diameter, with the Poisson ratio sigma; it is zero where k is zero. Raises
+        the diameter, with the Poisson ratio sigma; it is zero where k is zero, and infinite beyond
+        double precision. Raises
         :class:`InputError` for what is no number, for shapes that do not broadcast, and, if the
         torsion depends on the load, for a force that is negative or not finite.
         """
@@ -224,9 +225,14 @@ class Packing:
         d = self.diameter
         overlap = self.law.overlap(f)
         radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
-        # (8/3) G r^3 over d^2, N/m
-        twist_over_square = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
-        return np.asarray(np.divide(twist_over_square, k, out=np.zeros(f.shape), where=k != 0.0))
+        ratio = np.zeros(f.shape)
+        with np.errstate(over="ignore"):
+            # (8/3) G r^3 over d^2, N/m
+            twist_over_square = (
+                8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
+            )
+            np.divide(twist_over_square, k, out=ratio, where=k != 0.0)
+        return ratio
 
     @cached_property
     def mass(self) -> float:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from fractions import Fraction
 from functools import cache
 
 import mpmath
@@ -630,6 +631,7 @@ def test_balls_of_no_size():
 @pytest.mark.claim("api-diameters")
 def test_the_mean_must_be_the_diameter_of_the_packing():
     TWO.check_diameter(8e-3)
+    TWO.check_diameter(Fraction(8, 1000))
     TWO.check_diameter(8e-3 * (1 + 5e-10))
     Uniform(1e-6).check_diameter(5.0)
     with pytest.raises(InputError, match=r"mean .*0.008 m.* 0.00801 m"):
