@@ -402,6 +402,7 @@ class JKRLaw(EnergyLaw):
         rise = 4.0 * cube - 1.0  # d(u^4 - u)/du
         # factors are in such an order that products stay in the floating range
         if order == ENERGY:
+            # the integral of the force over the overlap, from a contact of no radius, u = 0, on
             polynomial = 8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube
             derivative = (force * cube) * (length * u**4) * polynomial
         elif order == FORCE:
