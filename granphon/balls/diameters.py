@@ -535,8 +535,8 @@ def condense(places: Array, weights: Array) -> tuple[Array, Array]:
     """Return at most :data:`MOST_POINTS` places, and their weights, that stand for ``places`` (n,),
     different and ascending, with ``weights`` (n,) above zero.
 
-    No more places than that are returned as they are. Of more, the first and the last remain, and
-    those between are divided into cells. A cell of more than two places is replaced by the two
+    If there are no more places than that, they are returned as they are. If there are more, the
+    first and the last remain, and those between are divided into cells. A cell of more than two places is replaced by the two
     nodes of a Gauss quadrature: the cell keeps its weight and its first three moments, so that only
     pairs near the kink are in error. Cells are narrower where there are many balls: the edges are
     evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the fraction of the

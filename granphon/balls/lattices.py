@@ -384,8 +384,8 @@ def find_lattice(lattice: str | Lattice, names: Iterable[str] = LATTICES) -> Lat
 
 
 def name_structure(name: Any) -> str | None:
-    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None of
-    others.
+    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None for
+    anything else.
     """
     if not isinstance(name, str):
         return None
