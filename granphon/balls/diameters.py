@@ -63,8 +63,8 @@ _PIECE_NODES = 24
 
 
 class Nodes(NamedTuple):
-    """A quadrature over the central ball: positions x_Q, and weights of the same shape, whose sum is
-    one but for the error of the quadrature.
+    """A quadrature over the central ball: positions x_Q, and weights of the same shape, which sum
+    to one but for the error of the quadrature.
     """
 
     positions: Array
