@@ -228,7 +228,7 @@ class PressedPlace:
         is_free: bool = True,
     ) -> PressedTangent:
         """Return what resists small motions, in a ``precision``: minus the changes of the forces of
-        :meth:`pull`, and of the sum of the normal forces.
+        :meth:`pull`, and the changes of the sum of the normal forces.
 
         The changes follow from the ``tangent`` of the law of friction. If contacts turn, they also
         follow from the forces that act: the normal ``forces`` (n_c, L1, ..., Lp) and the tangential
@@ -262,16 +262,16 @@ class PressedPlace:
 
 @dataclass(frozen=True, eq=False)
 class PressedTangent:
-    """What resists small motions: minus the changes of the forces on balls, and of the sum of the
-    normal forces of contacts.
+    """What resists small motions: minus the changes of the forces on balls, and the changes of the
+    sum of the normal forces of contacts.
 
     Attributes
     ----------
     product : blocks of forces on balls against motions of balls, with the overlap held.
     diagonal : (m, m, n) the blocks of each ball and its own motions, in double precision.
     ahead : (m, n) forces on balls against a unit of the overlap; (m, 0) if the overlap is held.
-    back : (m, n) minus the change of the sum by each motion; (m, 0) if the overlap is held.
-    corner : minus the change of the sum by a unit of the overlap.
+    back : (m, n) the change of the sum by each motion; (m, 0) if the overlap is held.
+    corner : the change of the sum by a unit of the overlap.
     """
 
     product: GridProduct
@@ -285,7 +285,7 @@ class PressedTangent:
         change ``press`` of the overlap y. Both arrays are (fields, L1, ..., Lp) or flat, in the
         precision of the tangent.
 
-        Return minus the change of the sum of the normal forces. If the overlap is held, ``press``
+        Return the change of the sum of the normal forces. If the overlap is held, ``press``
         is not read, and zero is returned.
         """
         fields = (-1, 1, len(self.product.places))

@@ -66,7 +66,9 @@ class Body(Protocol):
 
 
 class _ElasticBody:
-    """The compliances at a contact of a body of an elastic ``material``."""
+    """The compliances at a contact of a body of an elastic ``material``. As :attr:`solid` does,
+    they raise InputError for a wall that has the name of a kind of balls in place of a material.
+    """
 
     material: Material | str
 
@@ -116,8 +118,9 @@ class Ball(_ElasticBody):
     ------
     InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia
         above 2/3 m R^2, the value of a thin shell; something else than a
-        :class:`~granphon.Material`; a name that cannot be read; a spread with another mean than the
-        diameter or with a ball of size zero or below.
+        :class:`~granphon.Material`; a name that is no printable text, or begins with a sign that
+        makes it a formula to a spreadsheet (=, +, -, @); something else than a spread, a spread
+        with another mean than the diameter, or one with a ball of size zero or below.
     """
 
     material: Material = field(metadata={"kind": Material})
@@ -133,7 +136,7 @@ class Ball(_ElasticBody):
         """Check all values, and put numbers in place of a mass and an inertia not given."""
         if not isinstance(self.material, Material):
             raise InputError(
-                f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"
+                f"the material of a ball is {brief(self.material)}", mend="Give a granphon.Material"
             )
         diameter = positive("diameter", self.diameter, "m")
         given_mass: float | None = self.mass
@@ -184,9 +187,10 @@ class Wall(_ElasticBody):
 
     Raises
     ------
-    InputError : something else than a :class:`~granphon.Material` or a text; a name that cannot be
-        read. Where a crystal or a network is cut: a material of a kind that there is not, and a
-        name that another kind or wall has.
+    InputError : something else than a :class:`~granphon.Material` or a text; a name, of the wall or
+        of a kind, that is no printable text, or begins with a sign that makes it a formula to a
+        spreadsheet (=, +, -, @). Where a crystal or a network is cut: a material of a kind that
+        there is not, and a name that another kind or wall has.
     """
 
     material: Material | str = field(metadata={"kind": Material | str})
@@ -207,7 +211,9 @@ class Wall(_ElasticBody):
             require("the name of a wall", label, self.name)
 
     def describe(self) -> str:
-        """Return the wall in a few words."""
+        """Return what the wall is made of in words: its Young modulus, or the kind of balls whose
+        material it has.
+        """
         if isinstance(self.material, str):
             return f"wall of the material of {self.material}"
         return f"wall with E = {write_quantity(self.material.young_modulus, 'Pa')}"
@@ -229,8 +235,8 @@ RIGID_PLANE = _RigidPlane()
 
 
 def find_wall(edge: Any) -> Body | None:
-    """Return the flat body at an ``edge`` of a cut, which is a word or a :class:`Wall`; None at an
-    edge without a wall.
+    """Return the flat body at an ``edge`` of a cut, which is a word or a :class:`Wall`: a wall
+    itself, or the rigid plane for the word "floor"; None for any other word.
     """
     if isinstance(edge, Wall):
         return edge
@@ -293,7 +299,7 @@ def _name_wall(wall: Wall, kinds: Mapping[str, Ball], walls: Sequence[Wall]) -> 
     material and no other name is given; else it has the given name or, without one, the first free
     name of "wall", "wall_2", "wall_3".
 
-    Raises InputError if another kind of balls or wall has the given name.
+    Raises InputError if a kind of balls, the floor or another wall has the given name.
     """
     used_names = {*kinds, RIGID_PLANE.name, *(other.name for other in walls)}
     for other in walls:
@@ -338,7 +344,7 @@ class ContactConstants(NamedTuple):
         """
         attributes = ("curvature", "compliance", "shear_compliance", "twist_compliance")
         for body in (ball, other):
-            if not all(hasattr(body, name) for name in attributes):
+            if isinstance(body, type) or not all(hasattr(body, name) for name in attributes):
                 raise InputError(
                     f"a body of a contact is {brief(body)}", mend="Give a granphon.Ball"
                 )

@@ -80,7 +80,7 @@ _JKR_LEAST = -0.25 * _JKR_ROOT
 class PairLaw(Protocol):
     """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
 
-    A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if
+    A law may also have ``least_overlap``, the overlap in m below which the bodies are apart (0 if
     it has none; below 0 where they adhere; -inf of a bond), and ``most_overlap``, the overlap in m
     up to which the law is known. Below ``least_overlap`` the energy, the force, the stiffness and
     its slope are zero. A law without a ``least_overlap`` whose force at overlaps below zero is not
@@ -241,7 +241,10 @@ class DMT(_Adhesive):
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
-        """Return the law of the contact of two bodies, ``ball`` and ``other``."""
+        """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
+        :class:`InputError` for bodies that make no elastic contact, and for a contact or an
+        adhesion beyond double precision.
+        """
         radius = ContactConstants.of(ball, other).radius
         return DMTLaw(Hertz().between(ball, other), self._find_tension(radius))
 
@@ -305,7 +308,8 @@ class JKR(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``: Hertz's if there is
-        no adhesion.
+        no adhesion. Raises :class:`InputError` for bodies that make no elastic contact, and for a
+        contact or an adhesion beyond double precision.
         """
         if not self.adhesion:
             return Hertz().between(ball, other)
@@ -398,6 +402,7 @@ class JKRLaw(EnergyLaw):
         rise = 4.0 * cube - 1.0  # d(u^4 - u)/du
         # factors are in such an order that products stay in the floating range
         if order == ENERGY:
+            # the integral of the force over the overlap, from a contact of no radius, u = 0, on
             polynomial = 8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube
             derivative = (force * cube) * (length * u**4) * polynomial
         elif order == FORCE:
@@ -703,7 +708,8 @@ def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Arr
     radius a. ``modulus`` is E*, Pa.
 
     If the law has no method for a, the result is the normal stiffness, which equals 2 E* a of
-    elastic bodies of any shape without adhesion.
+    elastic bodies of revolution without adhesion, whatever their profile (I. N. Sneddon, Int. J.
+    Eng. Sci. 3, 47, 1965).
     """
     find_radius = getattr(law, "contact_radius", None)
     if callable(find_radius):
@@ -723,7 +729,8 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
             f"the contact law is the class {law.__name__}",
             mend=f"Give a law, as {law.__name__}(...)",
         )
-    pair_law = law.between(ball, other) if hasattr(law, "between") else law
+    has_pairs = callable(getattr(law, "between", None))
+    pair_law = law.between(ball, other) if has_pairs else law
     missing_methods = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
     if missing_methods:
         subject = f"the contact law {brief(law)}"
@@ -784,14 +791,14 @@ def check_law(law: PairLaw, radius: float) -> None:
     is_flat = numbers["stiffness"][:, 0] <= 0.0
     if np.any(is_flat):
         problem = f"the force of the contact law {name} does not rise"
-        raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
+        raise _make_error_at(overlaps[int(np.argmax(is_flat))], problem)
     overlaps_of_forces = _call_for_numbers(law, name, "overlap", numbers["force"][:, 0])
     is_off = np.abs(overlaps_of_forces - overlaps) > _TOLERANCE * np.abs(overlaps)
     if np.any(is_off):
         index = int(np.argmax(is_off))
         found_overlap = f"{overlaps_of_forces[index]:.6g} m"
         problem = f"overlap(force(overlap)) of the contact law {name} is {found_overlap}"
-        raise _refuse_at(overlaps[index], problem)
+        raise _make_error_at(overlaps[index], problem)
 
 
 def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
@@ -881,10 +888,10 @@ def _compare_derivative(
             f"{subject} is {derivatives[index]:.6g}, and the derivative of its {method}"
             f" {slopes[index]:.6g}"
         )
-        raise _refuse_at(overlaps[index], problem)
+        raise _make_error_at(overlaps[index], problem)
 
 
-def _refuse_at(overlap: float, problem: str) -> InputError:
+def _make_error_at(overlap: float, problem: str) -> InputError:
     """Return the error of a law that has a ``problem`` at an ``overlap``, m."""
     return InputError(f"{problem} at an overlap of {overlap:.4g} m", mend="Mend the law")
 
@@ -1033,7 +1040,8 @@ def law_of_pair(law: Any, ball: Body, other: Body, name: str, other_name: str) -
     """Return the law of a contact of two bodies, ``ball`` of the kind ``name`` and ``other`` of the
     kind ``other_name``; ``law`` is what :func:`read_laws` returns, and may name other kinds too.
 
-    Raises :class:`InputError` if ``law`` has no entry for the two kinds.
+    Raises :class:`InputError` if ``law`` has no entry for the two kinds, and where
+    :func:`law_between` does.
     """
     if isinstance(law, tuple):
         law_of_kinds = {frozenset(names): pair_law for names, pair_law in law}

@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.hertz import EXPONENT
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.text import counted
@@ -62,8 +63,8 @@ _PIECE_NODES = 24
 
 
 class Nodes(NamedTuple):
-    """A quadrature over the central ball: positions x_Q, and weights that sum to one, of the same
-    shape.
+    """A quadrature over the central ball: positions x_Q, and weights of the same shape, which sum
+    to one but for the error of the quadrature.
     """
 
     positions: Array
@@ -127,10 +128,11 @@ class Shape(ABC):
         """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0.
 
         If the deviation ``x`` of the central ball is given, the average is over the deviation x' of
-        the other ball; if not, it is over both. ``y`` and ``x``, over W, broadcast. Where one of
-        them is nan, so is the average.
+        the other ball; if not, it is over both. ``y`` and ``x``, over W, are finite and broadcast.
+        Where one of them is nan, so is the average.
 
-        Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3.
+        Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3, and ValueError for shapes
+        of ``y`` and ``x`` that do not broadcast.
         """
         if power not in _POWERS:
             raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
@@ -533,13 +535,13 @@ def condense(places: Array, weights: Array) -> tuple[Array, Array]:
     """Return at most :data:`MOST_POINTS` places, and their weights, that stand for ``places`` (n,),
     different and ascending, with ``weights`` (n,) above zero.
 
-    No more places than that are returned as they are. Of more, the first and the last remain, and
-    those between are divided into cells. A cell of more than two places is replaced by the two
-    nodes of a Gauss quadrature: the cell keeps its weight and its first three moments, so that only
-    pairs near the kink are in error. Cells are narrower where there are many balls: the edges are
-    evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the fraction of the
-    range below. As the widths of cells differ, their pairs open at different places, and the errors
-    do not add up.
+    If there are no more places than that, they are returned as they are. If there are more, the
+    first and the last remain, and those between are divided into cells. A cell of more than two
+    places is replaced by the two nodes of a Gauss quadrature: the cell keeps its weight and its
+    first three moments, so that only pairs near the kink are in error. Cells are narrower where
+    there are many balls: the edges are evenly spaced in 0.3 times the fraction of the balls below
+    plus 0.7 times the fraction of the range below. As the widths of cells differ, their pairs open
+    at different places, and the errors do not add up.
 
     Errors were measured against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two
     kinds). The relative errors of F_ave and K_ave are 4e-6 and 4e-4 from f* = 1e-3 on, 2e-7 and
@@ -624,6 +626,8 @@ def cut_rms(cutoff: float) -> float:
 _LEAST_FRACTION = 1e-12
 #: largest number of balls in one sample, far beyond what a machine holds
 _MOST_NUMBERS = 2**48
+#: memory that a number of a sample takes while it is drawn, bytes: three integers, and a float
+_NUMBER_BYTES = 32.0
 #: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of
 #: fractions against 1
 _RELATIVE_TOLERANCE = 1e-9
@@ -636,7 +640,8 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     Integer arithmetic makes them the same on every machine. A site keeps its number when the array
     grows along any axis, so that a longer sample begins with a shorter one. Raises
     :class:`InputError` for lengths that are not whole numbers >= 0, for an empty list of lengths,
-    for more than 2^48 sites, or for a seed that is not a whole number from 0 to 2^64 - 1.
+    for more than 2^48 sites or more than memory holds, or for a seed that is not a whole number
+    from 0 to 2^64 - 1.
     """
     given_shape: Any = shape
     if isinstance(given_shape, np.ndarray):
@@ -649,6 +654,8 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
             f"shape is {brief(shape)}",
             mend="Give one or more lengths, whose product is 2^48 balls or fewer",
         )
+    count = math.prod(lengths)
+    require_memory(f"diameters of {count:,} balls", _NUMBER_BYTES * count, "Give smaller lengths")
     seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     # SplitMix64 along each axis: the constants are those of the generator
@@ -730,7 +737,8 @@ class Spread(ABC):
         would have a size at or below zero. A smaller difference of the means has no effect, as
         deviations are taken from the distribution's own mean.
         """
-        least_diameter = positive("diameter", diameter, "m") + self.smallest
+        diameter = positive("diameter", diameter, "m")
+        least_diameter = diameter + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _RELATIVE_TOLERANCE * diameter:
             problem = (
                 f"the mean of the diameters is {self.mean:.12g} m, the given diameter is"
@@ -1029,6 +1037,7 @@ def given_spread(spread: Any) -> Spread:
     """
     if not isinstance(spread, Spread):
         raise InputError(
-            f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured"
+            f"spread is {brief(spread)}",
+            mend="Give a granphon.Uniform, Normal, Discrete or Measured",
         )
     return spread

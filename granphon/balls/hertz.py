@@ -66,7 +66,7 @@ def mindlin_reduction(
     the sign of T does not matter. ``friction_coefficient`` is mu, a pure number.
 
     Raises :class:`InputError` where the contact would slide (T >= mu N) or is not under
-    compression; for loads that are not finite, or whose shapes do not broadcast; and for a
+    compression; for loads that are no finite numbers, or whose shapes do not broadcast; and for a
     coefficient that is not finite and above zero.
     """
     mu = positive("friction_coefficient", friction_coefficient)
@@ -104,7 +104,7 @@ def reduce_by_slip(mobilised: ArrayLike) -> Any:
 
 def read_broadcast(**arguments: ArrayLike) -> list[Array]:
     """Return the ``arguments``, real numbers or arrays of such, as arrays of the one shape to which
-    all broadcast.
+    all broadcast; these may share memory with the arguments, and are not to be written to.
 
     Raises :class:`InputError` for what is no number, and for shapes that do not broadcast.
     """
@@ -121,8 +121,8 @@ def read_broadcast(**arguments: ArrayLike) -> list[Array]:
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """Return the harmonic mean diameter d*, m, of two balls of the diameters ``first`` and
-    ``second``, m, above zero: 1/d* = (1/d_i + 1/d_j)/2 (equation 3). The diameters broadcast; the
-    result is nan where their sum is beyond double precision.
+    ``second``, m, above zero: 1/d* = (1/d_i + 1/d_j)/2 (equation 3). The diameters broadcast; where
+    twice the larger is beyond double precision, the result may be infinite or nan.
 
     Raises :class:`InputError` for what is no number, and for shapes that do not broadcast.
     """
@@ -159,7 +159,7 @@ class EnergyLaw(ABC):
 
     @property
     def least_overlap(self) -> float:
-        """Overlap up to which the bodies are apart, m."""
+        """Overlap below which the bodies are apart, m."""
         return 0.0
 
     @abstractmethod

@@ -253,7 +253,7 @@ class Lattice:
 
     def pressure_per_force(self, spacing: Any) -> Any:
         """Return the pressure over the contact force at a ``spacing``, m: 1/m in the plane, 1/m^2
-        in space, 1 on a line.
+        in space, a pure number on a line.
 
         Raises :class:`InputError` where :attr:`pressure_factor` does.
         """
@@ -384,8 +384,8 @@ def find_lattice(lattice: str | Lattice, names: Iterable[str] = LATTICES) -> Lat
 
 
 def name_structure(name: Any) -> str | None:
-    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None of
-    others.
+    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None for
+    anything else.
     """
     if not isinstance(name, str):
         return None

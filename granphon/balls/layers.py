@@ -4,6 +4,7 @@ and half spaces alike.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -144,7 +145,8 @@ def read_axis(value: Any) -> Any:
     if isinstance(value, str):
         words = value.split()
         # a word that is no number is refused below, in its own letters
-        indices = [int(word) if word.removeprefix("-").isdecimal() else word for word in words]
+        is_number = re.compile("-?[0-9]{1,9}").fullmatch
+        indices = [int(word) if is_number(word) else word for word in words]
     if not isinstance(indices, list | tuple):
         allowed = (
             "the number of a vector of the cell, 0 to 2 (on a chain 0, in a layer 0 or 1), or"

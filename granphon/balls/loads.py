@@ -137,6 +137,7 @@ class Load:
         return self._key == other._key
 
     def __hash__(self) -> int:
+        """Return the hash of what :meth:`__eq__` compares."""
         return hash(self._key)
 
     @property
@@ -172,8 +173,9 @@ class Load:
         return replace(self, array=np.ravel(self.array))
 
     def describe(self, periods: int, pressed_axes: int | None = None) -> str:
-        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``. A
-        pressure acts along so many ``pressed_axes``, by default the periods.
+        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``. The
+        unit of a pressure is that of the number of axes along which the pressure acts,
+        ``pressed_axes``, by default as many as there are periods.
         """
         return f"{self} {find_load_unit(self.kind, periods, pressed_axes)}".rstrip()
 

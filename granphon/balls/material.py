@@ -59,7 +59,7 @@ class Material(Block):
 
     Raises
     ------
-    InputError : a value that is not finite or out of range.
+    InputError : a value that is no number, not finite or out of range.
     """
 
     young_modulus: float = setting(
@@ -123,14 +123,14 @@ class Material(Block):
 
     def lowest_resonance(self, diameter: float) -> float:
         """Return the frequency of the lowest free vibration of a ball of this material, Hz, of a
-        ``diameter``, m.
+        ``diameter``, m; it is infinite above the floating range.
 
         The vibration is the torsional mode of order two or the breathing mode of a free elastic
         sphere, whichever is lower (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). Raises
         InputError for a diameter that is not a finite number above zero.
         """
-        radius = positive("diameter", diameter, "m") / 2.0
-        frequency_unit = self.transverse_velocity / (2.0 * math.pi * radius)  # Hz
+        # v_T / 2 pi R; the least diameters have no half within the floating range
+        frequency_unit = self.transverse_velocity / (math.pi * positive("diameter", diameter, "m"))
         sigma = self.poisson_ratio
         # the torsional mode is the same for every sigma, and the lowest except in strongly auxetic
         # materials, where the breathing mode falls to zero with the bulk modulus; the spheroidal

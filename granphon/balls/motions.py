@@ -62,12 +62,12 @@ class Motions:
     @cached_property
     def is_rotation(self) -> NDArray[np.bool_]:
         """(count,) whether each motion is a rotation."""
-        return np.arange(self.count) >= len(self.translations)
+        return read_only(np.arange(self.count) >= len(self.translations))
 
     @cached_property
     def phases(self) -> NDArray[np.complex128]:
-        """(count,) factors that make the waves of one ball real: 1 for displacements, i for
-        rotations.
+        """(count,) factor of each motion, 1 of displacements and i of rotations, with which the
+        amplitudes of waves of a lattice of one ball are real.
         """
         return read_only(np.where(self.is_rotation, 1.0j, 1.0))
 

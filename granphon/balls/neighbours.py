@@ -86,6 +86,7 @@ class ContactTable:
     arm_j: Array = field(metadata={"kind": np.dtype(float)})
 
     def __len__(self) -> int:
+        """Return the number n_c of contacts."""
         return len(self.i)
 
     def scale(self, factor: float) -> ContactTable:
@@ -101,7 +102,8 @@ class ContactTable:
         )
 
     def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:
-        """Return the contacts (m,) of some ``rows``, with their vectors turned by ``turn`` (d, d).
+        """Return the contacts (m,) of some ``rows``. Their vectors and normals are turned by
+        ``turn`` (d, d), the rows of which are the new axes; None leaves them as they are.
 
         ``i``, ``j`` (m,) and ``shift`` (m, p) take the place of those of the rows.
         """

@@ -42,7 +42,7 @@ _COUPLING_ROUNDING = 1e-9
 @dataclass(frozen=True)
 class SpringLaw(EnergyLaw):
     """The law f = k u of a spring to the ground, which pushes and pulls; ``constant`` is k, N/m,
-    and the displacement u, m, stands for the overlap.
+    above zero, and the displacement u, m, stands for the overlap.
     """
 
     constant: float
@@ -61,10 +61,10 @@ class SpringLaw(EnergyLaw):
             return self.constant * u * (0.5 * u)
         if order == FORCE:
             return self.constant * u
-        return np.full(u.shape, self.constant if order == STIFFNESS else 0.0)
+        return np.full(u.shape, self.constant if order == STIFFNESS else 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Return the displacement, m, at a ``force``, N."""
+        """Return the displacement f/k, m, at a ``force`` f, N, unchecked."""
         return np.asarray(force, float) / self.constant
 
 

@@ -82,9 +82,8 @@ class Packing:
         number above zero, an unknown lattice, motions that the lattice does not have, a friction
         that is no truth value, a torsion or bending that is no number, negative or above 1e6,
         either of them where the motions have no rotation that it resists, something else than a
-        spread, a spread
-        with another mean than the diameter or with a ball of size zero or below, or scales beyond
-        double precision.
+        spread, a spread with another mean than the diameter or with a ball of size zero or below,
+        or scales beyond double precision.
     """
 
     material: Material = field(metadata={"kind": Material})
@@ -113,7 +112,7 @@ class Packing:
         plain Python values; a torsion may stay the word "mindlin".
         """
         if not isinstance(self.material, Material):
-            raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
+            raise InputError(f"material is {brief(self.material)}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
         _ = self.structure  # a name must be that of a lattice
         if self.spread is not None:
@@ -215,7 +214,8 @@ class Packing:
         With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - sigma)/3 times the overlap over
-        the diameter, with the Poisson ratio sigma. The result is zero where k is zero. Raises
+        the diameter, with the Poisson ratio sigma; it is zero where k is zero, and infinite beyond
+        double precision. Raises
         :class:`InputError` for what is no number, for shapes that do not broadcast, and, if the
         torsion depends on the load, for a force that is negative or not finite.
         """
@@ -225,9 +225,14 @@ class Packing:
         d = self.diameter
         overlap = self.law.overlap(f)
         radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
-        # (8/3) G r^3 over d^2, N/m
-        twist_over_square = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
-        return np.asarray(np.divide(twist_over_square, k, out=np.zeros(f.shape), where=k != 0.0))
+        ratio = np.zeros(f.shape)
+        with np.errstate(over="ignore"):
+            # (8/3) G r^3 over d^2, N/m
+            twist_over_square = (
+                8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
+            )
+            np.divide(twist_over_square, k, out=ratio, where=k != 0.0)
+        return ratio
 
     @cached_property
     def mass(self) -> float:
@@ -247,7 +252,7 @@ class Packing:
     @property
     def pressure_per_force(self) -> float:
         """Pressure over the contact force where the overlap is small: 1/m in the plane, 1/m^2 in
-        space, 1 of a chain.
+        space, a pure number on a line.
 
         Raises :class:`InputError` if the stress of the lattice is not a pressure.
         """
@@ -305,8 +310,8 @@ def read_rolling(
     ``dimension`` is 1, 2 or 3 for balls on a line, in a plane or in space.
 
     Raises :class:`InputError` for motions that such balls do not have, for a stiffness that is no
-    number or too large, and for one that resists none of the motions. The message calls the lattice
-    or crystal of the balls ``subject``.
+    number, negative or too large, and for one that resists none of the motions. The message calls
+    the lattice or crystal of the balls ``subject``.
     """
     motions_by_name = allowed_motions(dimension)
     if motions is not None and not is_one_of(motions, motions_by_name):
@@ -595,7 +600,9 @@ class Axis:
         return Axis(self.name, (smallest,) if smallest == greatest else (smallest, greatest))
 
     def describe(self, label: Any) -> str:
-        """Return a label with the name of the parameter and its unit, such as "width = 2 um"."""
+        """Return a ``label`` (:attr:`labels`) in words, with the name of the parameter and the unit
+        of its values, such as "width = 2 um".
+        """
         return f"{self.name} = {self.write(label)}"
 
     def write(self, label: Any, chosen_unit: str = "") -> str:

@@ -248,6 +248,7 @@ class GridAssembly(Assembly):
     def __init__(
         self, grid: Grid, offset: Array, law: PairLaw, cell: Array, is_standing: bool = False
     ) -> None:
+        """Keep the grid, and set what follows from it but the arrays over contacts."""
         p = len(cell)
         # attributes of an object of a frozen class are set in its dictionary
         values = {

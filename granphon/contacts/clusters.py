@@ -164,7 +164,7 @@ def _order_balls(
 
 
 @compiled
-def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
+def _multiply_stretches(values: Array, start: int, other_start: int, count: int) -> float:
     """Return the scalar product of two stretches of ``values``: ``count`` numbers from ``start``
     on, and as many from ``other_start`` on.
     """
@@ -346,7 +346,9 @@ def _solve(
         begin = first[row]
         for column in range(begin, row):
             low = max(begin, first[column])
-            products = _multiply(values, row_start + low, row_starts[column] + low, column - low)
+            products = _multiply_stretches(
+                values, row_start + low, row_starts[column] + low, column - low
+            )
             values[row_start + column] -= products
         pivot = values[row_start + row]
         for column in range(begin, row):
@@ -454,7 +456,7 @@ def choose_lengths(
     ----------
     work, fall_rate : (groups,) work at the present length, and the rate at which it falls with the
         length: those of :func:`measure_slopes`.
-    first : (groups,) work at length zero.
+    first : (groups,) work at length zero, zero or above.
     exponent : exponent of the force of a contact as a function of its overlap. If a single contact
         closes as the step grows, the work is first - c (length - closing length)^exponent: where
         the work is below zero, the root of this function is the next trial.

@@ -216,7 +216,9 @@ class Tangent:
         return np.asarray(self.shear * (1.0 - self.sliding**2) + self.drag)
 
     def flatten(self) -> SlipTangent:
-        """Return the tangent as compiled loops read it."""
+        """Return the tangent as compiled loops read it: its arrays are views, if they are in C
+        order.
+        """
         count = len(self.sliding)
         return SlipTangent(
             self.stiffness.reshape(-1),

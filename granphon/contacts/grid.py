@@ -196,7 +196,7 @@ def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
 def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
     """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells of a ``lattice``, kind by
     kind; lengths are over the diameter. The last 8 grids of at most ``_KEPT_BALLS`` balls are kept
-    for further calls.
+    for further calls, and shared: their arrays must not be changed.
     """
     if math.prod(shape) * lattice.n_balls > _KEPT_BALLS:
         return Grid.of(lattice.contacts, shape, lattice.n_balls)

@@ -326,7 +326,9 @@ def _add_block_products(blocks: Values, forces: Values, motions: Values) -> None
 
 @compiled
 def find_scalar_product(first: Values, second: Values) -> float:
-    """Return the scalar product, in double precision, of two vectors of the same length."""
+    """Return the scalar product of two vectors of the same length. Products have the precision of
+    the vectors, and their sums are in double precision.
+    """
     sums = np.zeros(_LANES)
     # whole groups of products are added to all sums; the products left over are added at the end
     n_grouped = len(first) - len(first) % _LANES

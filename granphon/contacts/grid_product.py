@@ -106,7 +106,8 @@ def _find_layout(
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint32]]:
     """Return the ``joins``, ``cells`` and ``places`` of the :class:`GridProduct` of a grid of the
     ``shape``; ``first_i`` and ``first_j`` (kinds,) are the numbers of the balls of the first
-    contact of each kind. The last two results are kept for further calls.
+    contact of each kind. The layouts of the last two grids are kept for further calls, and shared:
+    their arrays must not be changed.
     """
     n_cells = math.prod(shape)
     i = np.array(first_i)
@@ -331,10 +332,10 @@ def multiply_pressed(
     forces: Values,
 ) -> float:
     """Set ``forces`` (f, 1, cells) to the forces against the ``motions`` (f, 1, cells) and against
-    a change ``press`` of the overlap y by which the cell is compressed. Return minus the change of
-    the sum of the normal forces; zero if the overlap is held.
+    a change ``press`` of the overlap y by which the cell is compressed. Return the change of the
+    sum of the normal forces; zero if the overlap is held.
 
-    ``ahead`` (m, n) are the forces on balls against a unit of y. Minus the changes of the sum are
+    ``ahead`` (m, n) are the forces on balls against a unit of y. The changes of the sum are
     ``back`` (m, n) by unit motions, and ``corner`` by a unit of y. If the overlap is held,
     ``ahead`` and ``back`` are empty, and ``corner`` and ``press`` are not read.
     """
@@ -347,11 +348,11 @@ def multiply_pressed(
     for field in range(len(motions)):
         first = field // m * cells  # number of the first of the balls that move along the field
         force_per_y = ahead[field % m, first : first + cells]
-        loss_per_motion = back[field % m, first : first + cells]
+        change_per_motion = back[field % m, first : first + cells]
         force = forces[field, 0]
         motion = motions[field, 0]
         for cell in range(cells):
             force[cell] += press * force_per_y[cell]
         for cell in range(cells):
-            total += loss_per_motion[cell] * motion[cell]
+            total += change_per_motion[cell] * motion[cell]
     return total

@@ -60,6 +60,7 @@ class ContactLaws:
         modulus: Array | None = None,
         limits: Sequence[_Limits] | None = None,
     ) -> None:
+        """Keep the laws, and ask them for their limits unless these are given."""
         self.groups = groups
         self.count = count
         #: the law of all contacts, where they have one, of granphon
@@ -220,7 +221,8 @@ class ContactLaws:
 
     def punch(self, overlap: Array) -> Array:
         """Return the stiffnesses 2 E* a (n_c,), N/m, of flat punches with the radius a of the
-        contacts at overlaps (n_c,), m; zero for contacts without a law.
+        contacts at overlaps (n_c,), m: the normal stiffness where a law does not know a, and zero
+        for contacts without a law.
         """
         stiffness = np.zeros(self.count)
         for law, contacts in self.groups:

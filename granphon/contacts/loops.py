@@ -310,9 +310,9 @@ def _set_static_turn(
 
     ``axes`` (m,) are those of the motions of ball j, 3 to 5 of rotations. ``moves`` (m + s, 3) are
     the motions v of the contact, and ``over_distance`` is 1/r with the distance r of the centres. T
-    turns about n as the tangents
-    do that the smallest rotation carries from the unit vector ``origin`` to n, and that the mean
-    rotation of both balls about ``origin`` turns; if ``origin`` is zero, T does not turn about n.
+    turns about n as the tangents do that the smallest rotation carries from the unit vector
+    ``origin`` to n, and that the mean rotation of both balls about ``origin`` turns; if ``origin``
+    is zero, T does not turn about n.
     """
     push, torque, lever = changes
     m = len(axes)
@@ -453,9 +453,9 @@ def fill_entries(
     """Add the blocks of balls and contacts to the entries ``data`` of a sparse matrix in columns.
 
     ``diagonal`` (m, m, n), ``forward`` and ``backward`` (m, m, n_c) are those of :class:`Blocks`.
-    ``by_ball`` (n, 2) has, for the block of each ball, the index of its
-    first entry in ``data`` and the distance in ``data`` from one of its columns to the next;
-    ``by_contact`` (n_c, 2, 2) has both for the blocks (i, j) and (j, i) of each contact.
+    ``by_ball`` (n, 2) has, for the block of each ball, the index of its first entry in ``data`` and
+    the distance in ``data`` from one of its columns to the next; ``by_contact`` (n_c, 2, 2) has
+    both for the blocks (i, j) and (j, i) of each contact.
     """
     m = len(diagonal)
     for column in range(m):

@@ -127,6 +127,9 @@ class MovingContacts:
         losses: Losses,
         rules: Rules,
     ) -> None:
+        """Gather the columns of all contacts, and find the forces at rest by a step without motion:
+        it sets :attr:`on_balls`, :attr:`stiffest` and :attr:`still`.
+        """
         self.law = law
         self.rules = rules
         self.axes = _list_axes(network)

@@ -56,6 +56,7 @@ class Powers:
     """
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
+        """Find the forces at rest, and the factors that all calls share."""
         self.exponent = exponent
         self.coefficient = share(coefficient)
         self.overlap = share(overlap)
@@ -149,6 +150,7 @@ class PairLaws:
     """
 
     def __init__(self, springs: ContactLaws, overlap: Array, apart: int = 0) -> None:
+        """Ask the laws for forces and energies at rest, and for the forces that jump."""
         self.springs = springs
         self.overlap = overlap
         self.end = overlap - springs.least

@@ -772,7 +772,7 @@ def _take_mean_rates(rows: Array, n: int, step: float) -> None:
 @compiled
 def _take_rates(rows: Array, n: int, can_turn: bool) -> None:
     """Find the rates of elongation, slip, twist and roll after the step, from the velocities and
-    spins of :func:`_gather_speeds`.
+    spins of :func:`_gather_speeds`; ``can_turn`` is that of :class:`Rules`.
     """
     for c in range(min(n, CHUNK)):
         r = _get_vector(rows, _R + c)

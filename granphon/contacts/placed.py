@@ -71,6 +71,7 @@ class ContactForces:
     """
 
     def __init__(self, i: Index, j: Index, vector: Array, count: int, motions: Motions) -> None:
+        """Begin with zero forces, torques and energy."""
         self._ends = (i, j)
         self._vector = vector
         self._motions = motions

@@ -42,8 +42,8 @@ class TangentBlocks(NamedTuple):
     backward : (m, m, n_c) forces on ball j of each contact (second axis) against motions of ball i
         (first axis).
     ahead : (m, n_balls) forces on balls against a unit of y; (m, 0) if the overlap is held.
-    back : (m, n_balls) minus the change of the sum of normal forces by each unit motion; (m, 0) if
-        the overlap is held.
+    back : (m, n_balls) the change of the sum of normal forces by each unit motion; (m, 0) if the
+        overlap is held.
     """
 
     diagonal: Array

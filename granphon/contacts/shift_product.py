@@ -37,7 +37,7 @@ class Halo:
     Parameters
     ----------
     shape : numbers of cells (L1, ..., Lp).
-    shifts : for each contact, the p numbers of cells to the cell that it leads to.
+    shifts : for each contact, one or more, the p numbers of cells to the cell that it leads to.
 
     Attributes
     ----------
@@ -47,6 +47,7 @@ class Halo:
     """
 
     def __init__(self, shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> None:
+        """Find how many ghost layers the shifts need, and the shape with them."""
         self.shape = tuple(shape)
         steps_of_axes = list(zip(*shifts, strict=True))
         self.below = tuple(max(0, -min(steps)) for steps in steps_of_axes)
@@ -170,6 +171,7 @@ class ContactOperator:
     def __init__(
         self, shape: Sequence[int], shifts: Sequence[tuple[int, ...]], head: Values, tail: Values
     ) -> None:
+        """Find how many ghost layers the array needs; :meth:`slabs` makes the buffers later."""
         both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
         halo = Halo(shape, both_ways)  # with no more ghost layers than contacts need
         other_axes = (0,) * (len(shape) - 1)  # no step along the axes but the first
@@ -360,6 +362,7 @@ class ContactHessian:
         stiffness: Sequence[Values],
         precision: DTypeLike = np.float32,
     ) -> None:
+        """Cut D into the parts of the slabs, with images in the ghost cells."""
         self._operator = operator
         self._precision = np.dtype(precision)
         real = np.zeros(0, precision).real.dtype
@@ -382,7 +385,8 @@ class ContactHessian:
         L1, ..., Lp), and minus the sum of the tensions against elongations.
 
         ``press`` is added to the overlaps of all contacts, and so subtracted from their
-        elongations. If ``press`` is None, nothing is added, and the sum is returned as zero.
+        elongations. If ``press`` is None, nothing is added, and the sum is returned as zero; so it
+        has to be where the precision is complex.
         """
         operator = self._operator
         n = self._operator.n_contacts

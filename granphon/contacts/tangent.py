@@ -46,6 +46,7 @@ class Pattern:
     def __init__(
         self, i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
     ) -> None:
+        """Find the place of each block, and the line of the matrix of each entry."""
         lines, columns, numbers = _list_blocks(i, j, n_balls)
         first, apart = _lay_blocks(columns, n_balls, n_motions)
         places = np.stack([first, apart], axis=1)[numbers]
@@ -71,7 +72,8 @@ class Pattern:
 
     def make_matrix(self, data: Array) -> Any:
         """Return the sparse matrix (n m, n m), in columns, with the entries ``data`` (n_entries,)
-        in the order of the pattern.
+        in the order of the pattern. The matrix shares ``data``, and its indices with the pattern:
+        these must not be changed.
         """
         from scipy.sparse import csc_array  # imported here: media that are averaged do not need it
 
@@ -149,6 +151,7 @@ class LeadingPart:
     """
 
     def __init__(self, pattern: Pattern, size: int) -> None:
+        """Pick the entries of the part from those of the whole matrix."""
         whole = pattern.make_matrix(np.ones(pattern.n_entries))
         # entries of the first columns, of which those in the first lines are kept
         lines = whole.indices[: whole.indptr[size]]
@@ -175,7 +178,8 @@ class LeadingPart:
 
     def make_matrix(self, entries: Array) -> Any:
         """Return the sparse matrix (size, size), in columns, whose ``entries`` are in the order of
-        :attr:`places`.
+        :attr:`places`. The matrix shares ``entries``, and its indices with this part: these must
+        not be changed.
         """
         from scipy.sparse import csc_array  # imported here: media that are averaged do not need it
 

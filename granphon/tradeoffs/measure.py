@@ -318,7 +318,7 @@ class Stopwatch:
     """
 
     def now(self) -> float:
-        """Time since some fixed moment, s. It must go on while a point runs."""
+        """Return the time since some fixed moment, s. The time must go on while a point runs."""
         return time.perf_counter()
 
     def predict(self, cost: Cost) -> float:
@@ -798,7 +798,7 @@ class MeasuredPoint(Result):
             return self.failure
         if self.resolved:
             return ""
-        if self.error <= self.reference_error:
+        if not self.error > self.reference_error:  # an error may be nan
             return "the error is not above that of the reference"
         return f"the reference is {self.error / self.reference_error:.2g} times better"
 
@@ -1043,7 +1043,7 @@ def carry_out(
     identity: Mapping[str, Any] | None = None,
 ) -> TradeOff:
     """Return the results of a study that is carried out within a ``budget``, s on the study's
-    stopwatch, by an ``executor``; each point is timed ``runs`` times.
+    stopwatch, by an ``executor``; each point is timed ``runs`` times, two or more.
 
     ``progress`` is told of the steps of the study, or, with an executor, of its end alone. A
     finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,

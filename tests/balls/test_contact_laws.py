@@ -359,6 +359,11 @@ def test_a_law_of_a_user_serves_if_its_methods_agree():
     half = type("Half", (), dict.fromkeys(("force", "energy", "overlap"), Quadratic.force))
     with pytest.raises(InputError, match="stiffness, stiffness_slope"):
         law_between(half(), S, A)
+    named = type("Named", (), {"between": "balls"})
+    with pytest.raises(InputError, match=r"Named .*has no method force"):
+        law_between(named(), S, A)
+    with pytest.raises(InputError, match="a body of a contact"):
+        gp.Hertz().between(gp.Ball, S)
     flat = type("Flat", (Quadratic,), {"force": lambda self, overlap: 1.0})
     with pytest.raises(InputError, match="same shape"):
         check_law(flat(), 5e-3)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from fractions import Fraction
 from functools import cache
 
 import mpmath
@@ -576,6 +577,11 @@ def test_quantiles_invert_the_distribution():
     ]
 
 
+def test_a_sample_that_memory_does_not_hold_is_refused():
+    with pytest.raises(InputError, match="of memory"):
+        Uniform(2e-6).sample((2**20, 2**26), seed=0)
+
+
 # --- what cannot be
 # ---------------------------------------------------------------------------------------------------
 
@@ -625,6 +631,7 @@ def test_balls_of_no_size():
 @pytest.mark.claim("api-diameters")
 def test_the_mean_must_be_the_diameter_of_the_packing():
     TWO.check_diameter(8e-3)
+    TWO.check_diameter(Fraction(8, 1000))
     TWO.check_diameter(8e-3 * (1 + 5e-10))
     Uniform(1e-6).check_diameter(5.0)
     with pytest.raises(InputError, match=r"mean .*0.008 m.* 0.00801 m"):

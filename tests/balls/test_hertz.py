@@ -282,6 +282,7 @@ def test_resonance_scales_with_size_and_velocity(steel):
         rtol=1e-10,
     )
     assert_allclose(steel.lowest_resonance(4e-3), 2 * steel.lowest_resonance(8e-3), rtol=1e-15)
+    assert steel.lowest_resonance(5e-324) == math.inf
 
 
 # -- where the model holds -------------------------------------------------------------------------

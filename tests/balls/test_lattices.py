@@ -20,6 +20,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.lattices import KAGOME, LATTICES, SQUARE, TRIANGULAR, as_direction, find_lattice
+from granphon.balls.layers import read_axis
 from granphon.balls.motions import ALL
 from granphon.balls.neighbours import contact_frames, steps_within, touch_once_at_most
 from granphon.base.errors import InputError
@@ -603,3 +604,10 @@ def test_the_cell_of_a_known_lattice_may_bear_its_name(name):
     assert gp.Lattice(name, known.cell, known.sites) == known
     rounded = gp.Lattice(name, known.vectors.round(7), known.sites)
     assert len(rounded.contacts) == len(known.contacts)
+
+
+def test_miller_indices_of_a_scene_are_whole_numbers_of_a_few_digits():
+    assert read_axis("1 -1 0") == (1, -1, 0)
+    for text in ("1 x 0", "1 101 0", "1 0 " + 5000 * "9"):
+        with pytest.raises(InputError, match="a whole number from -100 to 100"):
+            read_axis(text)

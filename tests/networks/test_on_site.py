@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.motions import allowed_motions
+from granphon.balls.on_site import SpringLaw
 from granphon.base.errors import InputError
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -243,3 +244,10 @@ def test_tables_hold_springs(tmp_path):
 def test_springs_that_are_refused(springs):
     with pytest.raises(InputError, match="on_site"):
         replace(make_chain(), on_site=np.array(springs))
+
+
+def test_the_law_of_a_spring_returns_floats_for_floats():
+    law = SpringLaw(2.0)
+    found = [law.energy(3.0), law.force(3.0), law.stiffness(3.0), law.stiffness_slope(3.0)]
+    assert found == [9.0, 6.0, 2.0, 0.0]
+    assert all(isinstance(number, float) for number in found)

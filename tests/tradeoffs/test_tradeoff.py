@@ -33,6 +33,7 @@ from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.measure import (
     JUDGING_RATIO,
     Deadline,
+    MeasuredPoint,
     MediaStudy,
     Point,
     Reference,
@@ -482,6 +483,14 @@ def test_axes_have_tick_labels_where_points_lie_close_have_no_error_or_were_not_
     numbers = [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"]
     assert numbers == marks
     assert {text.get_text() for text in ax.texts} & WITHOUT_RUNS == words
+
+
+def test_an_error_that_is_nan_is_not_judged():
+    for reference_error in (0.0, 1e-3, math.nan):
+        numbers = (np.array([[math.nan]]), np.array([[reference_error]]))
+        point = MeasuredPoint("m", "1", *numbers, draws=1)
+        assert not point.resolved
+        assert "not above that of the reference" in point.note
 
 
 def test_a_point_that_the_reference_does_not_judge_says_so(clock):
