@@ -634,7 +634,8 @@ def plot_asymptotes(
 
     Raises :class:`~granphon.base.errors.InputError` for what is neither velocities nor a lattice,
     for velocities at several loads or along several directions, for those of a crystal in space,
-    for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix.
+    for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix;
+    :class:`~granphon.base.errors.MechanismError` for a lattice with a strain that costs no energy.
     """
     if not isinstance(velocities, Asymptotes):
         raise InputError(
@@ -835,9 +836,9 @@ def bands_figure(
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
     cluster has none. Bands or densities may be left out. ``asymptotes``, ``gaps``, ``bulk``,
     ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` are the errors of
-    :func:`plot_dos`; they have no effect without the bands or the densities. Raises
-    :class:`~granphon.base.errors.InputError` if both bands and densities are left out, and what
-    :func:`plot_bands` and :func:`plot_dos` raise.
+    :func:`plot_dos`; they have no effect without the bands or the densities. ``title`` stands above
+    the figure. Raises :class:`~granphon.base.errors.InputError` if both bands and densities are
+    left out, and what :func:`plot_bands` and :func:`plot_dos` raise.
     """
     main_result = dos if bands is None else bands
     if main_result is None:

@@ -327,8 +327,8 @@ def motion_figure(
 
     Of a chain, and with ``show`` or ``axis``, the motion is a map over time and the position along
     the axis, see :func:`plot_motion`. Of any other array the balls are drawn at three frames after
-    the first, or at all of these if the motion has fewer than four frames. Raises what
-    :func:`plot_motion` and :func:`plot_energies` raise.
+    the first, or at all of these if the motion has fewer than four frames; a frame that is alone is
+    drawn itself. Raises what :func:`plot_motion` and :func:`plot_energies` raise.
     """
     is_map = motion.network.dimension == 1 or show is not None or axis is not None
     if is_map:
@@ -338,7 +338,7 @@ def motion_figure(
             plot_energies(motion, right, errors)
         return figure
     greatest_speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)  # of each frame
-    frames = pick_evenly(len(motion.times), 4)[1:]  # the first frame shows little motion
+    frames = pick_evenly(len(motion.times), 4)[1:] or [0]  # the first frame shows little motion
     # balls of more than half of the greatest speed have the darkest colour
     limit = max(0.5 * float(greatest_speeds[frames].max()), LEAST_LIMIT)
     widths = [1.0] * len(frames) + [1.25]

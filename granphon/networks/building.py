@@ -118,12 +118,15 @@ class _Pairs:
 
     @property
     def reduced_radii(self) -> Array:
-        """(n_c,) R_i R_j / (R_i + R_j), m: the radius of the ball at a flat wall."""
-        return 0.25 * self._find_diameters()
+        """(n_c,) R_i R_j / (R_i + R_j), m: the radius of the ball at a flat wall, and zero between
+        two flat walls, which do not roll.
+        """
+        radii = 0.25 * self._find_diameters()
+        return np.where(np.isfinite(radii), radii, 0.0)
 
     def _find_diameters(self) -> Array:
         """Return the harmonic means (n_c,) of the diameters, m; twice the diameter of a ball at a
-        flat wall, whose curvature is zero.
+        flat wall, whose curvature is zero, and infinite between two flat walls.
         """
         small = np.minimum(self.radii_i, self.radii_j)
         large = np.maximum(self.radii_i, self.radii_j)
