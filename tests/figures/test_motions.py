@@ -31,6 +31,7 @@ from granphon.figures.waves import (
     plot_seismogram,
     plot_surface,
 )
+from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -68,6 +69,15 @@ def grains():
         .network.repeat((2, 2, 2))
     )
     return hit(network, 0, [0.1, 0.0, 0.0], 1e-5)
+
+
+def test_a_frame_that_is_alone_is_drawn(array, tmp_path):
+    array.write(tmp_path / "motion")
+    start = gp.Motion.read(tmp_path / "motion", slice(0, 1))
+    snapshot = motion_figure(start).axes[0]
+    speeds = np.linalg.norm(array.velocities[0], axis=1)
+    balls = np.isfinite(array.network.radii)
+    assert_allclose(1e-3 * with_gid(snapshot, "balls").get_array(), speeds[balls])
 
 
 def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):
