@@ -342,7 +342,10 @@ class Source:
         lengths = np.max(np.abs(self.cell), axis=1)
         is_in_range = (lengths < LARGEST_NUMBER) & ((lengths > 1.0 / LARGEST_NUMBER) | ~self.pbc)
         if not np.all(is_in_range):
-            raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
+            axis = int(np.argmin(is_in_range))
+            name = "period" if self.pbc[axis] else "vector"
+            problem = f"{name} {axis} of the cell is {self.cell[axis].tolist()} m"
+            raise InputError(problem, mend="Give a vector of finite length, in m, or fewer of them")
         if not are_independent(self.cell[pbc]):
             problem = "the periodic vectors of the cell are not independent of each other"
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")

@@ -484,8 +484,9 @@ class ContactNetwork(Result):
     def lever_excesses(self) -> tuple[Array, Array] | None:
         """The levers of slip less the arms, m: at balls i, (n_c,), and at balls j, (n_c,).
 
-        The excess is zero at flat walls, and of contacts that do not resist slip. None if no lever
-        exceeds its arm, or if static forces do not act on displacements (``prestress``).
+        The excess is zero at the end at a flat wall, and of contacts that do not resist slip. None
+        if no lever differs from its arm, or if static forces do not act on displacements
+        (``prestress``).
         """
         if not self.prestress or self.slip_levers == "arms":
             return None
@@ -659,9 +660,10 @@ class ContactNetwork(Result):
         _ball, _force, ratio = farthest
         if ratio < REST_LIMIT:
             return
+        weight = "" if np.all(self.moving) else ", less what gravity may balance"
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
-            self.describe_imbalance(farthest),
+            f"{self.describe_imbalance(farthest)}{weight}",
             "Bring it to rest, to 1e-4 of the mean force, give its tangential_force if it has"
             " friction, or leave the static forces out (prestress=False)",
         )
