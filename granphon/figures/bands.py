@@ -390,8 +390,8 @@ def plot_bands(
         if is_followed:
             branch_errors = np.take_along_axis(branch_errors, bands.connection, 2)
         _draw_errors(bands, ax, frequencies, branch_errors)
-    top = frequencies.max()
-    least_difference = _ONE_LINE * float(top)
+    top = float(frequencies.max()) or 1.0  # if all branches are zero, any height will do
+    least_difference = _ONE_LINE * top
     for s, x in enumerate(bands.distances):
         widths = _find_line_widths(frequencies[s], least_difference, is_wide[s])
         for b in range(bands.n_branches):
@@ -635,7 +635,7 @@ def plot_asymptotes(
     Raises :class:`~granphon.base.errors.InputError` for what is neither velocities nor a lattice,
     for velocities at several loads or along several directions, for those of a crystal in space,
     for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix;
-    :class:`~granphon.base.errors.MechanismError` for a lattice with a strain that costs no energy.
+    :class:`~granphon.base.errors.MechanismError` for a lattice that is a mechanism.
     """
     if not isinstance(velocities, Asymptotes):
         raise InputError(

@@ -252,15 +252,16 @@ def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
 def _draw_map(
     ax: Axes, x: Array, y: Array, values: Array, label: str, unit: HertzPrefix, **options: Any
 ) -> None:
-    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, as a map on a logarithmic scale, with its colour
-    bar above the map.
+    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, nan where there is none, as a map on a
+    logarithmic scale, with its colour bar above the map.
 
     ``x`` and ``y`` are the edges of the cells of the map, (n_x + 1,) and (n_y + 1,), or with the
     option ``shading="nearest"`` their middles, (n_x,) and (n_y,); ``y`` is in this ``unit`` of
     frequency. ``options`` are those of matplotlib's ``pcolormesh``.
     """
     densities = values.T * unit.hertz
-    lowest_density = float(np.nanmax(densities)) / _SHADES
+    # for a spectrum of zeros any scale will do
+    lowest_density = (float(np.nanmax(densities)) or 1.0) / _SHADES
     norm = LogNorm(lowest_density, _SHADES * lowest_density)
     mesh = ax.pcolormesh(
         x,

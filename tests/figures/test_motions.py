@@ -23,6 +23,7 @@ from granphon.figures.motions import (
 )
 from granphon.figures.waves import (
     _draw_attenuation,
+    _draw_map,
     _group_rows,
     animate_pulse,
     plot_attenuation,
@@ -276,6 +277,12 @@ def test_branches_of_an_edge_are_drawn_at_the_wave_vectors_of_the_spectrum_alone
     for branches in (surface.branches([[0.1], [0.3]]), surface.branches([[0.1]]), 3):
         with pytest.raises(InputError, match="branches"):
             plot_surface(spectrum, ax, branches=branches)
+
+
+def test_a_spectrum_of_zeros_is_drawn_in_one_colour(ax):
+    _draw_map(ax, np.arange(3.0), np.arange(4.0), np.zeros((2, 3)), "", HertzPrefix.named("Hz"))
+    ax.get_figure().draw_without_rendering()
+    assert np.ptp(ax.collections[0].get_array()) == 0.0
 
 
 def test_attenuations_have_bars_where_their_errors_are_known(ax):
