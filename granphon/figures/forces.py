@@ -554,16 +554,12 @@ def _find_map_of_sample(sample: Sample) -> _Map:
     vectors, axes = _find_layer_axes(structure)
     plane = axes[:2, :p].T  # (p, 2)
     balls, contacts = _choose_in_layer(structure, axes[2, :p])
-    forces_over_mean = sample.equilibrium.forces / sample.equilibrium.force
-    forces = np.moveaxis(forces_over_mean, 0, -1)[..., contacts]
-    if p == 3:  # the first layer of cells along a3
-        forces = forces[:, :, 0]
     length = n_along * float(np.linalg.norm(vectors[0]))
     places = _find_places_in_layer(sample, balls, plane, length)
     i, j = _number_ends(structure, balls, contacts, (n_along, n_across))
     arms = np.tile(structure.contacts.normal[contacts] @ plane, (n_along * n_across, 1))
-    force = forces.ravel()
-    sums, counts = _sum_over_contacts(i, j, force, len(places))
+    forces = _find_forces_in_layer(sample, contacts)
+    sums, counts = _sum_over_contacts(i, j, forces, len(places))
     row_height = float(vectors[1] @ axes[1])
     # half a row below the lowest row, whose height is not zero in every cell
     bottom = float(np.min(places[:, 1])) - 0.5 * row_height
@@ -581,7 +577,7 @@ def _find_map_of_sample(sample: Sample) -> _Map:
         height=1.15 + float(np.clip(2.5 * n_across / n_along, 1.6, 6.0)),
         title=_write_title(sample),
         axes=labels,
-        find_lines=partial(_find_lines_of_layer, places[i], places[j], arms, force),
+        find_lines=partial(_find_lines_of_layer, places[i], places[j], arms, forces),
     )
 
 
@@ -601,6 +597,16 @@ def _find_places_in_layer(
     # a site just below zero by rounding stays there
     places[..., 0] = np.mod(places[..., 0] + _ROUNDING, length) - _ROUNDING
     return np.asarray(places.reshape(-1, 2))
+
+
+def _find_forces_in_layer(sample: Sample, contacts: NDArray[np.intp]) -> Array:
+    """Return the forces (m,) of the ``contacts`` of each cell, indices (n,), in the layer of a
+    sample, over the mean force of the sample, cell by cell.
+    """
+    forces = np.moveaxis(sample.equilibrium.forces, 0, -1)[..., contacts]
+    if len(sample.shape) == 3:  # the first layer of cells along a3
+        forces = forces[:, :, 0]
+    return np.asarray(forces.ravel() / sample.equilibrium.force)
 
 
 def _find_layer_axes(structure: Lattice) -> tuple[Array, Array]:

@@ -867,7 +867,8 @@ class _Joined:
         if torque is not None:
             fields_of_contacts["contact_torque"] = torque
         if contacts.normal_stiffness is None:
-            if self.normal_force is not None and completion.material is not None:
+            assert completion.material is not None  # _find_springs has required a material
+            if self.normal_force is not None:
                 coefficient = pairs.find_coefficient(completion.material)
                 _warn_of_open(contacts, balls, pairs, coefficient, force)
             return _leave_out(fields_of_contacts, force <= 0.0)
