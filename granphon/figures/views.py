@@ -75,7 +75,9 @@ class View:
 
     @cached_property
     def axes(self) -> Array:
-        """(3, 3), rows: the unit vectors to the right, upwards, and towards the viewer; read-only."""
+        """(3, 3), rows, read-only: the unit vectors to the right, upwards, and towards the
+        viewer.
+        """
         azimuth, elevation = np.radians([self.azimuth, self.elevation])
         horizontal = np.cos(elevation)
         to_viewer = np.array(
