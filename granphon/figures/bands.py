@@ -624,7 +624,8 @@ def plot_asymptotes(
     reach: float = 0.5,
 ) -> Axes:
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
-    omega_0^2 (1 - c q^2), with the velocity v and the curvature c of each wave.
+    omega_0^2 (1 - c q^2), with the velocity v of each wave, and the frequency omega_0 at Gamma and
+    the curvature c of the branch.
 
     ``velocities`` are velocities of sound at one load, found along one direction, that are the same
     in every direction of a line or a plane; or the lattice (``Phonons.lattice``), which has a

@@ -279,16 +279,17 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
 def plot_harmonics(
     motion: Motion, ax: Axes, frequency: float, *, count: int = 3, axis: int = 0, periods: int = 10
 ) -> Axes:
-    """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the
-    position along an axis.
+    """Draw the amplitudes of the motion of the balls at multiples of the ``frequency`` of a drive,
+    over the position along an axis, from the first ball on. Flat walls are left out.
 
     Options, and what is raised, are those of :meth:`granphon.Motion.harmonics`;
     :class:`~granphon.base.errors.InputError` too if no ball moves along the axis.
     """
-    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))  # (count, n), m
+    is_ball = np.isfinite(motion.network.radii)  # a flat wall may have any place
+    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))[:, is_ball]  # m
     if not np.any(amplitudes):
         raise InputError(f"no ball moves along {'xyz'[axis]}", mend="Give another axis")
-    positions = motion.network.positions[:, axis]
+    positions = motion.network.positions[is_ball, axis]
     metres, unit_of_length = prefixed(_RADII * _find_mean_radius(motion), "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(positions, kind="stable")

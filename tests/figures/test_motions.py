@@ -177,6 +177,16 @@ def test_spectra_and_harmonics_are_those_of_the_motion(chain, ax):
     assert still.get_xlim()[1] == pytest.approx(x[-1])
 
 
+def test_harmonics_are_those_of_balls_alone(array, ax):
+    """A flat wall may have any place, and would make the axis long."""
+    is_wall = np.isinf(array.network.radii)
+    positions = np.where(is_wall[:, None], -1.0, array.network.positions)
+    moved = replace(array, network=replace(array.network, positions=positions))
+    plot_harmonics(moved, ax, 1e5, count=1, axis=1, periods=2)
+    heights = positions[~is_wall, 1]
+    assert_allclose(1e-3 * ax.lines[0].get_xdata(), np.sort(heights) - heights.min(), atol=1e-12)
+
+
 def test_rows_of_a_map_lie_about_their_frequencies():
     frequencies = np.array([1.0, 2.0, 4.0])
     edges, values = _group_rows(frequencies, np.array([[5.0, 6.0, 7.0]]))
