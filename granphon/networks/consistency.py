@@ -881,7 +881,7 @@ def _count_resisted(network: Any, is_counted: Flags) -> int:
     other rotations. Each deformation has its stiffness.
     """
     motions = network.ball_motions
-    # normals lie in the line or plane: they are shortened if balls move along x
+    # normals lie in the line or plane, along which balls move if they move along x
     n_along = int(0 in motions.translations)
     n_twists = int(motions.twist)
     n_deformations = {

@@ -592,8 +592,8 @@ class ContactNetwork(Result):
 
     def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
-        and the size over the mean force of a contact: zero if all ``forces`` are zero, else infinite
-        if the mean force is zero.
+        and the size over the mean force of a contact: zero if all ``forces`` are zero, else
+        infinite if the mean force is zero.
 
         Raises :class:`~granphon.base.errors.InputError` for forces of another shape, and for
         components that are not below 1e120 N.
