@@ -390,8 +390,8 @@ def plot_bands(
         if is_followed:
             branch_errors = np.take_along_axis(branch_errors, bands.connection, 2)
         _draw_errors(bands, ax, frequencies, branch_errors)
-    top = frequencies.max()
-    least_difference = _ONE_LINE * float(top)
+    top = float(frequencies.max()) or 1.0  # if all branches are zero, any height will do
+    least_difference = _ONE_LINE * top
     for s, x in enumerate(bands.distances):
         widths = _find_line_widths(frequencies[s], least_difference, is_wide[s])
         for b in range(bands.n_branches):
@@ -624,7 +624,8 @@ def plot_asymptotes(
     reach: float = 0.5,
 ) -> Axes:
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
-    omega_0^2 (1 - c q^2), with the velocity v and the curvature c of each wave.
+    omega_0^2 (1 - c q^2), with the velocity v of each wave, and the frequency omega_0 at Gamma and
+    the curvature c of the branch.
 
     ``velocities`` are velocities of sound at one load, found along one direction, that are the same
     in every direction of a line or a plane; or the lattice (``Phonons.lattice``), which has a
@@ -634,7 +635,8 @@ def plot_asymptotes(
 
     Raises :class:`~granphon.base.errors.InputError` for what is neither velocities nor a lattice,
     for velocities at several loads or along several directions, for those of a crystal in space,
-    for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix.
+    for a ``reach`` that is not above zero, and for a ``unit`` that is no HertzPrefix;
+    :class:`~granphon.base.errors.MechanismError` for a lattice that is a mechanism.
     """
     if not isinstance(velocities, Asymptotes):
         raise InputError(
@@ -835,9 +837,9 @@ def bands_figure(
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
     cluster has none. Bands or densities may be left out. ``asymptotes``, ``gaps``, ``bulk``,
     ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` are the errors of
-    :func:`plot_dos`; they have no effect without the bands or the densities. Raises
-    :class:`~granphon.base.errors.InputError` if both bands and densities are left out, and what
-    :func:`plot_bands` and :func:`plot_dos` raise.
+    :func:`plot_dos`; they have no effect without the bands or the densities. ``title`` stands above
+    the figure. Raises :class:`~granphon.base.errors.InputError` if both bands and densities are
+    left out, and what :func:`plot_bands` and :func:`plot_dos` raise.
     """
     main_result = dos if bands is None else bands
     if main_result is None:

@@ -51,6 +51,20 @@ _LOAD_NAMES = (*LOADS, "reduced_force")
 # -- the dimensions of a data set ------------------------------------------------------------------
 
 
+def require_axes(dataset: Dataset) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a data set without an axis of loads or
+    without one of media, from which a single load or medium was chosen.
+    """
+    for name in ("load", "medium"):
+        if name not in dataset.dims:
+            raise InputError(
+                f"the data set has no dimension {name!r}",
+                "Its picture has curves over the load for each medium, and one of these was chosen,"
+                " or their mean taken",
+                f"Keep all, or choose by a list: isel({name}=[0])",
+            )
+
+
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the names of the parameters of a data set: all dimensions of the sweep but the load
     and the medium. If directions are a dimension, "direction" follows as the last name. A parameter

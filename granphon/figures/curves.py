@@ -57,6 +57,7 @@ from granphon.figures.choices import (
     describe_value,
     find_longest_parameter,
     list_parameters,
+    require_axes,
     turn_over,
 )
 from granphon.figures.multiples import Panel, draw_panels
@@ -719,8 +720,9 @@ def plot_sweep(
     Raises
     ------
     InputError : ``variable`` or ``x`` is no name, or the sweep does not have it, or it is not one
-        number or truth value at each load, or is nowhere finite; or the values of an axis that
-        would be logarithmic are not all from 1e-150 to 1e150.
+        number or truth value at each load, or is nowhere finite; or the data set has no axis of
+        loads or of media, as one load was chosen from it; or the values of an axis that would be
+        logarithmic are not all from 1e-150 to 1e150.
     FigureError : a value is beyond the axes of matplotlib.
     """
     _, handles = _draw_sweep(dataset, ax, variable, x)
@@ -743,8 +745,10 @@ def choose_x(dataset: Dataset, x: str | None) -> str:
     """Return the name of the quantity on the axis of x, which is ``x`` unless that is None.
     Otherwise it is the load; but at a single load it is the parameter in numbers with the most
     values, if a parameter in numbers varies. :class:`~granphon.base.errors.InputError` if ``x`` is
-    no name; whether the sweep has the name is not checked here.
+    no name, and for a data set without an axis of loads or of media; whether the sweep has the name
+    is not checked here.
     """
+    require_axes(dataset)
     if x is not None:
         return str(require("x", text, x))
     if dataset.sizes["load"] == 1:

@@ -488,10 +488,11 @@ def _draw_balls(layer: _Map, is_drawn: NDArray[np.bool_], ax: Axes) -> None:
 
 
 def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
-    """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall; of
-    a wall that the viewer sees from the front the piece is a point.
+    """Draw a piece of the wall, as long as the ball's radius, at each contact of a ball with a flat
+    wall; of a wall that the viewer sees from the front the piece is a point.
     """
-    is_wall = np.isinf(network.radii[network.j])  # a flat wall is a ball of infinite radius
+    is_flat = np.isinf(network.radii)  # a flat wall is a ball of infinite radius
+    is_wall = is_flat[network.j] & ~is_flat[network.i]
     touch = network.contact_places[is_wall, :2]
     normal = network.normal[is_wall, :2]
     along_wall = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
@@ -553,21 +554,12 @@ def _find_map_of_sample(sample: Sample) -> _Map:
     vectors, axes = _find_layer_axes(structure)
     plane = axes[:2, :p].T  # (p, 2)
     balls, contacts = _choose_in_layer(structure, axes[2, :p])
-    sites = sample.sites.reshape(*sample.shape, -1, p)
-    forces_over_mean = sample.equilibrium.forces / sample.equilibrium.force
-    forces = np.moveaxis(forces_over_mean, 0, -1)[..., contacts]
-    if p == 3:  # the first layer of cells along a3
-        sites = sites[:, :, 0]
-        forces = forces[:, :, 0]
     length = n_along * float(np.linalg.norm(vectors[0]))
-    sites_in_plane = sites.reshape(n_along, n_across, -1, p)[:, :, balls] @ plane  # (L1, L2, n, 2)
-    # moved by whole periods of a1 into a rectangle; a site just below zero by rounding stays there
-    sites_in_plane[..., 0] = np.mod(sites_in_plane[..., 0] + _ROUNDING, length) - _ROUNDING
-    places = sites_in_plane.reshape(-1, 2)
+    places = _find_places_in_layer(sample, balls, plane, length)
     i, j = _number_ends(structure, balls, contacts, (n_along, n_across))
     arms = np.tile(structure.contacts.normal[contacts] @ plane, (n_along * n_across, 1))
-    force = forces.ravel()
-    sums, counts = _sum_over_contacts(i, j, force, len(places))
+    forces = _find_forces_in_layer(sample, contacts)
+    sums, counts = _sum_over_contacts(i, j, forces, len(places))
     row_height = float(vectors[1] @ axes[1])
     # half a row below the lowest row, whose height is not zero in every cell
     bottom = float(np.min(places[:, 1])) - 0.5 * row_height
@@ -585,8 +577,36 @@ def _find_map_of_sample(sample: Sample) -> _Map:
         height=1.15 + float(np.clip(2.5 * n_across / n_along, 1.6, 6.0)),
         title=_write_title(sample),
         axes=labels,
-        find_lines=partial(_find_lines_of_layer, places[i], places[j], arms, force),
+        find_lines=partial(_find_lines_of_layer, places[i], places[j], arms, forces),
     )
+
+
+def _find_places_in_layer(
+    sample: Sample, balls: NDArray[np.intp], plane: Array, length: float
+) -> Array:
+    """Return the places (m, 2) of the ``balls`` of each cell, indices (n,), in the layer of a
+    sample whose axes are the columns of ``plane`` (p, 2), in diameters, cell by cell. Balls are
+    moved by whole periods of the ``length`` along the first axis, to between zero and the length.
+    """
+    p = len(sample.shape)
+    n_along, n_across = (*sample.shape, 1)[:2]
+    sites = sample.sites.reshape(*sample.shape, -1, p)
+    if p == 3:  # the first layer of cells along a3
+        sites = sites[:, :, 0]
+    places = sites.reshape(n_along, n_across, -1, p)[:, :, balls] @ plane  # (L1, L2, n, 2)
+    # a site just below zero by rounding stays there
+    places[..., 0] = np.mod(places[..., 0] + _ROUNDING, length) - _ROUNDING
+    return np.asarray(places.reshape(-1, 2))
+
+
+def _find_forces_in_layer(sample: Sample, contacts: NDArray[np.intp]) -> Array:
+    """Return the forces (m,) of the ``contacts`` of each cell, indices (n,), in the layer of a
+    sample, over the mean force of the sample, cell by cell.
+    """
+    forces = np.moveaxis(sample.equilibrium.forces, 0, -1)[..., contacts]
+    if len(sample.shape) == 3:  # the first layer of cells along a3
+        forces = forces[:, :, 0]
+    return np.asarray(forces.ravel() / sample.equilibrium.force)
 
 
 def _find_layer_axes(structure: Lattice) -> tuple[Array, Array]:
@@ -741,7 +761,7 @@ def _colour_balls(network: ContactNetwork, indices: NDArray[np.intp]) -> tuple[d
 
 
 def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:
-    """Return the lines (n, 2, 2) of all contacts, m, and their forces (n,), N.
+    """Return the lines (n, 2, 2) of all contacts of balls, m, and their forces (n,), N.
 
     The line of a contact across the edge of a period, or with a flat wall, goes from the centre of
     the ball to the point of contact; across an edge each of both balls has such a line.
@@ -749,11 +769,12 @@ def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:
     i = network.i
     j = network.j
     centres = network.positions
+    has_ball = np.isfinite(network.radii[i])  # a contact of two flat walls has no place
     is_wall = np.isinf(network.radii[j])
-    is_cut = np.any(network.shift != 0, axis=1) | is_wall
+    is_cut = has_ball & (np.any(network.shift != 0, axis=1) | is_wall)
     whole_lines = np.stack([centres[i], centres[j]], axis=1)
-    lines = [whole_lines[~is_cut]]
-    forces = [network.normal_force[~is_cut]]
+    lines = [whole_lines[has_ball & ~is_cut]]
+    forces = [network.normal_force[has_ball & ~is_cut]]
     # the normal of a contact points from its first ball to the second; a wall is always second
     for ball, arm, is_drawn in (
         (i, network.arm_i, is_cut),

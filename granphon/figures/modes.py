@@ -305,10 +305,8 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     is_planar = network.dimension < 3 and _stay_in_plane(motions)
     balls = _choose_balls(modes, mode, _MOST_BALLS if is_planar else _MOST_POINTS)
     masses = network.masses[balls]
-    displacements, spins = _split_motion(
-        motions, modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
-    )
-    scale = _LONGEST_DISPLACEMENT / max(_find_amplitude(displacements), _find_amplitude(spins))
+    motion_of_balls = modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
+    displacements, spins = _scale_motion(*_split_motion(motions, motion_of_balls))
     is_moving = network.moving[balls]
     inertias = network.inertias[balls][is_moving]
     gyration = np.ones(balls.size)  # of balls that do not move any number will do
@@ -323,8 +321,8 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
         places=network.positions[balls] / diameter,
         radii=network.radii[balls] / diameter,
         pairs=_list_pairs(network, balls),
-        shift=scale * displacements,
-        turn=scale * spins / gyration[:, None],
+        shift=displacements,
+        turn=spins / gyration[:, None],
         gyration=gyration,
         can_rotate=motions.rotate,
         is_planar=is_planar,
@@ -363,6 +361,16 @@ def _split_motion(motions: Motions, motion: NDArray[Any]) -> tuple[NDArray[Any],
     displacements[:, list(motions.translations)] = motion[:, motions.translating]
     spins[:, list(motions.rotations)] = motion[:, motions.turning]
     return displacements, spins
+
+
+def _scale_motion(
+    displacements: NDArray[Any], spins: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return ``displacements`` and ``spins``, each (m, 3), in diameters of the drawing: the largest
+    that any of them reaches in a period is ``_LONGEST_DISPLACEMENT``.
+    """
+    scale = _LONGEST_DISPLACEMENT / max(_find_amplitude(displacements), _find_amplitude(spins))
+    return scale * displacements, scale * spins
 
 
 def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -460,25 +468,17 @@ def _find_motion(
     """Return the mode of the branch number ``branch`` at ``q`` of a lattice, on the balls that are
     drawn; the arguments are those of :func:`plot_mode`, which says what is refused.
     """
-    if direction is not None and real_array("direction", direction).ndim != 1:
-        raise InputError(f"direction is {brief(direction)}", mend="Give one direction")
-    modes = phonons.modes([real_array("q", q)], direction)
-    n_branches = modes.frequencies.shape[1]
-    if not (is_whole(branch) and 0 <= branch < n_branches):
-        raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {n_branches - 1}")
+    modes = _find_modes(phonons, q, branch, direction)
     lattice = phonons.lattice
     n_balls = lattice.n_balls
     motions = lattice.motions
     vectors = modes.eigenvectors[0, :, branch].reshape(n_balls, -1)
-    displacements, spins = _split_motion(
-        motions, _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
-    )
-    scale = _LONGEST_DISPLACEMENT / max(_find_amplitude(displacements), _find_amplitude(spins))
+    motion_in_cell = _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
+    displacements, spins = _scale_motion(*_split_motion(motions, motion_in_cell))
+    angles = spins / lattice.gyration[:, None]
     places, balls, pairs = _place_balls(lattice, cells)
     q_per_diameter = modes.wavevectors[0] * phonons.scales.length  # rad per diameter
-    phases = places[:, : lattice.periods] @ q_per_diameter  # (m,)
-    wave = np.exp(1j * phases)[:, None]
-    angles = scale * spins / lattice.gyration[:, None]
+    wave = np.exp(1j * (places[:, : lattice.periods] @ q_per_diameter))[:, None]
     # in diameters; atoms without radii are balls of one diameter
     radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))
     names = phonons.state.kinds or [""] * n_balls
@@ -489,7 +489,7 @@ def _find_motion(
         places=places,
         radii=radii[balls],
         pairs=pairs,
-        shift=scale * displacements[balls] * wave,
+        shift=displacements[balls] * wave,
         turn=angles[balls] * wave,
         gyration=lattice.gyration[balls],
         can_rotate=motions.rotate,
@@ -499,6 +499,23 @@ def _find_motion(
         colours=[colours_of_kinds.get(names[ball], _BALL) for ball in balls.tolist()],
         kinds=colours_of_kinds,
     )
+
+
+def _find_modes(
+    phonons: Phonons, q: ArrayLike, branch: int, direction: ArrayLike | None
+) -> PhononModes:
+    """Return the modes of a lattice at a single ``q``; InputError for several directions, and if
+    there is no ``branch``, see :func:`plot_mode`.
+    """
+    if direction is not None and real_array("direction", direction).ndim != 1:
+        raise InputError(f"direction is {brief(direction)}", mend="Give one direction")
+    modes = phonons.modes([real_array("q", q)], direction)
+    n_branches = modes.frequencies.shape[1]
+    if not (is_whole(branch) and 0 <= branch < n_branches):
+        raise InputError(
+            f"there is no branch {brief(branch)}", mend=f"Count from 0 to {n_branches - 1}"
+        )
+    return modes
 
 
 def _fix_phase(motion: NDArray[Any]) -> NDArray[Any]:

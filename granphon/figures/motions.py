@@ -279,16 +279,17 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
 def plot_harmonics(
     motion: Motion, ax: Axes, frequency: float, *, count: int = 3, axis: int = 0, periods: int = 10
 ) -> Axes:
-    """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the
-    position along an axis.
+    """Draw the amplitudes of the motion of the balls at multiples of the ``frequency`` of a drive,
+    over the position along an axis, from the first ball on. Flat walls are left out.
 
     Options, and what is raised, are those of :meth:`granphon.Motion.harmonics`;
     :class:`~granphon.base.errors.InputError` too if no ball moves along the axis.
     """
-    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))  # (count, n), m
+    is_ball = np.isfinite(motion.network.radii)  # a flat wall may have any place
+    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))[:, is_ball]  # m
     if not np.any(amplitudes):
         raise InputError(f"no ball moves along {'xyz'[axis]}", mend="Give another axis")
-    positions = motion.network.positions[:, axis]
+    positions = motion.network.positions[is_ball, axis]
     metres, unit_of_length = prefixed(_RADII * _find_mean_radius(motion), "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(positions, kind="stable")
@@ -327,8 +328,8 @@ def motion_figure(
 
     Of a chain, and with ``show`` or ``axis``, the motion is a map over time and the position along
     the axis, see :func:`plot_motion`. Of any other array the balls are drawn at three frames after
-    the first, or at all of these if the motion has fewer than four frames. Raises what
-    :func:`plot_motion` and :func:`plot_energies` raise.
+    the first, or at all of these if the motion has fewer than four frames; a frame that is alone is
+    drawn itself. Raises what :func:`plot_motion` and :func:`plot_energies` raise.
     """
     is_map = motion.network.dimension == 1 or show is not None or axis is not None
     if is_map:
@@ -338,7 +339,7 @@ def motion_figure(
             plot_energies(motion, right, errors)
         return figure
     greatest_speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)  # of each frame
-    frames = pick_evenly(len(motion.times), 4)[1:]  # the first frame shows little motion
+    frames = pick_evenly(len(motion.times), 4)[1:] or [0]  # the first frame shows little motion
     # balls of more than half of the greatest speed have the darkest colour
     limit = max(0.5 * float(greatest_speeds[frames].max()), LEAST_LIMIT)
     widths = [1.0] * len(frames) + [1.25]

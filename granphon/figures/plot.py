@@ -201,17 +201,12 @@ def _choose_of_object(result: Any) -> tuple[Picture, dict[str, Any]]:
 def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, Any]]:
     """Return the picture of a ``result``, and the arguments of the function that draws it. The
     result is the ``dataset`` itself, or the result of a scene with this data set, whose bands,
-    densities of states, waves of an edge or motion are drawn if it has them. InputError for a data
-    set without an axis of loads or of media.
+    densities of states, waves of an edge or motion are drawn if it has them. Raises what
+    :func:`~granphon.figures.choices.require_axes` raises.
     """
-    for name in ("load", "medium"):
-        if name not in dataset.dims:
-            raise InputError(
-                f"the data set has no dimension {name!r}",
-                "Its picture has curves over the load for each medium, and one of these was chosen,"
-                " or their mean taken",
-                f"Keep all, or choose by a list: isel({name}=[0])",
-            )
+    from granphon.figures.choices import require_axes
+
+    require_axes(dataset)
     if dataset is not result:
         spectra = {name: result[name] for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):

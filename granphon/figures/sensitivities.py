@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from textwrap import fill
 
 from granphon.figures.scales import styled_figure
@@ -88,14 +88,18 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
             remark = f"The first {n_panels} of {len(names)} quantities"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
     if tell is not None and n_panels < len(names):
-        names_left_out = names[n_panels:]
-        words = (
-            f"from {names_left_out[0]!r} to {names_left_out[-1]!r}"
-            if names_left_out[1:]
-            else names_left_out[0]
-        )
-        tell(f"{counted(len(names_left_out), 'quantity', 'quantities')} left out, {words}")
+        tell(_describe_left_out(names[n_panels:]))
     return figure
+
+
+def _describe_left_out(names: Sequence[str]) -> str:
+    """Return in words the number of the quantities that are left out, and the first and the last of
+    their ``names``, of which there is one or more.
+    """
+    words = names[0]
+    if len(names) > 1:
+        words = f"from {names[0]!r} to {names[-1]!r}"
+    return f"{counted(len(names), 'quantity', 'quantities')} left out, {words}"
 
 
 def _set_ticks(ax: Axes) -> None:

@@ -106,8 +106,9 @@ def plot_slowness(
 
     Raises
     ------
-    InputError : several loads, one period, balls that move across their plane alone, a ``plane``
-        that is not two different directions, or a ``plane`` for a lattice of two periods.
+    InputError : a ``state`` without a network or without a period, several loads, one period, balls
+        that move across their plane alone, a ``plane`` that is not two different directions, or a
+        ``plane`` for a lattice of two periods.
     MechanismError : a motion of the lattice costs no energy.
     """
     contact_state = as_state(state)
@@ -233,7 +234,8 @@ def plot_slowness_surface(
 
     Raises
     ------
-    InputError : several loads, fewer than three periods, or a ``view`` that is no View.
+    InputError : a ``state`` without a network, several loads, fewer than three periods, or a
+        ``view`` that is no View.
     MechanismError : a motion of the lattice costs no energy.
     """
     crystal_state = as_state(state)
@@ -370,8 +372,8 @@ def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
     """Draw a figure of slowness, one column wide: the curves of a lattice in the plane; in space
     the surfaces, and two cuts beneath them.
 
-    The cuts are spanned by x and y, and by (1, 1, 0) and z. ``state`` and what is raised are as in
-    :func:`plot_slowness`.
+    The cuts are spanned by x and y, and by (1, 1, 0) and z. ``title`` stands above the figure.
+    ``state`` and what is raised are as in :func:`plot_slowness`.
     """
     in_space = as_state(state).reference_lattice.periods == 3
     with styled_figure(5.0 if in_space else 3.6) as figure:

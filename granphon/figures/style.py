@@ -100,7 +100,7 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
 def pick_evenly(count: int, most: int) -> list[int]:
     """Return at most ``most`` of the numbers 0 to ``count`` - 1, ascending, at distances that are
     even but for rounding. The first and the last number are among them; if ``most`` is 1, the first
-    alone. The list is empty if ``count`` is zero.
+    alone. The list is empty if ``count`` or ``most`` is zero.
     """
     numbers = np.linspace(0, count - 1, min(count, most)).round().astype(int)
     indices: list[int] = np.unique(numbers).tolist()

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
+from granphon.base.results import read_only
 from granphon.base.validation import real_number
 
 _Rgba = tuple[float, float, float, float]
@@ -74,7 +75,9 @@ class View:
 
     @cached_property
     def axes(self) -> Array:
-        """(3, 3), rows: the unit vectors to the right, upwards, and towards the viewer."""
+        """(3, 3), rows, read-only: the unit vectors to the right, upwards, and towards the
+        viewer.
+        """
         azimuth, elevation = np.radians([self.azimuth, self.elevation])
         horizontal = np.cos(elevation)
         to_viewer = np.array(
@@ -82,7 +85,7 @@ class View:
         )
         right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         upwards = np.cross(to_viewer, right)
-        return np.array([right, upwards, to_viewer])
+        return read_only([right, upwards, to_viewer])
 
     def project(self, points: ArrayLike) -> Array:
         """Project points (..., 3) on the paper, (..., 2)."""

@@ -41,9 +41,15 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed, write_quantity
 from granphon.base.validation import number as in_range
-from granphon.base.validation import positive, require, require_instance, whole_number
+from granphon.base.validation import (
+    positive,
+    real_array,
+    require,
+    require_instance,
+    whole_number,
+)
 from granphon.figures.bands import name_corners
-from granphon.figures.choices import choose_held, describe_value, list_parameters
+from granphon.figures.choices import choose_held, describe_value, list_parameters, require_axes
 from granphon.figures.curves import describe_lines
 from granphon.figures.style import (
     BLUE,
@@ -246,15 +252,16 @@ def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
 def _draw_map(
     ax: Axes, x: Array, y: Array, values: Array, label: str, unit: HertzPrefix, **options: Any
 ) -> None:
-    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, as a map on a logarithmic scale, with its colour
-    bar above the map.
+    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, nan where there is none, as a map on a
+    logarithmic scale, with its colour bar above the map.
 
     ``x`` and ``y`` are the edges of the cells of the map, (n_x + 1,) and (n_y + 1,), or with the
     option ``shading="nearest"`` their middles, (n_x,) and (n_y,); ``y`` is in this ``unit`` of
     frequency. ``options`` are those of matplotlib's ``pcolormesh``.
     """
     densities = values.T * unit.hertz
-    lowest_density = float(np.nanmax(densities)) / _SHADES
+    # for a spectrum of zeros any scale will do
+    lowest_density = (float(np.nanmax(densities)) or 1.0) / _SHADES
     norm = LogNorm(lowest_density, _SHADES * lowest_density)
     mesh = ax.pcolormesh(
         x,
@@ -403,10 +410,10 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
     """Draw a figure of all polarisations of a path, one under the other, and of their attenuation,
     one column wide.
 
-    A polarisation with fewer than two resolved lines has no attenuation, and the panel is left out
-    if no polarisation has one. The standard ``errors`` of the
-    numbers of all lines, by the names of :attr:`~granphon.waves.path_spectra.PathSpectra.numbers`,
-    each for all polarisations in turn, are bars about the attenuations. Raises
+    A polarisation with fewer than two resolved lines of a width above zero has no attenuation, and
+    the panel is left out if no polarisation has one. The standard ``errors`` of the numbers of all
+    lines, by the names of :attr:`~granphon.waves.path_spectra.PathSpectra.numbers`, each for all
+    polarisations in turn, are bars about the attenuations. Raises
     :class:`~granphon.base.errors.InputError` for errors of another number than that of the lines,
     and for ``errors`` that are no mapping.
     """
@@ -419,7 +426,9 @@ def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None
     ]
     n_lines = len(spectra.distances)
     tables = {
-        name: read_errors(np.ravel(table), (count * n_lines,)).reshape(count, n_lines)
+        name: read_errors(real_array("errors", table).ravel(), (count * n_lines,)).reshape(
+            count, n_lines
+        )
         for name, table in name_errors(errors).items()
     }
     height = 0.3 + 2.8 * count  # inches
@@ -721,7 +730,8 @@ def pick_states(
     dataset: Dataset, name: str, words: str
 ) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
     """Return the states that are drawn, in order of load, and their legend; InputError, with the
-    ``words`` for the variable, if the sweep has no variable ``name``.
+    ``words`` for the variable, if the sweep has no variable ``name``, and for a data set without an
+    axis of loads or of media.
 
     Each state is returned as a colour and a function ``read_variable(variable, polarisation=0)``,
     which returns the values of a variable in the state, for one polarisation if the variable has
@@ -730,6 +740,7 @@ def pick_states(
     """
     if name not in dataset:
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")
+    require_axes(dataset)
     dimensions = ("load", "medium", *list_parameters(dataset))
     counts = {dim: dataset.sizes[dim] for dim in dimensions if dim in dataset[name].dims}
     held_dimensions = choose_held(counts, _MOST_STATES)
@@ -824,18 +835,7 @@ def plot_seismogram(
     times = pulse.times / seconds
     greatest_signal = max(float(np.max(np.abs(pulse.signals))), LEAST_LIMIT)
     drawn_balls = pick_evenly(len(pulse.signals), whole_number("balls", balls, 0))
-    curves = [
-        ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
-        ("mean", pulse.coherent / greatest_signal, BLUE),
-    ]
-    curves += [
-        (f"at {write_unit(write_quantity(distance, 'm', 3))}", trace / greatest_signal, BLUE)
-        for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
-    ]
-    curves += [
-        (f"ball {pulse.receivers[n]}", pulse.signals[n] / greatest_signal, VERMILION)
-        for n in drawn_balls
-    ]
+    curves = _list_traces(pulse, drawn_balls, greatest_signal)
     heights_of_curves = [_HEIGHT * trace - row for row, (_, trace, _) in enumerate(curves)]
     for heights_of_curve, (_, _, colour) in zip(heights_of_curves, curves, strict=True):
         ax.plot(times, heights_of_curve, color=colour, linewidth=0.7)
@@ -855,6 +855,26 @@ def plot_seismogram(
     ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=times[[0, -1]], ylim=(-len(curves) + 0.4, 0.6))
     ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{arrival}")
     return ax
+
+
+def _list_traces(
+    pulse: Pulse, drawn_balls: Sequence[int], greatest_signal: float
+) -> list[tuple[str, Array, str]]:
+    """Return the name, the values (n_t,) and the colour of each trace of a seismogram: the burst
+    over its greatest absolute value, and over the ``greatest_signal``, m/s, the mean, the means
+    over further planes and the signals of the ``drawn_balls``, which are numbers of receivers.
+    """
+    traces = [
+        ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
+        ("mean", pulse.coherent / greatest_signal, BLUE),
+    ]
+    for distance, signal in zip(pulse.plane_distances, pulse.planes, strict=True):
+        name = f"at {write_unit(write_quantity(distance, 'm', 3))}"
+        traces.append((name, signal / greatest_signal, BLUE))
+    for number in drawn_balls:
+        name = f"ball {pulse.receivers[number]}"
+        traces.append((name, pulse.signals[number] / greatest_signal, VERMILION))
+    return traces
 
 
 def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) -> Figure:

@@ -118,12 +118,15 @@ class _Pairs:
 
     @property
     def reduced_radii(self) -> Array:
-        """(n_c,) R_i R_j / (R_i + R_j), m: the radius of the ball at a flat wall."""
-        return 0.25 * self._find_diameters()
+        """(n_c,) R_i R_j / (R_i + R_j), m: the radius of the ball at a flat wall, and zero between
+        two flat walls, which do not roll.
+        """
+        radii = 0.25 * self._find_diameters()
+        return np.where(np.isfinite(radii), radii, 0.0)
 
     def _find_diameters(self) -> Array:
         """Return the harmonic means (n_c,) of the diameters, m; twice the diameter of a ball at a
-        flat wall, whose curvature is zero.
+        flat wall, whose curvature is zero, and infinite between two flat walls.
         """
         small = np.minimum(self.radii_i, self.radii_j)
         large = np.maximum(self.radii_i, self.radii_j)
@@ -339,7 +342,10 @@ class Source:
         lengths = np.max(np.abs(self.cell), axis=1)
         is_in_range = (lengths < LARGEST_NUMBER) & ((lengths > 1.0 / LARGEST_NUMBER) | ~self.pbc)
         if not np.all(is_in_range):
-            raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
+            axis = int(np.argmin(is_in_range))
+            name = "period" if self.pbc[axis] else "vector"
+            problem = f"{name} {axis} of the cell is {self.cell[axis].tolist()} m"
+            raise InputError(problem, mend="Give a vector of finite length, in m, or fewer of them")
         if not are_independent(self.cell[pbc]):
             problem = "the periodic vectors of the cell are not independent of each other"
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
@@ -861,7 +867,8 @@ class _Joined:
         if torque is not None:
             fields_of_contacts["contact_torque"] = torque
         if contacts.normal_stiffness is None:
-            if self.normal_force is not None and completion.material is not None:
+            assert completion.material is not None  # _find_springs has required a material
+            if self.normal_force is not None:
                 coefficient = pairs.find_coefficient(completion.material)
                 _warn_of_open(contacts, balls, pairs, coefficient, force)
             return _leave_out(fields_of_contacts, force <= 0.0)

@@ -180,13 +180,16 @@ def compare_forces(network: Any) -> Comparison:
     (:attr:`~granphon.networks.network.ContactNetwork.residual_forces`).
     """
     ratios = np.linalg.norm(network.residual_forces, axis=1) / network.mean_force
+    fault = network.describe_imbalance(network.find_farthest(network.residual_forces))
+    if not np.all(network.moving):
+        fault += ", less what gravity may balance"
     return _compare_sums(
         network,
         "balance",
         "sum of the static forces on a ball over the mean force of a contact",
         ratios,
         BALANCE_LIMIT if network.prestress else REST_LIMIT,
-        network.describe_imbalance(network.find_farthest(network.residual_forces)),
+        fault,
         "Frequencies are of a network that is not at rest, unless something else acts on"
         " the ball, as its weight or a wall",
     )
@@ -878,7 +881,7 @@ def _count_resisted(network: Any, is_counted: Flags) -> int:
     other rotations. Each deformation has its stiffness.
     """
     motions = network.ball_motions
-    # normals lie in the line or plane: they are shortened if balls move along x
+    # normals lie in the line or plane, along which balls move if they move along x
     n_along = int(0 in motions.translations)
     n_twists = int(motions.twist)
     n_deformations = {

@@ -21,6 +21,7 @@ from granphon.balls.neighbours import TOUCH, require_joined
 from granphon.balls.on_site import turn_on_site
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError
+from granphon.base.results import read_only
 from granphon.base.text import counted
 from granphon.networks.demands import NUMBERS_OF_BALLS
 
@@ -355,12 +356,12 @@ class _LayerStack:
     @cached_property
     def has_i(self) -> Flags:
         """(m,) whether ball i of each contact is in the layers."""
-        return np.asarray((self.i >= 0) & (self.i < len(self.positions)))
+        return read_only((self.i >= 0) & (self.i < len(self.positions)))
 
     @cached_property
     def has_j(self) -> Flags:
         """(m,) whether ball j of each contact is in the layers."""
-        return np.asarray((self.j >= 0) & (self.j < len(self.positions)))
+        return read_only((self.j >= 0) & (self.j < len(self.positions)))
 
     def make_balls(self) -> dict[str, Any]:
         """Return the fields of the balls of all layers, by name."""

@@ -324,8 +324,8 @@ def list_lawless(pairs: Frame, springs: Springs) -> dict[str, str]:
 
 
 def note_pairs(pairs: Frame, springs: Springs) -> list[str]:
-    """Return the notes on columns of a dump of ``pairs`` that are not read; the first one is "" if
-    nothing is to be said.
+    """Return the notes on columns of a dump of ``pairs`` that are not read: first on those of no
+    known name, "" if there are none, and then on those without a law.
     """
     notes = [note_columns(pairs, COLUMNS_OF_PAIRS)]
     lawless = list_lawless(pairs, springs)
@@ -595,8 +595,8 @@ def note_columns(frame: Frame, names_read: Collection[str]) -> str:
 
 
 def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] | None) -> list[str]:
-    """Return the notes on columns of a dump of atoms that are not read; the last one is "" if
-    nothing is to be said.
+    """Return the notes on columns of a dump of atoms that are not read: first on those of walls,
+    and last on all others, "" if there are none.
 
     ``walls`` are the names of the fixes whose columns are read as contacts with walls, and
     ``frozen`` has the names of further columns that are read (:func:`find_frozen`). The columns of
@@ -705,12 +705,13 @@ def _list_columns_of_pairs(network: Any, ids: Index) -> dict[str, Array]:
 
 
 def _find_walls(network: Any) -> dict[str, Index]:
-    """Return the contacts of a network with flat walls as those of fixes with the keyword contacts:
-    for the name of each fix the indices of its contacts, of which a ball has one at most.
+    """Return the contacts of balls with flat walls as those of fixes with the keyword contacts: for
+    the name of each fix the indices of its contacts, of which a ball has one at most.
 
     A wall that touches a ball several times, as the corner of a box, is in several fixes.
     """
-    contacts = np.flatnonzero(np.isinf(network.radii[network.j]))
+    is_ball = np.isfinite(network.radii)
+    contacts = np.flatnonzero(is_ball[network.i] & ~is_ball[network.j])
     balls = network.i[contacts]
     walls = network.j[contacts]
     contacts = contacts[np.lexsort((balls, walls))]
@@ -788,15 +789,17 @@ def _warn_of_lost(network: Any) -> None:
 
 
 def _find_scatter(network: Any) -> float:
-    """Return the greater of two scatters of the contacts of a network, each the greatest number
-    over the least, less one.
+    """Return the greater of two scatters of the contacts of the balls of a network, each the
+    greatest number over the least, less one.
 
     The first is of normal stiffnesses over those that one material gives by Hertz's law under the
     same forces, or of the normal stiffnesses themselves, as of a linear law, whichever is less. The
     second is of the ratios of shear and normal stiffness.
     """
-    force = network.normal_force
-    curvature = 1.0 / network.radii[network.i] + 1.0 / network.radii[network.j]
+    has_ball = np.isfinite(network.radii[network.i])  # contacts of two flat walls are not written
+    force = network.normal_force[has_ball]
+    normal_stiffness = network.normal_stiffness[has_ball]
+    curvature = (1.0 / network.radii[network.i] + 1.0 / network.radii[network.j])[has_ball]
     is_pressed = force > 0.0
     # the coefficients of one material go as the roots of the reduced radii; the unit of the moduli
     # that follow plays no part in their scatter
@@ -804,9 +807,9 @@ def _find_scatter(network: Any) -> float:
     unit_law = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
     overlap = unit_law.overlap(force[is_pressed] / coefficient)
     stiffness_of_law = coefficient * unit_law.stiffness(overlap)
-    moduli = network.normal_stiffness[is_pressed] / stiffness_of_law
-    ratios = network.shear_stiffness / network.normal_stiffness
-    normal_scatter = min(_find_spread(moduli), _find_spread(network.normal_stiffness))
+    moduli = normal_stiffness[is_pressed] / stiffness_of_law
+    ratios = network.shear_stiffness[has_ball] / normal_stiffness
+    normal_scatter = min(_find_spread(moduli), _find_spread(normal_stiffness))
     # without friction all ratios are zero
     shear_scatter = _find_spread(ratios) if np.any(ratios) else 0.0
     return max(normal_scatter, shear_scatter)

@@ -240,9 +240,9 @@ class ContactNetwork(Result):
             raise InputError(fault, mend="Give a material where the network is read, or None")
 
     def _read_arrays(self) -> dict[str, Any]:
-        """Return the fields of numbers, by name, as read-only arrays, without those that are None
-        and may be; :class:`~granphon.base.errors.InputError` for values that are no numbers, or no
-        whole numbers where these are needed.
+        """Return the fields of numbers, by name, as read-only arrays, without fields that may be
+        None and are; :class:`~granphon.base.errors.InputError` for values that are no numbers, or
+        no whole numbers where these are needed.
         """
         arrays: dict[str, Any] = {}
         for name, layout in self._shapes.items():
@@ -432,9 +432,9 @@ class ContactNetwork(Result):
     def is_anchored(self) -> Flags:
         """(n,) whether springs to the ground resist every displacement of each ball."""
         if self.on_site is None:
-            return np.zeros(self.n_balls, bool)
+            return read_only(np.zeros(self.n_balls, bool))
         springs = self.on_site[:, self.named_motions.translating]
-        return np.asarray(np.all(springs > 0.0, axis=1))
+        return read_only(np.all(springs > 0.0, axis=1))
 
     @cached_property
     def vector(self) -> Array:
@@ -484,8 +484,9 @@ class ContactNetwork(Result):
     def lever_excesses(self) -> tuple[Array, Array] | None:
         """The levers of slip less the arms, m: at balls i, (n_c,), and at balls j, (n_c,).
 
-        The excess is zero at flat walls, and of contacts that do not resist slip. None if no lever
-        exceeds its arm, or if static forces do not act on displacements (``prestress``).
+        The excess is zero at the end at a flat wall, and of contacts that do not resist slip. None
+        if no lever differs from its arm, or if static forces do not act on displacements
+        (``prestress``).
         """
         if not self.prestress or self.slip_levers == "arms":
             return None
@@ -503,7 +504,8 @@ class ContactNetwork(Result):
         """(n_c,) the slip that a displacement across a contact makes, over the displacement, less
         one: (R_i + R_j)/(arm_i + arm_j) - 1 by the ``slip_levers`` of YADE, and
         2 R_i/(R_i + arm_i) - 1 at flat walls. It is zero by other levers, of contacts that do not
-        resist slip, and if static forces do not act on displacements (``prestress``).
+        resist slip or join two flat walls, and if static forces do not act on displacements
+        (``prestress``).
         """
         stretch = np.zeros(self.n_contacts)
         if self.prestress and self.slip_levers == "yade":
@@ -512,8 +514,8 @@ class ContactNetwork(Result):
             is_ball = np.isfinite(radii_j)
             surfaces = radii_i + np.where(is_ball, radii_j, radii_i)
             arms = self.arm_i + np.where(is_ball, self.arm_j, radii_i)
-            resists_slip = self.shear_stiffness > 0.0
-            stretch[resists_slip] = surfaces[resists_slip] / arms[resists_slip] - 1.0
+            can_slip = (self.shear_stiffness > 0.0) & np.isfinite(radii_i)
+            stretch[can_slip] = surfaces[can_slip] / arms[can_slip] - 1.0
         return read_only(stretch)
 
     @cached_property
@@ -590,8 +592,8 @@ class ContactNetwork(Result):
 
     def find_farthest(self, forces: Array) -> tuple[int, float, float]:
         """Return the ball under the largest of the ``forces`` (n, 3), N, the size of that force, N,
-        and the size over the mean force of a contact: zero if all forces are zero, and infinite if
-        contacts have no force alone.
+        and the size over the mean force of a contact: zero if all ``forces`` are zero, else
+        infinite if the mean force is zero.
 
         Raises :class:`~granphon.base.errors.InputError` for forces of another shape, and for
         components that are not below 1e120 N.
@@ -658,9 +660,10 @@ class ContactNetwork(Result):
         _ball, _force, ratio = farthest
         if ratio < REST_LIMIT:
             return
+        weight = "" if np.all(self.moving) else ", less what gravity may balance"
         raise InputError(
             "the balls of the network still move, and static forces act on them (prestress)",
-            self.describe_imbalance(farthest),
+            f"{self.describe_imbalance(farthest)}{weight}",
             "Bring it to rest, to 1e-4 of the mean force, give its tangential_force if it has"
             " friction, or leave the static forces out (prestress=False)",
         )
@@ -674,14 +677,15 @@ class ContactNetwork(Result):
 
     @cached_property
     def walls(self) -> dict[int, tuple[Array, Array]]:
-        """By its index, each flat wall that balls touch: a point on it (3,), m, and its normal
-        (3,), away from the balls.
+        """By its index, each flat wall that balls touch: a point on the wall, (3,), m, and the
+        normal of the wall, (3,), away from the balls.
         """
-        points = self.contact_places
+        points = read_only(self.contact_places)
         walls: dict[int, tuple[Array, Array]] = {}
         # the contacts are taken from the last to the first: of several contacts of a wall the first
         # one replaces the others
-        for contact in np.flatnonzero(np.isinf(self.distance))[::-1].tolist():
+        is_at_wall = np.isinf(self.distance) & np.isfinite(self.radii[self.i])
+        for contact in np.flatnonzero(is_at_wall)[::-1].tolist():
             walls[int(self.j[contact])] = (points[contact], self.normal[contact])
         return walls
 
@@ -706,18 +710,18 @@ class ContactNetwork(Result):
         """Length, stiffness and mass of the reduced units of this network.
 
         They are the mean diameter and the mean mass of the balls that move, and the mean normal
-        stiffness of the contacts that carry load, or of all contacts if none does. Raises
+        stiffness of the contacts that a force presses, or of all contacts if there are none. Raises
         :class:`~granphon.base.errors.InputError` for a network without a ball that moves, or
         without a contact.
         """
         if not np.any(self.moving) or not self.n_contacts:
             why = "It has no ball that moves, or no contact"
             raise InputError("the network has no reduced units", why)
-        is_loaded = self.normal_force > 0.0
-        if not np.any(is_loaded):
-            is_loaded = np.ones(self.n_contacts, bool)
+        is_pressed = self.normal_force > 0.0
+        if not np.any(is_pressed):
+            is_pressed = np.ones(self.n_contacts, bool)
         diameter = _find_mean(2.0 * self.radii[self.moving])
-        stiffness = _find_mean(self.normal_stiffness[is_loaded])
+        stiffness = _find_mean(self.normal_stiffness[is_pressed])
         return Units(diameter, stiffness, _find_mean(self.masses[self.moving]))
 
     @property
@@ -759,7 +763,7 @@ class ContactNetwork(Result):
 
     @property
     def contact_fields(self) -> tuple[str, ...]:
-        """Names of the fields that have one entry for each contact."""
+        """Names of the fields that have one entry for each contact, without those that are None."""
         names = [name for name, layout in self._shapes.items() if layout[0] == "c"]
         return tuple(name for name in names if getattr(self, name) is not None)
 
@@ -1526,8 +1530,8 @@ class ContactNetwork(Result):
         reads these walls, ``prestress``, ``tangential_law`` and ``slip_levers`` from the dumps.
         Stiffnesses are left out, as they follow from the material, and against rolling and twist
         from the ``rolling_stiffness`` and the ``twisting_stiffness`` that the reader is given. The
-        names of the kinds, arms between balls, and ``left_out`` are not in the dumps either.
-        Folders are made if need be.
+        names of the kinds, arms between balls, contacts of two flat walls, and ``left_out`` are not
+        in the dumps either. Folders are made if need be.
 
         Warns (:class:`~granphon.base.errors.InconsistencyWarning`) of four losses that change
         modes: stiffnesses that are not of one material, with their greatest difference; moments of

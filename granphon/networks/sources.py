@@ -431,8 +431,8 @@ def find_rounding(values: Array) -> Array:
 
     - A few different values with fewer digits than a program writes were chosen by hand: their
       error is zero.
-    - Values that single precision holds exactly were numbers of single precision: their error is
-      half of the distance to the next such number.
+    - Values of six digits or more that single precision holds exactly were numbers of single
+      precision: their error is half of the distance to the next such number.
     - Otherwise each value has the number of significant digits that represents all values; or, if
       all are whole multiples of the last digit of the largest, the same number of decimals.
 

@@ -101,6 +101,7 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "overlap": _PLACE,
 }
 _AXES = ("x", "y", "z")
+_SHIFT = ("shift_1", "shift_2", "shift_3")
 _TANGENTIAL_FORCE = tuple(f"tangential_{axis}" for axis in _AXES)
 _TORQUE = tuple(f"torque_{axis}" for axis in _AXES)
 _FORCE_VECTOR = tuple(f"force_{axis}" for axis in _AXES)
@@ -399,8 +400,8 @@ class _Columns:
         return self._values.get(name)
 
     def whole(self, name: str) -> Index:
-        """Return the whole numbers (rows,) of a column; InputError, with the line, for another
-        number, and if there is no such column.
+        """Return the whole numbers (rows,) of a column; InputError, with the line if the table is a
+        file, for another number, and if there is no such column.
         """
         values = self.read(name)
         try:
@@ -633,8 +634,12 @@ def _read_contacts(columns: _Columns) -> Contacts:
     :meth:`_Columns.vectors`.
     """
     columns.require("i", "j")
-    steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
-    shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
+    shift: Any = columns.vectors(*_SHIFT, wide=True)
+    if shift is not None:
+        for name in _SHIFT:
+            if name in columns:
+                columns.whole(name)  # refuses other numbers, by their line
+        shift = shift.astype(np.intp)
     springs: dict[str, Any] = {name: columns.find(name) for name in _COLUMNS_OF_SPRINGS}
     return Contacts(
         columns.name,
@@ -765,7 +770,7 @@ def _list_columns_of_contacts(fields: Mapping[str, Any]) -> dict[str, Array]:
     columns: dict[str, Any] = {}
     for name in ("i", "j"):
         columns[name] = fields[name] if labels is None else labels[fields[name]]
-    columns |= zip(("shift_1", "shift_2", "shift_3"), fields["shift"].T, strict=True)
+    columns |= zip(_SHIFT, fields["shift"].T, strict=True)
     columns |= zip(("nx", "ny", "nz"), fields["normal"].T, strict=True)
     for name in _COLUMNS_OF_SPRINGS:
         columns[name] = fields[name]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from granphon.figures.scales import draw_error_band, make_error_handle, read_errors
 
 import numpy as np
@@ -15,7 +17,7 @@ from granphon.base.errors import InputError
 from granphon.figures.bands import bands_figure, plot_bands, plot_dos
 from granphon.figures.curves import plot_sweep
 from granphon.figures.gaps import cutoffs_figure
-from granphon.figures.waves import plot_sample_dos, responses_figure
+from granphon.figures.waves import plot_sample_dos, responses_figure, spectrum_figure
 from tests.figures.conftest import read_edges
 
 STEEL = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
@@ -112,3 +114,9 @@ def test_edges_of_branches_and_responses_have_bands(tmp_path):
     above, below = responses_figure(data).axes[:2]
     for panel in (above, below):
         assert [part.get_gid() for part in panel.collections].count("errors-0") == 2
+
+
+def test_errors_of_spectra_that_are_no_array_are_refused():
+    spectra = SimpleNamespace(spectra=[], distances=[])
+    with pytest.raises(InputError, match="errors"):
+        spectrum_figure(spectra, {"peak": [[1.0], [1.0, 2.0]]})

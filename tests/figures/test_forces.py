@@ -498,6 +498,17 @@ def test_rigidity_is_drawn_over_the_contacts_above_the_isostatic_number():
     assert ratios[1] > 0.9
     with pytest.raises(InputError, match="no network"):
         plot_rigidity([])
+    # a series has the time step of each network
+    ax = plot_rigidity(enumerate([smooth, rough]))
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), np.transpose([excesses, ratios]))
+
+
+def test_a_packing_without_a_ball_that_is_held_has_no_rigidity(ax):
+    chain = gp.Packing(packings.MATERIAL, 2e-3, lattice="chain", friction=False)
+    network = gp.AveragedLattice(chain).at_force(1.0).network.repeat((3,))
+    loose = replace(network.cut(0, 2), cell=np.diag([1.0, 0.0, 0.0]), pbc=(True, False, False))
+    with pytest.raises(InputError, match="hold no ball"):
+        plot_rigidity([loose], ax)
 
 
 def test_a_wall_has_no_part_in_the_colours_of_balls():

@@ -23,6 +23,7 @@ from granphon.figures.motions import (
 )
 from granphon.figures.waves import (
     _draw_attenuation,
+    _draw_map,
     _group_rows,
     animate_pulse,
     plot_attenuation,
@@ -31,6 +32,7 @@ from granphon.figures.waves import (
     plot_seismogram,
     plot_surface,
 )
+from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -68,6 +70,15 @@ def grains():
         .network.repeat((2, 2, 2))
     )
     return hit(network, 0, [0.1, 0.0, 0.0], 1e-5)
+
+
+def test_a_frame_that_is_alone_is_drawn(array, tmp_path):
+    array.write(tmp_path / "motion")
+    start = gp.Motion.read(tmp_path / "motion", slice(0, 1))
+    snapshot = motion_figure(start).axes[0]
+    speeds = np.linalg.norm(array.velocities[0], axis=1)
+    balls = np.isfinite(array.network.radii)
+    assert_allclose(1e-3 * with_gid(snapshot, "balls").get_array(), speeds[balls])
 
 
 def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):
@@ -164,6 +175,16 @@ def test_spectra_and_harmonics_are_those_of_the_motion(chain, ax):
     assert len(plot_harmonics(chain, Figure().subplots(), 1e4, count=8, periods=2).lines) == 8
     still = plot_ball_spectrum(chain, Figure().subplots(), 3, axis=1)
     assert still.get_xlim()[1] == pytest.approx(x[-1])
+
+
+def test_harmonics_are_those_of_balls_alone(array, ax):
+    """A flat wall may have any place, and would make the axis long."""
+    is_wall = np.isinf(array.network.radii)
+    positions = np.where(is_wall[:, None], -1.0, array.network.positions)
+    moved = replace(array, network=replace(array.network, positions=positions))
+    plot_harmonics(moved, ax, 1e5, count=1, axis=1, periods=2)
+    heights = positions[~is_wall, 1]
+    assert_allclose(1e-3 * ax.lines[0].get_xdata(), np.sort(heights) - heights.min(), atol=1e-12)
 
 
 def test_rows_of_a_map_lie_about_their_frequencies():
@@ -266,6 +287,12 @@ def test_branches_of_an_edge_are_drawn_at_the_wave_vectors_of_the_spectrum_alone
     for branches in (surface.branches([[0.1], [0.3]]), surface.branches([[0.1]]), 3):
         with pytest.raises(InputError, match="branches"):
             plot_surface(spectrum, ax, branches=branches)
+
+
+def test_a_spectrum_of_zeros_is_drawn_in_one_colour(ax):
+    _draw_map(ax, np.arange(3.0), np.arange(4.0), np.zeros((2, 3)), "", HertzPrefix.named("Hz"))
+    ax.get_figure().draw_without_rendering()
+    assert np.ptp(ax.collections[0].get_array()) == 0.0
 
 
 def test_attenuations_have_bars_where_their_errors_are_known(ax):

@@ -467,3 +467,11 @@ def test_states_of_one_value_of_x_stand_above_each_other():
     assert_array_equal(drawn(ax, "branch-2-edge")[0][:, 0], [1.0, 1.0, 1.0])
     (alone,) = cutoffs_figure(data.isel(load=[0]), x="contact_fraction").axes
     assert alone.get_xlabel() == "Branch"
+
+
+def test_a_sweep_without_an_axis_of_loads_or_media_is_refused(media, ax):
+    for name in ("load", "medium"):
+        chosen = media.isel({name: 0})
+        for draw in (sweep_figure, lambda data: plot_sweep(data, ax)):
+            with pytest.raises(InputError, match=f"no dimension {name!r}"):
+                draw(chosen)

@@ -20,8 +20,10 @@ from granphon.base.errors import (
     InputError,
     UnverifiedFileWarning,
 )
+from granphon.figures.forces import plot_forces
 from tests import packings
 from tests.dynamics.test_network_lattice import random_network
+from tests.figures.conftest import with_gid
 from tests.networks.test_lammps import GLASS, NAMES, dumps
 
 
@@ -1140,3 +1142,48 @@ def test_bodies_that_do_not_move_may_touch():
     contacts = {"i": [0], "j": [1], "normal_force": [1.0], "normal_stiffness": [1e6]}
     network = gp.ContactNetwork.from_table(balls, contacts, friction=False, keep_rattlers=True)
     assert (network.n_contacts, network.coordination) == (1, 0.0)
+
+
+@pytest.mark.parametrize("law", ["mindlin/force", "yade"])
+def test_two_flat_walls_may_touch_with_a_stiffness(law, tmp_path):
+    """A ball lies in a corner: its two walls meet, and their contact has no place."""
+    balls = {"x": [0.0] * 3, "z": [0.0] * 3, "radius": [4e-3, np.inf, np.inf]}
+    balls |= {"y": [0.0] * 3, "mass": [1e-3, np.inf, np.inf]}
+    contacts = {"i": [0, 0, 1], "j": [1, 2, 2], "nx": [1.0, 0.0, 1.0], "nz": [0.0, 1.0, 0.0]}
+    contacts |= {"ny": [0.0] * 3, "normal_force": [1.0] * 3}
+    contacts |= {"normal_stiffness": [1e5] * 3, "shear_stiffness": [8e4] * 3}
+    zeros = {f"tangential_{axis}": [0.0] * 3 for axis in "xyz"}
+    options = {"dimension": 3, "prestress": True, "keep_rattlers": True, "tangential_law": law}
+    network = gp.ContactNetwork.from_table(balls, contacts | zeros, **options)
+    assert network.bending_stiffness[2] == 0.0
+    assert np.all(np.isfinite(network.slip_stretch))
+    assert set(network.walls) == {1, 2}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        network.write_dumps(tmp_path / "atoms.dump", tmp_path / "pairs.dump")
+        ax = plot_forces(network, show="all")
+    assert len(with_gid(ax, "forces").get_paths()) == 2
+    assert len(with_gid(ax, "walls").get_paths()) == 2
+
+
+def test_a_cell_and_a_shift_that_cannot_be_are_named(tmp_path):
+    balls = {"x": [0.0, 2e-3], "radius": [1e-3] * 2, "mass": [1e-3] * 2}
+    contacts = {"i": [0], "j": [1], "normal_force": [1.0], "normal_stiffness": [1e6]}
+    options = {"friction": False, "keep_rattlers": True}
+    with pytest.raises(InputError, match="period 1 of the cell"):
+        gp.ContactNetwork.from_table(balls, contacts, cell=[1.0], pbc=[True, True], **options)
+    path = tmp_path / "contacts.csv"
+    path.write_text("i,j,shift_1,normal_force (N),normal_stiffness (N/m)\n0,1,0.5,1,1e6\n")
+    with pytest.raises(InputError, match=r"contacts\.csv:2: shift_1"):
+        gp.ContactNetwork.from_table(balls, path, cell=[1.0], **options)
+
+
+def test_forces_that_gravity_may_balance_are_said_to_be_left_out():
+    """The first of two balls on a floor bears the wrong way."""
+    balls = {"x": [0.0, 8e-3, 0.0], "y": [4e-3, 4e-3, 0.0], "radius": [4e-3, 4e-3, np.inf]}
+    balls |= {"mass": [1e-3, 1e-3, np.inf]}
+    contacts = {"i": [0, 1, 0], "j": [2, 2, 1], "nx": [0.0, 0.0, 1.0], "ny": [-1.0, -1.0, 0.0]}
+    contacts |= {"normal_force": [1.0, 1.0, 1.0], "normal_stiffness": [1e5] * 3}
+    options = {"friction": False, "keep_rattlers": True, "prestress": True}
+    with pytest.warns(InconsistencyWarning, match="less what gravity may balance"):
+        gp.ContactNetwork.from_table(balls, contacts, **options)
