@@ -110,7 +110,7 @@ class MatrixTransform(Transform):
         waves = along_last.view(self._complex)
         for matrix, _back, n_entries in self._other_axes:
             waves = matrix @ waves.reshape(-1, len(matrix), n_entries)
-        return waves.reshape(*fields.shape[:-1], -1)
+        return np.asarray(waves.reshape(*fields.shape[:-1], -1))
 
     def find_fields(self, waves: Values) -> Values:
         """Return the fields (..., cells), of the precision, of ``waves`` (..., waves)."""
