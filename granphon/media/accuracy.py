@@ -147,8 +147,9 @@ def find_error(
     ``truth`` and so many ``balls`` in all. The error is zero for equal balls and on a line, where
     every medium is exact, and +inf for what the table does not cover, also below its least load.
     Above the greatest load of the table the error falls as the square of the spread over the
-    overlap, the law of high loads; with partial slip, whose contacts are softer by |T|/(3 mu f), as
-    the first power.
+    overlap, the law of high loads. With partial slip the error falls as the first power: a
+    tangential force T softens the contact, of normal force f and friction coefficient mu, by the
+    part |T|/(3 mu f), to first order, and T/f falls as the spread over the overlap.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)
@@ -210,7 +211,7 @@ def _find_row(
 
 def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -> Array:
     """Return the error at each ``reduced_load``, linear in logarithms between the errors of the
-    table (n,) at its loads (n,).
+    table (n,) at its loads (n,); beyond these it is the error of the nearest.
     """
     log_errors = np.interp(np.log(reduced_load), np.log(table_loads), np.log(table_errors))
     return np.exp(log_errors)

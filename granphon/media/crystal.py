@@ -43,7 +43,7 @@ from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
 from granphon.balls.diameters import subtract_mean
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
-from granphon.balls.layers import Layers, find_faces, read_edges
+from granphon.balls.layers import EDGES, Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, find_motions, select_motions
 from granphon.balls.neighbours import (
     TOUCH,
@@ -350,32 +350,35 @@ class Crystal(Result):
             deviations=None,
             on_site=read_on_site(on_site, find_motions(d, motions), n),
         )
+        self._require_laws()
 
     def _set(self, **attributes: Any) -> None:
-        """Set the attributes by their names, make arrays read-only, and find the law of each pair
-        of kinds that touch.
+        """Set the attributes by their names, and make arrays read-only."""
+        for name, value in attributes.items():
+            frozen = read_only(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, name, frozen)
+
+    def _require_laws(self) -> None:
+        """Find the law of each pair of kinds that touch, so that a missing or wrong law is an error
+        at once.
 
         Raises :class:`~granphon.base.errors.InputError` if a pair lacks a law, or if
         :func:`~granphon.balls.contact_laws.check_law` refuses the law.
         """
-        for name, value in attributes.items():
-            frozen = read_only(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, name, frozen)
-        _ = self._laws  # found once here, so that a missing or wrong law is an error at once
+        _ = self._laws
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Make a crystal of the values of its fields, in the order of the class. Of the values the
-        laws alone are checked, by :meth:`_set`.
-        """
+        """Make a crystal of the values of its fields, in the order of the class; none is checked."""
         crystal = object.__new__(cls)
         names = [field.name for field in fields(cls)]
         crystal._set(**dict(zip(names, values, strict=True)))
         return crystal
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for data that the constructor refuses or
-        could not have found.
+        """Raise :class:`~granphon.base.errors.InputError` for fields that the base class refuses,
+        for motions, torsion, bending and laws that the constructor refuses, and for the faults of
+        :meth:`_find_faults`.
         """
         super()._check()
         read_rolling(
@@ -385,23 +388,27 @@ class Crystal(Result):
             if is_found:
                 problem = f"{fault} in the data of the crystal {self.name!r}"
                 raise InputError(problem, mend="Make the crystal again")
+        self._require_laws()
 
     def _find_faults(self) -> list[tuple[str, bool]]:
         """Return each fault that the data of a crystal may have, in words, and whether they have
-        it. If contacts or faces name balls that are not there, no later fault is looked for.
+        it. If kinds, balls or axes are named that are not there, no later fault is looked for.
         """
         table = self.contacts
-        radii = self._mean_radii
         ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
         has_kinds = bool(np.all(np.isin(self.kind, range(len(self.kinds)))))
         has_ends = bool(np.all(np.isin(ends, range(self.n_balls))))
+        # the layers of a cut follow each other along an axis that is no period
+        has_axes = all(self.periods <= face.axis < self.dimension for face in self.faces)
         faults = [
             ("a ball has no kind", not has_kinds),
             ("there are not as many names as kinds", len(self.names) != len(self.kinds)),
             ("a contact or a face names a ball that is not there", not has_ends),
+            ("a cut is across an axis that is not there", not has_axes),
         ]
-        if not has_ends:  # what follows reads the positions and radii of these balls
+        if any(is_found for _, is_found in faults):  # what follows reads what they name
             return faults
+        radii = self._mean_radii
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
         tolerance = TOUCH * float(np.mean(radii))
@@ -414,19 +421,31 @@ class Crystal(Result):
         has_thickness = all(
             face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces
         )
+        has_edges = all(
+            isinstance(edge, Wall) or edge in EDGES for face in self.faces for edge in face.edges
+        )
+        n_motions = self.named_motions.count
+        has_springs = self.on_site is None or self.on_site.shape[1] == n_motions
         return [
             *faults,
             ("a contact does not lead from ball to ball", differ(table.vector, separations)),
             ("a normal is not along its contact", differ(along_normal, separations)),
             ("an arm is not the radius of its ball", has_wrong_arm),
             ("a cut has no thickness", not has_thickness),
+            ("a face is held as no face is", not has_edges),
+            ("springs to the ground are not those of the motions", not has_springs),
+            ("a ball has no diameter", bool(np.any(self.radii <= 0.0))),
         ]
 
     def _derive(self, **changes: Any) -> Self:
-        """Return the crystal with ``changes``: other values of some attributes, by name."""
+        """Return the crystal with ``changes``: other values of some attributes, by name. Raises
+        :class:`~granphon.base.errors.InputError` for kinds of which the law lacks a pair.
+        """
         attributes = {field.name: getattr(self, field.name) for field in fields(self)}
         attributes |= changes
-        return self._of_fields(*attributes.values())
+        crystal = self._of_fields(*attributes.values())
+        crystal._require_laws()
+        return crystal
 
     def _take(
         self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any
@@ -1157,7 +1176,7 @@ class Crystal(Result):
         pairs, pair_of_contact = self._pairs
         constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
         columns = np.reshape(constants, (-1, len(ContactConstants._fields)))[pair_of_contact].T
-        return dict(zip(ContactConstants._fields, columns, strict=True))
+        return dict(zip(ContactConstants._fields, map(read_only, columns), strict=True))
 
     @cached_property
     def ball_motions(self) -> Motions:
@@ -1968,6 +1987,30 @@ class CrystalState(Result):
     strain: Array = held(float, "... p p", within="finite")
     ways: Array = held(float, "... w", "m", "finite")
     finite_overlap: bool = held(bool, default=False)
+
+    def _check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for what the base class refuses, and for
+        arrays that were read and do not have the contacts, balls, axes and walls of the crystal.
+        """
+        super()._check()
+        crystal = self.crystal
+        d = crystal.dimension
+        # the shapes at one load; the other arrays agree with these, as the base class has checked
+        expected_shapes = {
+            "normal": (crystal.n_contacts, d),
+            "displacements": (crystal.n_balls, d),
+            "strain": (crystal.periods, crystal.periods),
+            "ways": (len(crystal._bodies.walls),),
+        }
+        load_axes = len(self.shape)
+        for name, expected_shape in expected_shapes.items():
+            shape = getattr(self, name).shape[load_axes:]
+            if shape != expected_shape:
+                raise InputError(
+                    f"{name} of the CrystalState has the shape {shape} at a load",
+                    f"That of its crystal is {expected_shape}",
+                    "Make the state again",
+                )
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; that of the stress depends on the number of periods."""

@@ -830,9 +830,9 @@ def select_loads(shape: tuple[int, ...], index: Any) -> NDArray[np.intp]:
     """Return the numbers, in C order, of the loads of a state that an ``index`` selects, of the
     shape of the selection. ``shape`` is that of all loads.
 
-    Raises :class:`~granphon.base.errors.InputError` for an index of the state at a single load, and
-    for one that selects no load; IndexError, by which loops over the loads end, for one that is
-    outside the loads or is no index of an array.
+    Raises :class:`~granphon.base.errors.InputError` for a number or slice as index of the state at
+    a single load, and for an index that selects no load. Raises what NumPy raises for an index of
+    an array: IndexError, by which loops over the loads end, for one outside the loads.
     """
     numbers = np.arange(math.prod(shape)).reshape(shape)
     try:
@@ -879,6 +879,10 @@ class NetworkState(State):
         each load, ``source[i]`` at one of them.
     warnings : sentences about limits, from the maker of the source; None for the warnings that the
         network itself gives.
+
+    Raises :class:`~granphon.base.errors.InputError` for a network that
+    :meth:`ContactLattice.from_network` refuses, as one without periods, or one whose balls are not
+    at rest; the networks of another source are looked at when they are needed.
     """
 
     name = "network"
@@ -1074,7 +1078,7 @@ def as_state(source: Any) -> State:
     same warnings.
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a
-    network without periods.
+    network that :class:`NetworkState` refuses.
     """
     if isinstance(source, NetworkState) and source.is_single:
         return NetworkState(source.network, source.warnings)
