@@ -143,6 +143,11 @@ class Faces:
     edges: tuple[str | Wall, str | Wall] = field(metadata={"kind": (str | Wall, str | Wall)})
     balls: tuple[Index, Index] = field(metadata={"kind": (np.dtype(np.intp), np.dtype(np.intp))})
 
+    def __post_init__(self) -> None:
+        """Keep the numbers of balls as read-only arrays."""
+        lower, upper = self.balls
+        object.__setattr__(self, "balls", (read_only(lower), read_only(upper)))
+
     @property
     def is_pressed(self) -> bool:
         """Whether a load moves the upper face against the lower: neither face is free."""
@@ -463,8 +468,8 @@ class Crystal(Result):
         faces = []
         for face in self.faces:
             lower, upper = face.balls
-            new_lower = read_only(np.flatnonzero(np.isin(origin, lower)))
-            new_upper = read_only(np.flatnonzero(np.isin(origin, upper)))
+            new_lower = np.flatnonzero(np.isin(origin, lower))
+            new_upper = np.flatnonzero(np.isin(origin, upper))
             faces.append(replace(face, balls=(new_lower, new_upper)))
         return self._derive(
             kinds=tuple(self.kinds[number] for number in used_kinds),

@@ -25,7 +25,7 @@ from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.progress import Progress
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import require, truth
@@ -496,7 +496,7 @@ class ContactState(State, Result):
         """Overlap, m, that equal balls have at the mean force. It is above zero, also where balls
         differ and the mean overlap is below zero.
         """
-        return np.asarray(self.packing.law.overlap(self.force))
+        return read_only(self.packing.law.overlap(self.force))
 
     @property
     def exponent(self) -> Values:
@@ -1009,7 +1009,7 @@ class NetworkState(State):
             return np.asarray(unit * lattice.elastic_tensor())
 
         self._require_sound()
-        return self._stack(find_tensor)
+        return read_only(self._stack(find_tensor))
 
     def _require_sound(self) -> None:
         """Raise the error, with its numbers in SI, of a lattice that is not rigid, in which sound

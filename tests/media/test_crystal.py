@@ -1067,9 +1067,10 @@ def test_a_state_of_another_crystal_is_refused(name, array):
         gp.CrystalState.from_dict(data | {name: array})
 
 
-def test_contacts_lend_no_constants_that_can_be_changed():
+@pytest.mark.parametrize("find", [lambda x: x.mindlin_ratios, lambda x: x.faces[0].balls[1]])
+def test_a_crystal_hands_out_no_array_that_can_be_changed(find):
     with pytest.raises(ValueError, match="read-only"):
-        STRIP.mindlin_ratios[0] = 0.0
+        find(STRIP)[0] = 0
 
 
 SQUARE = gp.Crystal.on("square", [PLAIN])
