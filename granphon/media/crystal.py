@@ -374,7 +374,7 @@ class Crystal(Result):
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Make a crystal of the values of its fields, in the order of the class; none is checked."""
+        """Make a crystal of the values of its fields, in the order of the class, unchecked."""
         crystal = object.__new__(cls)
         names = [field.name for field in fields(cls)]
         crystal._set(**dict(zip(names, values, strict=True)))
@@ -1680,24 +1680,19 @@ class Crystal(Result):
         than their weight, if both faces of the cut are clamped, or if both are free, so that
         balls stand on neither.
         """
-        mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
             if face.edges in (("free", "free"), ("clamped", "clamped")):
                 continue
             low, high = face.edges
             stands_on_low = low != "free"
-            component = acceleration[face.axis]
+            component = float(acceleration[face.axis])
             # m/s^2, away from the face that holds
             lift = component if stands_on_low else -component
-            thicknesses = [cut.thickness for cut in self.faces if cut is not face]
-            # the weight of all balls over the area of the face
-            weight_pressure = mass * lift / (self.measure * math.prod(thicknesses))
+            weight_pressure = self._weigh_on(face, lift)
             if lift <= 0.0 or pressure > weight_pressure:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
-            edge = low if stands_on_low else high
-            name = edge.name if isinstance(edge, Wall) else edge
-            support = "clamp" if edge == "clamped" else name
+            support = _name_support(low if stands_on_low else high)
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
@@ -1706,6 +1701,14 @@ class Crystal(Result):
             press = f"press with more than their weight, {weight_pressure:.4g} {unit}"
             return why, f"Turn it round, or {press}"
         return None
+
+    def _weigh_on(self, face: Faces, acceleration: float) -> float:
+        """Return the pressure, N, N/m or Pa, that the weight of all balls that move by themselves
+        exerts on a ``face`` of a cut, under an ``acceleration``, m/s^2, across the face.
+        """
+        mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
+        other_thicknesses = [cut.thickness for cut in self.faces if cut is not face]
+        return mass * acceleration / (self.measure * math.prod(other_thicknesses))
 
     def _load_hydrostatic(
         self, pressure: float, acceleration: Array | None, words: str
@@ -1804,11 +1807,7 @@ class Crystal(Result):
             load = self._load_hydrostatic(pressure, acceleration, words)
             lattice_state = self._find_rest(load, "lattice", boundary, start)
             if is_exact:
-                # the state in the exact geometry is found from that in the directions of the sites.
-                # But where balls differ it is found from the last one: from another state loose
-                # balls would come to rest elsewhere, and the mean would jump
-                start_of_exact = state if balls_differ and state else lattice_state
-                state = self._find_rest(load, "exact", boundary, start_of_exact)
+                state = self._find_exact(load, boundary, lattice_state, state)
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, balls_differ)
@@ -1828,6 +1827,20 @@ class Crystal(Result):
             start = lattice_state.scale(overlap_growth)
             next_pressure = guess
         raise self._explain_unreached_mean(goal, pressure, mean, has_gravity)
+
+    def _find_exact(
+        self, load: AppliedLoad, boundary: Boundary, lattice_state: Rest, last_state: Rest | None
+    ) -> Rest:
+        """Return the state at rest in the exact geometry under a ``load``, found from the
+        ``lattice_state``, that in the directions of the sites. Where balls differ it is found from
+        the ``last_state`` in the exact geometry, if there is one: from another state loose balls
+        would come to rest elsewhere, and means over contacts would jump. The ``boundary`` is that
+        of :meth:`at_pressure`.
+        """
+        start = lattice_state
+        if self._assembly.has_offsets and last_state is not None:
+            start = last_state
+        return self._find_rest(load, "exact", boundary, start)
 
     def _explain_unreached_mean(
         self, goal: MeanGoal, pressure: float, mean: float, has_gravity: bool
@@ -1898,10 +1911,7 @@ class Crystal(Result):
         strain = np.array([state.strain for state in states])
         of_contacts = slice(self.n_contacts)  # springs to the ground come last
         overlap = np.array([state.overlap[of_contacts] for state in states])
-        depth = np.max(overlap / self._distance, axis=1)
-        deepest_load = solutions[int(np.argmax(depth))][1]
-        modulus = min(ball.material.young_modulus for ball in self.kinds)
-        require_shallow(modulus, float(np.max(depth)), lambda: deepest_load.words)
+        self._require_shallow(overlap, [load for _, load in solutions])
         arrays: dict[str, Array] = {
             "normal_force": np.array([laws.force(overlaps) for overlaps in overlap]),
             "overlap": overlap,
@@ -1917,6 +1927,15 @@ class Crystal(Result):
             for name, array in arrays.items()
         }
         return CrystalState(self, **attributes, finite_overlap=is_exact)
+
+    def _require_shallow(self, overlap: Array, loads: Sequence[AppliedLoad]) -> None:
+        """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` (loads,
+        n_c), m, is that of the contacts under each of the ``loads``.
+        """
+        depth = np.max(overlap / self._distance, axis=1)
+        deepest_load = loads[int(np.argmax(depth))]
+        modulus = min(ball.material.young_modulus for ball in self.kinds)
+        require_shallow(modulus, float(np.max(depth)), lambda: deepest_load.words)
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
@@ -2271,6 +2290,29 @@ class CrystalState(Result):
         """
         crystal = self.crystal
         flat_sides = crystal._flat_sides
+        cell, positions = self._place_bodies()
+        # a body of infinite mass and radius does not move, and is flat
+        infinities = np.full(len(flat_sides), np.inf)
+        masses = np.where(self._is_clamped, np.inf, crystal.masses)
+        inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
+        kinds = [crystal.names[number] for number in crystal.kind.tolist()]
+        kinds += [side.body.name for side in flat_sides if side.body]
+        return {
+            "cell": cell,
+            "positions": positions,
+            "radii": np.append(crystal.radii, infinities),
+            "masses": np.append(masses, infinities),
+            "inertias": np.append(inertias, infinities),
+            "kinds": tuple(kinds),
+        }
+
+    def _place_bodies(self) -> tuple[Array, Array]:
+        """Return the cell (3, 3), m, with zeros for axes without a period, and the positions of the
+        bodies of :meth:`_list_bodies`, (bodies, 3), m: with finite overlap those at rest under the
+        load, otherwise those at which balls only touch.
+        """
+        crystal = self.crystal
+        flat_sides = crystal._flat_sides
         n = crystal.n_balls
         d = crystal.dimension
         p = crystal.periods
@@ -2288,20 +2330,7 @@ class CrystalState(Result):
             radii = crystal._mean_radii[side.balls]
             heights = positions[side.balls, side.axis] + side.sign * radii
             positions[number, side.axis] = np.mean(heights)
-        # a body of infinite mass and radius does not move, and is flat
-        infinities = np.full(len(flat_sides), np.inf)
-        masses = np.where(self._is_clamped, np.inf, crystal.masses)
-        inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
-        kinds = [crystal.names[number] for number in crystal.kind.tolist()]
-        kinds += [side.body.name for side in flat_sides if side.body]
-        return {
-            "cell": cell,
-            "positions": positions,
-            "radii": np.append(crystal.radii, infinities),
-            "masses": np.append(masses, infinities),
-            "inertias": np.append(inertias, infinities),
-            "kinds": tuple(kinds),
-        }
+        return cell, positions
 
     def _list_contacts(self) -> dict[str, Any]:
         """Return the contacts :attr:`_in_network` as arguments of a network, by name, those with
@@ -2370,6 +2399,15 @@ def find_mindlin_ratio(crystal: Crystal) -> float | None:
     if np.any(ratios) and crystal._laws.has_radii:
         return None
     return float(ratios[0]) if np.ptp(ratios) <= _RATIO_ROUNDING else None
+
+
+def _name_support(edge: str | Wall) -> str:
+    """Return in words what balls stand on at an ``edge`` of a cut: "clamp", "floor" or the name of
+    a wall.
+    """
+    if isinstance(edge, Wall):
+        return edge.name
+    return "clamp" if edge == "clamped" else edge
 
 
 def _require_room(n_cells: int, crystal: Crystal) -> None:

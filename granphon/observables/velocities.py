@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import as_direction
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, require_progress, silent
@@ -652,7 +652,6 @@ def pulse_velocities(
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d = state.unit_length
-    periods = state.reference_lattice.periods
     unit_vectors = _choose_pulse_direction(state, direction)
     names = _choose_branches(state, unit_vectors, branches)
     load_shape = _broadcast_loads(hertz, state)
@@ -661,22 +660,16 @@ def pulse_velocities(
     # (b, ...): velocities, m/s, that are one in the reduced units of each of the b branches
     scales = state.branch_scales(unit_vectors, names)
     scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
-    reduced_frequencies = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
-    # arrays have three axes from here: branches, loads and frequencies, directions
-    directions = unit_vectors.reshape(-1, periods)
-    three_axes = (len(names), -1, len(directions))
-    targets = reduced_frequencies.reshape(three_axes)
-    units = scale.reshape(three_axes) / d
+    targets = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
     lattices = _list_lattices(state, load_shape)
-    wavenumbers, group_vectors = _solve_lattices(lattices, directions, names, targets, units)
-    group = np.sum(group_vectors * directions, axis=-1)
-    phase = targets / wavenumbers
+    wavenumbers, group_vectors = _solve_lattices(lattices, unit_vectors, names, targets, scale / d)
+    group = np.sum(group_vectors * unit_vectors, axis=-1)
     return PulseVelocities(
         branches=names,
-        phase=phase.reshape(scale.shape) * scale,
-        group=group.reshape(scale.shape) * scale,
-        group_vector=group_vectors.reshape(*scale.shape, periods) * scale[..., None],
-        wavenumber=wavenumbers.reshape(scale.shape) / d,
+        phase=targets / wavenumbers * scale,
+        group=group * scale,
+        group_vector=group_vectors * scale[..., None],
+        wavenumber=wavenumbers / d,
         frequency=hertz,
         direction=unit_vectors,
         warnings=find_warnings(state),
@@ -780,20 +773,30 @@ def _solve_lattices(
     targets: Array,
     units: Array,
 ) -> tuple[Array, Array]:
-    """Return the wavenumbers (b, m, n) and the group velocities (b, m, n, p), in reduced units, of
-    pulses on the b branches ``names``, at m loads and frequencies, along ``directions`` (n, p).
+    """Return the wavenumbers (b, ...) and the group velocities (b, ..., p), in reduced units, of
+    pulses on the b branches ``names``: "..." are the axes of loads and frequencies, and then, for
+    ``directions`` (n, p) instead of one (p,), an axis of n.
 
-    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s, as
-    :func:`_find_wavenumbers` takes them for one lattice; ``lattices`` are those of
-    :func:`_list_lattices`.
+    ``targets`` (b, ...) holds angular frequencies in ``units`` (b, ...), rad/s; ``lattices`` are
+    those of :func:`_list_lattices`.
     """
-    wavenumbers = np.empty(targets.shape)
-    group_vectors = np.empty((*targets.shape, directions.shape[1]))
+    periods = directions.shape[-1]
+    several_directions = directions.reshape(-1, periods)
+    # axes of branches, of m loads and frequencies, and of n directions
+    three_axes = (len(names), -1, len(several_directions))
+    reduced = targets.reshape(three_axes)
+    rates = units.reshape(three_axes)
+    wavenumbers = np.empty(reduced.shape)
+    group_vectors = np.empty((*reduced.shape, periods))
     for state, pulses in lattices:
         wavenumbers[:, pulses], group_vectors[:, pulses] = _find_wavenumbers(
-            state.contact_lattice(), directions, names, targets[:, pulses], units[:, pulses]
+            state.contact_lattice(),
+            several_directions,
+            names,
+            reduced[:, pulses],
+            rates[:, pulses],
         )
-    return wavenumbers, group_vectors
+    return wavenumbers.reshape(targets.shape), group_vectors.reshape(*targets.shape, periods)
 
 
 def _find_wavenumbers(
@@ -819,14 +822,9 @@ def _find_wavenumbers(
         is_beyond = highest_targets[wave] > _find_last_frequencies(branches, wave)
         rising = np.flatnonzero(~is_beyond)
         if rising.size:
-            rising_targets = targets[b][:, rising]
-            # the direction of each target
-            direction_numbers = np.broadcast_to(rising, rising_targets.shape).ravel()
-            q, velocities = branches.find_wavenumber(
-                wave, direction_numbers, rising_targets.ravel()
+            wavenumbers[b][:, rising], group_vectors[b][:, rising] = _find_rising(
+                branches, wave, rising, targets[b][:, rising]
             )
-            wavenumbers[b][:, rising] = q.reshape(rising_targets.shape)
-            group_vectors[b][:, rising] = velocities.reshape(*rising_targets.shape, -1)
         for n in np.flatnonzero(is_beyond).tolist():
             target = targets[b, :, n]
             branch = branches.take_branch(wave, n)
@@ -834,6 +832,18 @@ def _find_wavenumbers(
                 raise _explain_unreachable(branch, target, units[b, :, n])
             wavenumbers[b, :, n], group_vectors[b, :, n] = branch.find_pulse(target)
     return wavenumbers, group_vectors
+
+
+def _find_rising(
+    branches: AcousticBranches, wave: int, rising: Index, targets: Array
+) -> tuple[Array, Array]:
+    """Return the reduced wavenumbers (m, r) and group velocities (m, r, p) on the branch number
+    ``wave`` in the directions with the numbers ``rising`` (r,), one or more, for reduced angular
+    frequencies ``targets`` (m, r) that the branch reaches before its maximum.
+    """
+    direction_of_target = np.broadcast_to(rising, targets.shape).ravel()
+    wavenumbers, velocities = branches.find_wavenumber(wave, direction_of_target, targets.ravel())
+    return wavenumbers.reshape(targets.shape), velocities.reshape(*targets.shape, -1)
 
 
 def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
