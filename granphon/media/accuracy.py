@@ -50,7 +50,8 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
     """Return the skewness and the excess kurtosis of a distribution of diameters that differ. Both
     are zero for a normal distribution without cutoff.
     """
-    x, weights = shape.nodes(0.0, 64, whole=True)  # the mean of x is zero
+    # 64 nodes in each part of the range give the moments to rounding; the mean of x is zero
+    x, weights = shape.nodes(0.0, 64, whole=True)
     second_moment = float(np.sum(weights * x**2))
     third_moment = float(np.sum(weights * x**3))
     fourth_moment = float(np.sum(weights * x**4))
@@ -94,7 +95,7 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
 
 
 def _explain_balls(packing: Packing, measured_limits: Mapping[str, float]) -> str | None:
-    """Return the reason why balls of a packing were not measured; None if they were.
+    """Return the reason why balls of a packing, which differ, were not measured; None if they were.
 
     ``measured_limits`` holds the largest skewness, of either sign, and the largest excess kurtosis
     of diameters that were measured.
@@ -104,8 +105,7 @@ def _explain_balls(packing: Packing, measured_limits: Mapping[str, float]) -> st
         return "the errors are those of balls that move in the plane alone"
     if packing.torsion or packing.bending:
         return "the errors are those of contacts that resist neither twist nor rolling"
-    if packing.spread is None:
-        return None
+    assert packing.spread is not None  # as balls whose contact forces differ have a spread
     skewness, kurtosis = compute_form_coefficients(packing.spread.shape)
     if abs(skewness) > measured_limits["skewness"] or kurtosis > measured_limits["kurtosis"]:
         return (

@@ -281,8 +281,8 @@ class Crystal(Result):
     Raises
     ------
     InputError : arrays whose shapes do not fit, numbers that are not finite, an entry that is no
-        ball, two kinds of one name, a kind called "floor"; a cell that lies across the first axes
-        or has no room for a ball, balls that overlap, that miss each other by less than a
+        ball, two kinds of one name, a kind called "floor"; a cell that does not lie along the first
+        axes, or has no room for a ball; balls that overlap, that miss each other by less than a
         thousandth, or that touch nothing; contacts that do not join all balls; an unknown law, one
         that lacks a pair or a method, or that is not the derivative of its energy; motions, torsion
         and bending that :class:`~granphon.Packing` refuses; a spring of a motion that balls do not

@@ -95,8 +95,8 @@ class SoundVelocities(Result):
         contact does not resist torsion, None if the lattice is no straight chain, if the balls do
         not turn about it, and if springs to the ground act. It displaces nothing, and is not among
         ``velocities``.
-    polarisations : (..., n_u, n_u) their unit displacements (x, y, z, as far as the balls move), as
-        columns.
+    polarisations : (..., n_u, n_u) unit displacements (x, y, z, as far as the balls move) of the
+        waves of ``velocities``, in their order, as columns.
     """
 
     #: the state; None where none is at hand
