@@ -743,7 +743,7 @@ class CrystalMedium(Medium[Any]):
         load = given_load(load).applied
         sizes = load.array
         options: dict[str, Any] = {"finite_overlap": finite_overlap}
-        if load.gravity is not None:
+        if load.gravity:  # a gravity of zero needs no face that holds the balls
             options["gravity"] = load.gravity * crystal.downward
         if load.tensor is not None:  # (..., Voigt components) for sizes (...)
             sizes = np.asarray(sizes)[..., None] * np.array(load.tensor)
