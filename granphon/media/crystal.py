@@ -287,7 +287,7 @@ class Crystal(Result):
         that lacks a pair or a method, or that is not the derivative of its energy; motions, torsion
         and bending that :class:`~granphon.Packing` refuses; a spring of a motion that balls do not
         have, or with a stiffness below zero or not finite; a ``friction`` that is neither true nor
-        false, and a ``name`` that is no text.
+        false, and a ``name`` that is no text, empty, or has letters that cannot be seen.
     """
 
     _schema: ClassVar[int] = 2
@@ -985,12 +985,14 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` if neither a face nor such springs hold the
         balls.
         """
+        direction = np.zeros(self.dimension)
         for side in self._sides:  # the lower face comes first
             if side.edge != "free":
-                axes = np.eye(self.dimension)
-                return np.asarray(side.sign * axes[side.axis])
+                direction[side.axis] = side.sign
+                return direction
         if self.dimension - 1 in self._find_anchored_axes():
-            return np.asarray(-np.eye(self.dimension)[-1])
+            direction[-1] = -1.0
+            return direction
         error = InputError(
             f"nothing holds crystal {self.name!r} against gravity",
             mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))',

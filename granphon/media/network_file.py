@@ -293,6 +293,7 @@ class NetworkFiles(Block, kw_only=True):
         return self._key == other._key
 
     def __hash__(self) -> int:
+        # arrays have no hash, and blocks that are equal have as many contacts
         return hash(self.network.n_contacts)
 
     @property

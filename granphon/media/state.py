@@ -920,6 +920,8 @@ class NetworkState(State):
         :func:`select_loads`.
         """
         select_loads(self.shape, index)  # raises its errors
+        if isinstance(self.source, ContactNetwork):  # the index, such as (), selects the only load
+            return self
         return as_state(self.source[index])
 
     @property
