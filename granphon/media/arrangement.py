@@ -598,7 +598,6 @@ class LoadedCrystal(NetworkState):
     n_samples = 0
     finite_overlap = False
     chosen_automatically = False
-    mean_errors = dict[str, Any]()
 
     def __init__(self, packing: Arrangement, source: CrystalState) -> None:
         super().__init__(source, tuple(source.warnings))
@@ -611,6 +610,11 @@ class LoadedCrystal(NetworkState):
         :func:`~granphon.media.state.select_loads`.
         """
         return type(self)(self.packing, self.source[index])
+
+    @property
+    def mean_errors(self) -> dict[str, Any]:
+        """Standard errors over samples, as of a :class:`ContactState`: none."""
+        return {}
 
     @property
     def limits(self) -> Any:

@@ -327,7 +327,8 @@ class Crystal(Result):
         n, d = centres.shape
         site_balls = list_balls(balls)
         if len(site_balls) != n:
-            problem = f"there are {len(site_balls)} balls and {n} positions"
+            n_balls = len(site_balls)
+            problem = f"there are {counted(n_balls, 'ball')} and {counted(n, 'position')}"
             raise InputError(problem, mend="Give one ball for each site")
         kinds, kind = find_kinds(site_balls)
         radii = np.array([ball.radius for ball in kinds])[kind]

@@ -471,7 +471,6 @@ class LoadedNetwork(NetworkState):
     regime = None
     n_samples = 0
     chosen_automatically = False
-    mean_errors = dict[str, Any]()
     exponent = None
     exponent_error = None
 
@@ -483,6 +482,11 @@ class LoadedNetwork(NetworkState):
     def __getitem__(self, index: Any) -> LoadedNetwork:
         """Return the state itself, whatever the index: there is one load."""
         return self
+
+    @property
+    def mean_errors(self) -> dict[str, Any]:
+        """Standard errors over samples, as of a :class:`ContactState`: none."""
+        return {}
 
     @property
     def finite_overlap(self) -> bool:

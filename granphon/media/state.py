@@ -201,7 +201,7 @@ class State(ABC):
         displacements of these n_u waves.
 
         The displacements are the columns of an array (..., n_u, n_u), or (..., n, n_u, n_u) for
-        directions (n, p).
+        directions (n, p). Raises what :meth:`long_waves` raises.
         """
 
     def relax_inner_motions(self, progress: Progress) -> None:
@@ -256,6 +256,10 @@ class State(ABC):
 
         ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n,
         n_u). In the plane the waves are the longitudinal and the transverse one.
+
+        Raises :class:`~granphon.base.errors.InputError` for a direction that is not p finite
+        numbers, or has no length, and :class:`~granphon.base.errors.MechanismError` if a motion
+        costs no energy.
         """
         return self.polarised_waves(direction)[0]
 

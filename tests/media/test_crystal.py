@@ -1077,7 +1077,7 @@ SQUARE = gp.Crystal.on("square", [PLAIN])
 ERRORS = {
     "text of bytes": (lambda: gp.Crystal(b"x", [[8e-3]], [[0.0]]), "the balls are b.x"),
     "ball": (lambda: gp.Crystal(["x"], [[8e-3]], [[0.0]]), "'x' is not a ball"),
-    "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 positions"),
+    "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 position"),
     "cell": (lambda: gp.Crystal([S], [[8e-3, 0.0]], [[0.0]]), "the cell has the shape"),
     "turned": (lambda: gp.Crystal([PLAIN], [[0.0, 8e-3]], [[0.0, 0.0]]), "does not lie along x"),
     "flat": (lambda: gp.Crystal([PLAIN], np.zeros((2, 2)), [[0.0, 0.0]]), "has no room for a ball"),
