@@ -233,7 +233,8 @@ class State(ABC):
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions; also True where balls do not
-        move along the periods, and no longitudinal wave tells directions apart.
+        move along the periods, and no longitudinal wave tells directions apart. Raises
+        :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
         """
         lattice = self.reference_lattice
         return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
@@ -1005,7 +1006,8 @@ class NetworkState(State):
 
         The tensor is in N where the network repeats along a line, whatever its width; in Pa where
         the network repeats in a plane, the force per length over one diameter, however thick the
-        network is; in Pa in space.
+        network is; in Pa in space. Raises what :func:`~granphon.observables.velocities.moduli`
+        raises for a network.
         """
 
         def find_tensor(lattice: ContactLattice, network: ContactNetwork) -> Array:
@@ -1027,14 +1029,19 @@ class NetworkState(State):
     @property
     def has_cubic_axes(self) -> bool:
         """Whether the elastic tensor is, at all loads and to rounding, that of a square or cube
-        with edges along x, y, z, and not isotropic. False on a line.
+        with edges along x, y, z, and not isotropic. False on a line. Raises the errors of
+        :attr:`elastic_tensor`.
         """
         tensor = self.elastic_tensor
         return all(map(is_cubic, tensor.reshape(-1, *tensor.shape[-2:])))
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether the elastic tensor is the same in all directions, at all loads."""
+        """Whether the elastic tensor is the same in all directions, at all loads. Raises
+        :class:`~granphon.base.errors.InputError` if springs to the ground or bodies that do not
+        move hold the balls, and :class:`~granphon.base.errors.MechanismError` if a motion costs no
+        energy.
+        """
         self._require_sound()
         return all(
             "longitudinal" not in lattice.wave_names or lattice.is_isotropic
