@@ -38,8 +38,9 @@ from granphon.balls.on_site import (
 from granphon.balls.packing import KIND_PARAMETERS, WALL_PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.text import closest, counted, list_names, spell
+from granphon.base.validation import require_instance
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
 from granphon.media.crystal_courses import CrystalFollower
@@ -88,7 +89,9 @@ class Arrangement:
 
     Raises
     ------
-    InputError : attributes that make no crystal.
+    InputError : ``kinds`` that are no pairs of a name and a ball, or with a name twice, a ``given``
+        that is no crystal, and attributes that make no crystal. The other tuples are taken to have
+        the entries that are written above.
     """
 
     kinds: tuple[tuple[str, Ball], ...]
@@ -146,7 +149,20 @@ class Arrangement:
 
     def __post_init__(self) -> None:
         """Make the crystal, which raises the errors of attributes that make none."""
+        self._require_kinds()
+        if self.given is not None:
+            require_instance("given", self.given, Crystal, "Give a granphon.Crystal")
         _ = self.crystal
+
+    def _require_kinds(self) -> None:
+        """Raise InputError unless :attr:`kinds` are pairs of a name, each another, and a ball."""
+        kinds: Any = self.kinds  # the caller may have given anything
+        if not (isinstance(kinds, tuple) and all(map(_is_kind, kinds))):
+            mend = 'Give pairs of a name and a granphon.Ball, as (("A", ball),)'
+            raise InputError(f"the kinds are {brief(kinds)}", mend=mend)
+        if len(self._named_balls) < len(kinds):
+            names = list_names([name for name, _ in kinds])
+            raise InputError(f"the kinds are called {names}", mend="Give each another name")
 
     @property
     def repeats(self) -> bool:
@@ -492,6 +508,12 @@ class Arrangement:
             ]
             cuts.append((axis, layers, tuple(changed_edges)))
         return tuple(cuts)
+
+
+def _is_kind(entry: Any) -> bool:
+    """Return whether an ``entry`` is a pair of the name of a kind and its ball."""
+    is_pair = isinstance(entry, tuple) and len(entry) == 2
+    return is_pair and isinstance(entry[0], str) and isinstance(entry[1], Ball)
 
 
 def _describe_springs(on_site: Any) -> list[tuple[str, Any, str]]:

@@ -696,7 +696,7 @@ class Crystal(Result):
         """Return the crystal with another ball at one site, or at several: a defect.
 
         ``index`` is the number of a ball, or a list of numbers, each once. The ball must have the
-        radius of the ball that it replaces, to half a millionth, so that it touches the same
+        radius of the kind that it replaces, to half a millionth, so that it touches the same
         neighbours. In a sample the new ball has the mean diameter of its kind. Other kinds keep
         their names; those with equal balls, as :meth:`with_balls` may make them, become one. A new
         kind whose ball has no name gets the next free letter.

@@ -1067,6 +1067,20 @@ def test_a_state_of_another_crystal_is_refused(name, array):
         gp.CrystalState.from_dict(data | {name: array})
 
 
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"kinds": {"A": PLAIN}}, "Give pairs of a name and a granphon.Ball"),
+        ({"kinds": (("A", 8e-3),)}, "the kinds are"),
+        ({"kinds": (("A", PLAIN), ("A", PLAIN))}, "Give each another name"),
+        ({"kinds": (("A", PLAIN),), "given": PLAIN}, "given is Ball"),
+    ],
+)
+def test_arrangements_that_are_none_are_refused(attributes, message):
+    with pytest.raises(InputError, match=message):
+        gp.Arrangement(lattice="triangular", **attributes)
+
+
 @pytest.mark.parametrize("find", [lambda x: x.mindlin_ratios, lambda x: x.faces[0].balls[1]])
 def test_a_crystal_hands_out_no_array_that_can_be_changed(find):
     with pytest.raises(ValueError, match="read-only"):
