@@ -49,6 +49,11 @@ class ModuliSensitivities(Sensitivities):
 
     units: ClassVar[dict[str, str]] = name_units("Pa")
 
+    def _field_units(self) -> dict[str, str]:
+        """Return the SI unit of each field; the one modulus of a network on a line is in N."""
+        n_strains = self.normal_stiffness.shape[-2]
+        return name_units("N") if n_strains == 1 else dict(self.units)
+
 
 @result_class
 class VelocitySensitivities(Sensitivities):
