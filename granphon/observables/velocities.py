@@ -83,9 +83,9 @@ class SoundVelocities(Result):
     transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that
         moves both ways across itself, (..., 2): the slow and the fast one. None if there is none.
     direction : unit vector (p,), or (n, p).
-    warnings : a warning for each limit of the model that the state exceeds; where a velocity is
-        zero, one that counts the branches that vanish at every wave vector and says what would stop
-        them.
+    warnings : a warning for each limit of the model that the state exceeds; one about balls that
+        sound leaves behind, if there are any; and where a velocity is zero, one that counts the
+        branches that vanish at every wave vector and says what would stop them.
     longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s;
         None if there are fewer than two samples.
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero,
@@ -332,7 +332,8 @@ class Moduli(Result):
     tensor_error : (..., v, v) standard error of each entry of the tensor, Pa; None likewise.
     anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the
         load; None likewise.
-    warnings : one sentence for each limit of the model that the state exceeds.
+    warnings : one sentence for each limit of the model that the state exceeds, and one about balls
+        that have no part in the moduli, if there are any.
     """
 
     units = {"bulk": "Pa", "shear": "Pa", "shears": "Pa"}
