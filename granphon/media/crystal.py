@@ -384,21 +384,23 @@ class Crystal(Result):
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for fields that the base class refuses,
         for motions, torsion, bending and laws that the constructor refuses, and for the faults of
-        :meth:`_find_faults`.
+        :meth:`_list_missing` and :meth:`_list_faults`.
         """
         super()._check()
         read_rolling(
             f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending
         )
-        for fault, is_found in self._find_faults():
-            if is_found:
-                problem = f"{fault} in the data of the crystal {self.name!r}"
-                raise InputError(problem, mend="Make the crystal again")
+        # the second list reads the kinds, balls and axes that the first one finds to be there
+        for list_faults in (self._list_missing, self._list_faults):
+            for fault, is_found in list_faults():
+                if is_found:
+                    problem = f"{fault} in the data of the crystal {self.name!r}"
+                    raise InputError(problem, mend="Make the crystal again")
         self._require_laws()
 
-    def _find_faults(self) -> list[tuple[str, bool]]:
-        """Return each fault that the data of a crystal may have, in words, and whether they have
-        it. If kinds, balls or axes are named that are not there, no later fault is looked for.
+    def _list_missing(self) -> list[tuple[str, bool]]:
+        """Return in words each kind of thing that the data of a crystal may name and not have, and
+        whether they do so.
         """
         table = self.contacts
         ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
@@ -406,14 +408,18 @@ class Crystal(Result):
         has_ends = bool(np.all(np.isin(ends, range(self.n_balls))))
         # the layers of a cut follow each other along an axis that is no period
         has_axes = all(self.periods <= face.axis < self.dimension for face in self.faces)
-        faults = [
+        return [
             ("a ball has no kind", not has_kinds),
             ("there are not as many names as kinds", len(self.names) != len(self.kinds)),
             ("a contact or a face names a ball that is not there", not has_ends),
             ("a cut is across an axis that is not there", not has_axes),
         ]
-        if any(is_found for _, is_found in faults):  # what follows reads what they name
-            return faults
+
+    def _list_faults(self) -> list[tuple[str, bool]]:
+        """Return each fault that the data of a crystal may have in words, and whether they have it;
+        all that the data name must be there, see :meth:`_list_missing`.
+        """
+        table = self.contacts
         radii = self._mean_radii
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
@@ -433,7 +439,6 @@ class Crystal(Result):
         n_motions = self.named_motions.count
         has_springs = self.on_site is None or self.on_site.shape[1] == n_motions
         return [
-            *faults,
             ("a contact does not lead from ball to ball", differ(table.vector, separations)),
             ("a normal is not along its contact", differ(along_normal, separations)),
             ("an arm is not the radius of its ball", has_wrong_arm),
