@@ -146,7 +146,8 @@ class FrictionHistory:
 
         The method is a rule of :mod:`granphon.base.validation`: it raises
         :class:`~granphon.base.errors.Refused` for an option out of range, a history without a
-        friction coefficient, and options of a history without ``friction_history``.
+        friction coefficient, and options of a history, other than their defaults, without
+        ``friction_history``.
         """
         history_options: dict[str, Any] = {}
         for name, option in HISTORY_OPTIONS.items():

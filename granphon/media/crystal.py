@@ -1470,9 +1470,9 @@ class Crystal(Result):
         Parameters
         ----------
         stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz,
-            xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
-            that was cut, the stress acts along the periods that remain, and the faces are not
-            pressed.
+            xz, xy; or an array of these. With one period a number will do. Pa in space, N/m in the
+            plane, N on a line. Of a crystal that was cut, the stress acts along the periods that
+            remain, and the faces are not pressed.
         gravity : m/s^2, as in :meth:`at_pressure`; the periods take the stress all the same.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
@@ -1513,8 +1513,8 @@ class Crystal(Result):
         Parameters
         ----------
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,)
-            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. Strain is measured from the cell in
-            which balls only touch.
+            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. With one period a number will do.
+            Strain is measured from the cell in which balls only touch.
         gravity, finite_overlap : see :meth:`at_stress`; the periods keep the strain.
 
         Raises

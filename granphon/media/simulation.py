@@ -3,7 +3,8 @@ under load.
 
 Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
 L1 x ... x Lp cells is simulated, on a lattice with p periods. The mechanical equilibrium of the
-sample is found without friction (:mod:`granphon.array.equilibrium`); the linear response
+sample is found without friction (:mod:`granphon.array.equilibrium`), or the sample is loaded with
+friction step by step (:mod:`granphon.media.loading`); the linear response
 (:mod:`granphon.statics.response`) then has shear springs at every contact that carries load. A
 state is a mean over samples; its attributes, elastic tensor, sound waves and local exponent have
 standard errors.
